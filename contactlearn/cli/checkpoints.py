@@ -1,4 +1,4 @@
-"""Trained models that come back: the files of the setting `checkpoint`, and the names of their models in tables."""
+"""Trained models from the files of the setting `checkpoint`, and their names in tables."""
 
 import hashlib
 import json
@@ -16,7 +16,6 @@ from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.regressor import Regressor
 from contactlearn.results.runs import differing, natural_order, printable
 from contactlearn.results.state import unfinished
 from contactlearn.results.types import JudgedModel, Provenance
@@ -27,7 +26,7 @@ _LONGEST = 60  # characters of the settings in a name
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedModel:
-    """A model of a checkpoint, on the CPU; `provenance` is None where the file does not tell."""
+    """A model of a checkpoint, on the CPU; `provenance` is None where the file does not state it."""
 
     path: Path
     model: ContactModel
@@ -40,23 +39,18 @@ class TrainedModel:
 
     @property
     def law(self) -> Law | None:
-        """The law that it is, or builds on."""
+        """The law that the model is, or builds on; None without a law."""
         return self.under.base if isinstance(self.under.base, Law) else None
 
     @property
     def effects(self) -> Mapping[str, Effect]:
-        """The effects around its law."""
+        """The effects around its law, by name."""
         return self.under.effects
-
-    @property
-    def processes(self) -> Regressor | None:
-        """Its learned part; None of a law, with effects or without."""
-        return self.model.parameters or self.model.residual
 
     @property
     def learned(self) -> str:
         """Name of a learned model in its training's configuration, else of its file or run folder; a law's own name."""
-        if self.processes is None:
+        if self.model.regressor is None:
             return "no law" if self.law is None else self.law.name
         names = None if self.provenance is None else self.provenance.config.get("model")
         if isinstance(names, Mapping) and len(names) == 1 and _NAME.fullmatch(next(iter(names))):
@@ -65,25 +59,28 @@ class TrainedModel:
 
     @property
     def trained_on(self) -> int | None:
-        """Number of training trials; None of a law in a file that does not tell."""
-        if self.processes is not None:
-            return self.processes.gps.train_targets.shape[-1]
+        """Number of training trials; None for a law in a file that does not state it."""
+        if self.model.regressor is not None:
+            return self.model.regressor.gps.train_targets.shape[-1]
         size = {} if self.provenance is None else self.provenance.config.get("train")
         size = size.get("size") if isinstance(size, Mapping) else None
         return size if isinstance(size, int) else None
 
     def judged(self, test: Impacts, prediction: Prediction) -> JudgedModel:
-        """Return where it comes from, and how well its covariances cover the held-out trials."""
-        sure = prediction.covariance is not None
-        inside = metrics.squared_distance(test, prediction) <= metrics.CHI_SQUARED_95 if sure else None
+        """Return its origin, and how well its covariances cover the held-out trials."""
+        coverage, density = None, None
+        if prediction.covariance is not None:
+            inside = metrics.squared_distance(test, prediction) <= metrics.CHI_SQUARED_95
+            coverage = inside.double().mean().item()
+            density = metrics.negative_log_density(test, prediction).mean().item()
         return JudgedModel(
             path=str(self.path),
             sha256=hashlib.sha256(self.path.read_bytes()).hexdigest(),
             data=None if self.provenance is None else self.provenance.data,
             trained_on=self.trained_on,
             equation=str(self.model),
-            coverage=None if inside is None else inside.double().mean().item(),
-            negative_log_density=metrics.negative_log_density(test, prediction).mean().item() if sure else None,
+            coverage=coverage,
+            negative_log_density=density,
         )
 
 
@@ -105,7 +102,7 @@ def load_model(path: str) -> TrainedModel:
 def load_models(paths: Sequence[str], taken: Iterable[str]) -> dict[str, TrainedModel]:
     """Load all models of checkpoints, run folders and folders of sweeps, by their names in tables.
 
-    Models of the same name are told apart by the settings in which their trainings differ.
+    Models of the same name are distinguished by the settings in which their trainings differ.
 
     Args:
         paths: files and folders.
@@ -116,28 +113,28 @@ def load_models(paths: Sequence[str], taken: Iterable[str]) -> dict[str, Trained
         DataError: see `checkpoint.load`.
     """
     models = [_load(file) for file in dict.fromkeys(file for path in paths for file in _files(Path(path)))]
-    names = [printable(" + ".join((one.learned, *one.effects))) for one in models]
+    names = [printable(" + ".join((model.learned, *model.effects))) for model in models]
     labels = dict[int, str]()
     for name in dict.fromkeys(names):
         alike = [k for k, other in enumerate(names) if other == name]
         several = _distinguished(name, [models[k] for k in alike]) if len(alike) > 1 else [name]
         labels |= dict(zip(alike, several, strict=True))
     taken = set(taken)
-    return {labels[k] + " (trained)" * (labels[k] in taken): one for k, one in enumerate(models)}
+    return {labels[k] + " (trained)" * (labels[k] in taken): model for k, model in enumerate(models)}
 
 
 def _distinguished(name: str, models: Sequence[TrainedModel]) -> list[str]:
     """Names of models of the same kind: with the settings in which they differ, or with their files."""
-    configs = [{} if one.provenance is None else one.provenance.config for one in models]
+    configs = [{} if model.provenance is None else model.provenance.config for model in models]
     settings = differing(configs, ["train"] * len(models)).items()
     words = [
         ", ".join(f"{key}={values[k]}" for key, values in settings if values[k] not in (None, "null"))
         for k in range(len(models))
     ]
     if len(set(words)) < len(words) or max(map(len, words)) > _LONGEST:
-        top = os.path.commonpath([one.path.parent for one in models])
-        words = [printable(os.path.relpath(one.path, top)) for one in models]
-    return [f"{name} ({one})" for one in words]
+        top = os.path.commonpath([model.path.parent for model in models])
+        words = [printable(os.path.relpath(model.path, top)) for model in models]
+    return [f"{name} ({word})" for word in words]
 
 
 def _files(path: Path) -> list[Path]:

@@ -225,7 +225,7 @@ class TrainSettings:
         except ContactLearnError as error:
             raise ContactLearnError(f"{found.path}: training cannot go on from it: {error}") from error
         return replace(
-            cls._of_model(config, found.learned, recipe, found.law, found.effects), start=found.model.processes
+            cls._of_model(config, found.learned, recipe, found.law, found.effects), start=found.model.regressor
         )
 
     @classmethod

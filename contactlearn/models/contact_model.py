@@ -126,16 +126,20 @@ class ContactModel:
         return self.base
 
     @property
+    def regressor(self) -> Regressor | None:
+        """The learned part: the processes of the parameters or of the residual; None if nothing is learned."""
+        return self.parameters or self.residual
+
+    @property
     def processes(self) -> Regressor:
-        """The learned part: the processes of the parameters or of the residual.
+        """The learned part, as `regressor`, of a model that has one.
 
         Raises:
             ContactLearnError: nothing is learned.
         """
-        processes = self.parameters or self.residual
-        if processes is None:
+        if self.regressor is None:
             raise ContactLearnError("the model has no learned part; make one with contactlearn.learn")
-        return processes
+        return self.regressor
 
     def base_prediction(self, impacts: Impacts) -> Prediction:
         """Predict with the base and its effects."""

@@ -200,7 +200,7 @@ def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequenc
 
 def show_folder(folder: Path) -> None:
     """Print the run's folder and the commands that show it."""
-    shown = folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder
+    shown = _relative(folder)
     print_line(f"results  {shown}")
     if (folder / "report.html").exists():
         print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
@@ -208,12 +208,17 @@ def show_folder(folder: Path) -> None:
 
 
 def show_checkpoint(path: Path, command: Sequence[str]) -> None:
-    """Print where a trained model is, and the command, in its first words, that judges it on other data."""
-    shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+    """Print the path of a trained model, and how to evaluate it on other data by the words of a command."""
+    shown = str(_relative(path))
     print_line(f"model    {shown}")
-    plain = re.fullmatch(r"[\w./-]+", str(shown), re.ASCII)
-    value = str(shown) if plain else json.dumps(str(shown), ensure_ascii=False)  # as Hydra's grammar wants it
+    plain = re.fullmatch(r"[\w./-]+", shown, re.ASCII)
+    value = shown if plain else json.dumps(shown, ensure_ascii=False)  # as Hydra's grammar wants it
     print_line(f"judge    {shlex.join([*command, f'checkpoint={value}'])} data=…")
+
+
+def _relative(path: Path) -> Path:
+    """A path from the working directory if it is below it."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:

@@ -346,8 +346,8 @@ class JudgedModel:
     Args:
         path: of the file.
         sha256: of its content.
-        data: that it was trained on; None where the file does not tell.
-        trained_on: number of training trials; None where the file does not tell.
+        data: that it was trained on; None where the file does not state it.
+        trained_on: number of training trials; None as `data`.
         equation: the model as text.
         coverage: share of the held-out (v_x, v_y, ω) inside its 95 % ellipsoids; None for a model without covariances.
         negative_log_density: mean −log density of them, in nats; None as `coverage`.

@@ -67,8 +67,8 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
     save_trial_parameters(data.impacts, list(compared.trials.values()), path)
     folder.write_result(run.folder, result)
     terminal.show_models(result)
-    for name, one in result.trained.items():
-        terminal.print_line(phrase("judged_model", name, one))
+    for name, model in result.trained.items():
+        terminal.print_line(phrase("judged_model", name, model))
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:
@@ -281,13 +281,14 @@ def _bounded(result: Evaluation) -> dict[str, str]:
 
 def _judged_drawn(result: Evaluation, held_out: HeldOut) -> dict[str, Figure]:
     """Predictions of the run's own model, and the calibration of all models from checkpoints, by file name."""
-    test, own = held_out.impacts, held_out.predictions[result.model]
-    spread = None if own.covariance is None else metrics.predicted_spread(own)
-    sure = [name for name, one in result.trained.items() if one.coverage is not None]
-    distances = {name: metrics.squared_distance(test, held_out.predictions[name]) for name in sure}
-    coverage = {name: metrics.calibration(distance) for name, distance in distances.items()}
-    drawn = {"predicted_against_measured": quality.predicted_against_measured(test.v_post, own.v_post, spread)}
-    return drawn | ({"calibration_of_trained": quality.calibration_curve(coverage)} if sure else {})
+    test, predictions = held_out.impacts, held_out.predictions
+    coverage = {
+        name: metrics.calibration(metrics.squared_distance(test, predictions[name]))
+        for name, model in result.trained.items()
+        if model.coverage is not None
+    }
+    drawn = {"predicted_against_measured": record.draw_predictions(test, predictions[result.model])}
+    return drawn | ({"calibration_of_trained": quality.calibration_curve(coverage)} if coverage else {})
 
 
 def _curves_drawn(

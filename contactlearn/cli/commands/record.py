@@ -17,6 +17,7 @@ from contactlearn.inference.evaluation.partial_residuals import partial_residual
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import laws as figures
+from contactlearn.report.figures import quality
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
@@ -112,6 +113,12 @@ def draw_cost_surface(surface: CostSurface) -> Figure:
 def draw_effects(model: ContactModel, test: Impacts) -> dict[str, Figure]:
     """Draw the curve of each effect over the held-out residuals that it explains, by file name."""
     return {f"effect_{name}": effect_curve(partial_residuals(model, test, name)) for name in model.effects}
+
+
+def draw_predictions(test: Impacts, prediction: Prediction) -> Figure:
+    """Draw the predicted against the measured velocities, with the predicted spread where there is one."""
+    spread = None if prediction.covariance is None else metrics.predicted_spread(prediction)
+    return quality.predicted_against_measured(test.v_post, prediction.v_post, spread)
 
 
 def scalars(

@@ -25,7 +25,6 @@ from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
@@ -54,16 +53,12 @@ class _Trained:
     def name(self) -> str:
         return list(self.models)[-1]
 
-    @property
-    def regressor(self) -> Regressor | None:
-        return self.model.parameters or self.model.residual
-
     def predict(self, impacts: Impacts, norm: str) -> dict[str, Prediction]:
         """Predict impacts with every model, and the bounds of a norm, by name."""
         laws = {name: law.predict(impacts) for name, law in self.laws.items()}
         best, _ = bounds.best_post_hoc(impacts, laws, norm)
-        found = {name: model.predict(impacts) for name, model in self.models.items()}
-        return found | {BEST_POST_HOC: best, IRB: bounds.irb(impacts, norm)}
+        predictions = {name: model.predict(impacts) for name, model in self.models.items()}
+        return predictions | {BEST_POST_HOC: best, IRB: bounds.irb(impacts, norm)}
 
 
 def train(settings: TrainSettings, run: Run) -> None:
@@ -103,36 +98,36 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     """
     law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.identification
     sizes = (min(data.train_size, FITTED),)
-    found, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
+    shared, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
     if law is not None and recipe is None and not effects:
-        found[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
+        shared[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
         surface = fitting.law_surface(law, pool, *sizes, how)
     rows = torch.randperm(len(pool), generator=data.generator)[: data.train_size]
     for one in settings.laws.values():
-        if one.name not in found:
-            found[one.name] = fitting.identify_law(
+        if one.name not in shared:
+            shared[one.name] = fitting.identify_law(
                 one, pool, how, data.generator, on_event, sizes=sizes, orders=rows[None]
             )
-    base: Law | ContactModel | None = None if law is None else found[law.name].to_law()
+    base: Law | ContactModel | None = None if law is None else shared[law.name].to_law()
     if law is not None and effects:
         joint = fitting.fit_with_effects(law, effects, pool, rows, settings.fit, on_event)
         base = list(joint.values())[-1].model
-    laws = {name: ContactModel(fit.to_law()) for name, fit in found.items()}
+    laws = {name: ContactModel(fit.to_law()) for name, fit in shared.items()}
     models = {name: fit.model for name, fit in joint.items()} or ({} if law is None else {law.name: laws[law.name]})
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         name = fitting.augmented_name(settings.model, effects)
-        watch = _Watch(name, len(rows), recipe, moved(data.test, settings.device), on_event)
+        reporter = _RoundReporter(name, len(rows), recipe, moved(data.test, settings.device), on_event)
         start = moved(settings.start, settings.device)
-        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, like=start, on_round=watch)
-        watch.score(models[name])
-    fits = (found[law.name],) if law is not None and not effects else ()
+        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, like=start, on_round=reporter)
+        reporter.score(models[name])
+    fits = (shared[law.name],) if law is not None and not effects else ()
     return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
 
 
 @dataclass
-class _Watch:
-    """Tells each round of a training, and the held-out error after the first, second, fourth, eighth … and last."""
+class _RoundReporter:
+    """Reports each round of a training, and the held-out errors after rounds 1, 2, 4, 8 … and after the last."""
 
     model: str
     trained_on: int
@@ -147,35 +142,38 @@ class _Watch:
         processes = estimates.process_estimates(self.recipe, now.regressor)
         if not all(math.isfinite(one.loss) for one in processes):
             return
-        told = TrainingRound(
-            model=self.model,
-            trained_on=self.trained_on,
-            round=self.rounds,
-            loss={one.output: one.loss for one in processes},
-            noise={one.output: one.noise for one in processes},
-            length_scales={one.output: dict(one.length_scales) for one in processes},
+        self.on_event(
+            TrainingRound(
+                model=self.model,
+                trained_on=self.trained_on,
+                round=self.rounds,
+                loss={one.output: one.loss for one in processes},
+                noise={one.output: one.noise for one in processes},
+                length_scales={one.output: dict(one.length_scales) for one in processes},
+            )
         )
-        self.on_event(told)
-        if self.rounds & (self.rounds - 1) == 0:
+        if self.rounds & (self.rounds - 1) == 0:  # a power of two
             self.score(now.model())
 
     def score(self, model: ContactModel) -> None:
-        """Tell the held-out error of the model after the present round, once."""
+        """Report the held-out errors of the model after the present round, once."""
         if self.scored == self.rounds:
             return
         self.scored, prediction = self.rounds, model.predict(self.test)
-        told = RoundScored(
-            model=self.model,
-            trained_on=self.trained_on,
-            round=self.rounds,
-            errors={name: one.error(self.test, prediction).mean().item() for name, one in metrics.METRICS.items()},
-            negative_log_density=metrics.negative_log_density(self.test, prediction).mean().item(),
+        errors = {name: metric.error(self.test, prediction) for name, metric in metrics.METRICS.items()}
+        self.on_event(
+            RoundScored(
+                model=self.model,
+                trained_on=self.trained_on,
+                round=self.rounds,
+                errors={name: error.mean().item() for name, error in errors.items()},
+                negative_log_density=metrics.negative_log_density(self.test, prediction).mean().item(),
+            )
         )
-        self.on_event(told)
 
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
-    recipe, regressor = settings.recipe, trained.regressor
+    recipe, regressor = settings.recipe, trained.model.regressor
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     if recipe is not None and settings.start is not None:  # of which the configuration names the file alone
         model = {settings.model: {"features": recipe.features, "target": recipe.target}}
@@ -209,21 +207,22 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
     predictions = trained.predict(test, settings.norm)
     prediction = predictions[trained.name]
-    spread = None if prediction.covariance is None else metrics.predicted_spread(prediction)
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
     distributions = record.distributions(result.metric, test, predictions, trained.name)
-    drawn["predicted_against_measured"] = quality.predicted_against_measured(test.v_post, prediction.v_post, spread)
+    drawn["predicted_against_measured"] = record.draw_predictions(test, prediction)
     if trained.surface is not None:
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
-    if settings.recipe is not None and trained.regressor is not None:
-        recipe, regressor = settings.recipe, trained.regressor
+    recipe, regressor = settings.recipe, trained.model.regressor
+    if recipe is not None and regressor is not None:
         columns = list(SPACES[recipe.features].columns)
         relevance = {
             output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
             for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
         }
         lengths = {one.output: list(one.length_scales.values()) for one in result.processes}
-        distributions |= {f"length_scales/{output}": torch.tensor(found) for output, found in lengths.items() if found}
+        distributions |= {
+            f"length_scales/{output}": torch.tensor(values) for output, values in lengths.items() if values
+        }
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
             "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
