@@ -3,11 +3,11 @@
 import hashlib
 import json
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from contactlearn.cli.config_files import NAME
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json
 from contactlearn.effects import Effect
@@ -20,7 +20,6 @@ from contactlearn.results.runs import differing, natural_order, printable
 from contactlearn.results.state import unfinished
 from contactlearn.results.types import JudgedModel, Provenance
 
-_NAME = re.compile(r"\w[\w -]{0,59}")
 _LONGEST = 60  # characters of the settings in a name
 
 
@@ -53,7 +52,7 @@ class TrainedModel:
         if self.model.regressor is None:
             return "no law" if self.law is None else self.law.name
         names = None if self.provenance is None else self.provenance.config.get("model")
-        if isinstance(names, Mapping) and len(names) == 1 and _NAME.fullmatch(next(iter(names))):
+        if isinstance(names, Mapping) and len(names) == 1 and NAME.fullmatch(next(iter(names))):
             return next(iter(names))
         return printable(self.path.parent.name if self.path.stem == "model" else self.path.stem)
 

@@ -31,7 +31,12 @@ CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "c
 """Beside the package in a checkout, inside it where it is installed."""
 _OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "transfer.bodies")
 _CATALOGUES = {"effect": ("effects", "Effect"), "law": ("laws", "Law")}
-_BEST = "best"  # of the paper's laws the one with the least held-out error, for a diagnosis
+BEST = "best"
+"""The law of a diagnosis with the least held-out error of the paper's laws."""
+NAME = re.compile(r"\w[\w -]{0,59}")
+"""A name of a user's that becomes the name of a file and of a chart."""
+DATA_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+"""NAME of `data=NAME` and NAME.yaml."""
 _COMMANDS = ("train", "evaluate", "diagnose")
 _UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
 """Parts of an experiment that a command has no use for."""
@@ -61,12 +66,12 @@ def choices(group: str) -> list[str]:
     if group not in _CATALOGUES:
         shipped = (path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
         return sorted([*shipped, *(own_data() if group == "data" else ())])
-    return sorted({*_sources(group), *_announced(group), *([_BEST] if group == "law" else [])})
+    return sorted({*_sources(group), *_announced(group), *([BEST] if group == "law" else [])})
 
 
 def own_data() -> dict[str, Path]:
     """Return the YAML files of the working directory that `data=NAME` may choose, by name; shipped sources go first."""
-    files = (path for path in sorted(Path.cwd().glob("*.yaml")) if re.fullmatch(r"[A-Za-z_]\w*", path.stem, re.ASCII))
+    files = (path for path in sorted(Path.cwd().glob("*.yaml")) if DATA_NAME.fullmatch(path.stem))
     return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
@@ -215,7 +220,7 @@ def has_choice(group: str, name: str) -> bool:
     """
     if group == "data":
         return name in own_data()
-    return name in _sources(group) or (group, name) == ("law", _BEST) or name in _announced(group)
+    return name in _sources(group) or (group, name) == ("law", BEST) or name in _announced(group)
 
 
 def choice_settings(group: str, name: str) -> dict[str, Any]:
@@ -230,7 +235,7 @@ def choice_settings(group: str, name: str) -> dict[str, Any]:
         return _own_settings(own_data()[name])
     if group == "effect":
         return {name: _effect(name)}
-    if name == _BEST:
+    if name == BEST:
         return {"_target_": None}
     if name in _sources(group):
         return {"_target_": f"contactlearn.laws.{name}.{_camel(name)}"} | _options(name)

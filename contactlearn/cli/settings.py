@@ -9,7 +9,6 @@ passes may still break a rule, and `contactlearn.testing` has the whole contract
 """
 
 import inspect
-import re
 import traceback
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -20,12 +19,12 @@ from itertools import chain
 from typing import Any, Literal, TypeVar
 
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
-from contactlearn.cli.config_files import required_settings
+from contactlearn.cli.config_files import BEST, NAME, required_settings
 from contactlearn.cli.job import reason
 from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
@@ -46,13 +45,11 @@ from contactlearn.models.regressor import Regressor
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
-_BEST = "best"  # law of a diagnosis: the one with the least held-out error
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
 _PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
 _DROPS, _MU, _EPS = 5, 0.2, 0.5
 _ROUNDING = 1e-9  # m/s and rad/s
 _NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
-_MISSING = "???"  # OmegaConf's mark of a value that must be given
 Base = TypeVar("Base")
 _Rule = tuple[Callable[[Any], bool], str]
 
@@ -117,7 +114,7 @@ def _missing(values: Mapping[str, Any], name: str) -> Iterator[str]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from _missing(value, f"{name}.{key}")
-        elif value == _MISSING:
+        elif value == MISSING:
             yield f"{name}.{key}"
 
 
@@ -393,7 +390,7 @@ def parse_law(entry: Any, variant: str) -> Law | None:
         UnknownNameError: no such law, variant or option.
     """
     if not isinstance(entry, Mapping):
-        return None if entry == _BEST else laws.find(str(entry), variant)
+        return None if entry == BEST else laws.find(str(entry), variant)
     target = entry.get("_target_")
     if target is None:
         return None
@@ -464,7 +461,6 @@ _CHOICES = {
 _NAMING = ("effect", "candidate", "model", "transfer.bodies")  # parts whose keys become names of files and charts
 _NULLABLE = (*_NAMING, "limits", "reference", "transfer")
 _PARTS = (*_NULLABLE, "data", "train", "fit", "bounds", "curves", "figures")
-_NAME = re.compile(r"\w[\w -]{0,59}")
 _ABSENT = object()
 
 
@@ -484,7 +480,7 @@ def _checked(cfg: DictConfig, command: str) -> dict[str, Any]:
         if not isinstance(entries, dict) and not (entries is None and part in _NULLABLE):
             raise ContactLearnError(f"{part} must hold settings by name, such as {part}.NAME=…, got {entries!r}")
         for name in (entries or ()) if part in _NAMING else ():
-            if not _NAME.fullmatch(str(name)):
+            if not NAME.fullmatch(str(name)):
                 raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
     values = {key: _at(config, key, _ABSENT) for key in (*_RULES, *_CHOICES)}
     pairs = {f"limits.{name}": _pair("[-3, -1]") for name in config.get("limits") or {}}

@@ -1,8 +1,8 @@
-"""What a file holds, by the names of its columns: the settings with which `data=table` or `data=tracks` reads it.
+"""Settings of `data=table` or `data=tracks` for a file, from the names of its columns.
 
 A name is split into words and, at its end, a unit: "vx [mm/s]", "speed_x_after (mm/s)", "theta_deg", "massKg".  A
 column is taken for one of ours if no other has the same words, and its unit is one that the reader knows.  Nothing is
-guessed from numbers.  A setting that must be stated, and that names do not say, is left open.
+guessed from numbers.  A required setting that the names do not state is left open.
 """
 
 import re
@@ -69,7 +69,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class FileContents:
-    """The name of the source, `table` or `tracks`, its settings in order, and the columns that it does not use."""
+    """The name of the source, `table` or `tracks`, its settings in order, and the names of unused columns."""
 
     source: str
     settings: tuple[Setting, ...]
@@ -79,12 +79,12 @@ class FileContents:
 Stated = Mapping[str, str]
 """Units by quantity, as the unit of a column states them."""
 Vocabulary = Mapping[str, Mapping[str, Stated]]
-"""What each unit that a column may have states, by our name of the column and the unit without its signs."""
+"""Units by quantity, by our name of a column and each unit that it may have, written without signs."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Columns:
-    """Names in a file by ours, what else it has, and the columns that state a unit, by quantity and unit."""
+    """Names in a file by ours, its other columns, and the columns that state a unit, by quantity and unit."""
 
     names: Mapping[str, str]
     others: tuple[str, ...]
@@ -104,7 +104,11 @@ def propose(path: Path) -> FileContents:
     if first.suffix.lower() not in (".csv", ".parquet") or (first.suffix.lower() == ".csv" and is_motive(first)):
         return FileContents(source="tracks", settings=tuple(_body(path, [])))
     header = table.header(first)
-    impacts, frames, markers = _found(header, _impact_units()), _found(header, _frame_units()), _markers(header)
+    impacts, frames, markers = (
+        _recognised(header, _impact_units()),
+        _recognised(header, _frame_units()),
+        _markers(header),
+    )
     if any(column in impacts.names for column in COMPONENTS["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
@@ -144,24 +148,24 @@ def _words(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+|\d+|°", apart.lower())
 
 
-def _found(header: Sequence[str], units: Vocabulary) -> _Columns:
-    """The columns that are one of ours each and alone; a column that has our name goes before others."""
-    found: dict[str, dict[str, Stated]] = {}
+def _recognised(header: Sequence[str], vocabulary: Vocabulary) -> _Columns:
+    """Match each of our columns with the file's column of that name, or with the only other one that names it."""
+    matches: dict[str, dict[str, Stated]] = {}
     for name in header:
-        ours, stated = (name, {}) if name in units else _match(_words(name), units)
-        found.setdefault(ours, {})[name] = stated
+        ours, stated = (name, {}) if name in vocabulary else _match(_words(name), vocabulary)
+        matches.setdefault(ours, {})[name] = stated
     names: dict[str, str] = {}
-    said: dict[str, dict[str, list[str]]] = {}
-    for ours, candidates in found.items():
+    units: dict[str, dict[str, list[str]]] = {}
+    for ours, candidates in matches.items():
         if ours and (ours in candidates or len(candidates) == 1):
             names[ours] = name = ours if ours in candidates else next(iter(candidates))
             for quantity, unit in candidates[name].items():
-                said.setdefault(quantity, {}).setdefault(unit, []).append(name)
-    return _Columns(names=names, others=tuple(name for name in header if name not in names.values()), units=said)
+                units.setdefault(quantity, {}).setdefault(unit, []).append(name)
+    return _Columns(names=names, others=tuple(name for name in header if name not in names.values()), units=units)
 
 
-def _match(words: Sequence[str], units: Vocabulary) -> tuple[str, Stated]:
-    """Our name of the column that the words name, and what its unit states; no name if they name none of ours."""
+def _match(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, Stated]:
+    """Our name of a column with these words, and the units that it states; an empty name if none of ours matches."""
     end = "_post" if any(word in _AFTER for word in words) else ""
     timed = end or any(word in _BEFORE for word in words)
     left_out = (*_BEFORE, *_AFTER, *_IMPACT) if timed else ()
@@ -170,8 +174,8 @@ def _match(words: Sequence[str], units: Vocabulary) -> tuple[str, Stated]:
         name, unit = "".join(words[:split]), "".join(_SPELLED.get(word, word) for word in words[split:])
         unit = re.sub(r"(?<=s)1$", "", unit)  # of s⁻¹
         for ours in (name + end, _NAMES.get(name, "") + end, _QUATERNION.sub(r"q\1", name)):
-            if unit in units.get(ours, {}):
-                return ours, units[ours][unit]
+            if unit in vocabulary.get(ours, {}):
+                return ours, vocabulary[ours][unit]
     return "", {}
 
 
@@ -179,19 +183,19 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
     """The columns of numbered markers, such as x1, y1, x2, y2; none if there are fewer than two of one dimension."""
     numbered: dict[str, dict[str, str]] = {}
     for name in header:
-        found = _MARKER.fullmatch("".join(_words(name)))
-        if found and (found[1] or found[3]):
-            numbered.setdefault(found[1] or found[3], {})[found[2]] = name
+        match = _MARKER.fullmatch("".join(_words(name)))
+        if match and (match[1] or match[3]):
+            numbered.setdefault(match[1] or match[3], {})[match[2]] = name
     markers = [[axes[axis] for axis in sorted(axes)] for axes in numbered.values()]
     return markers if len(markers) > 1 and {*map(len, markers)} in ({2}, {3}) else []
 
 
-def _table(path: Path, found: _Columns) -> Iterator[Setting]:
+def _table(path: Path, known: _Columns) -> Iterator[Setting]:
     """The settings of a table of impacts."""
-    lacking = [column for column in REQUIRED if column not in found.names]
+    lacking = [column for column in REQUIRED if column not in known.names]
     computed = [column for columns in COMPUTED.values() if {*columns} <= {*lacking} for column in columns]
-    known = {quantity: next(iter(units)) for quantity, units in found.units.items() if len(units) == 1}
-    units = Units(SI | known)
+    stated = {quantity: next(iter(units)) for quantity, units in known.units.items() if len(units) == 1}
+    units = Units(SI | stated)
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")
     if "mass" in lacking:
         yield Setting(name="mass", value=OPEN, comment="of every body, kg; the table has no column mass")
@@ -199,21 +203,21 @@ def _table(path: Path, found: _Columns) -> Iterator[Setting]:
     yield Setting(name="shape", value=OPEN if computed else None, comment=f"of the body, {about}{_SHAPE}")
     if "inertia" in lacking:
         yield Setting(name="inertia", value=None, comment="of every body, kg m²; null: of uniform density")
-    for column, name in found.names.items():
+    for column, name in known.names.items():
         if name != column:
             yield Setting(name=f"columns.{column}", value=name, comment=units.text(column))
     for column in lacking:
         if column not in ("mass", *computed):
-            near = suggest(column, found.others).replace(", did you mean", "; is it")
+            near = suggest(column, known.others).replace(", did you mean", "; is it")
             when = "after contact" if column.endswith("_post") else "before contact"
             about = f"{units.text(column)}, {_MEANINGS[column.removesuffix('_post')]}, {when}{near}"
             yield Setting(name=f"columns.{column}", value=OPEN, comment=about)
     for quantity, choices in UNIT_FACTORS.items():
-        said = found.units.get(quantity, {})
-        by = " and ".join(f"{unit} as in {names[0]!r}" for unit, names in said.items())
-        value = OPEN if len(said) > 1 else known.get(quantity, SI[quantity])
-        mixed = "one for all, and the audit names the correction of the others: " if len(said) > 1 else ""
-        about = mixed + (by or "assumed, for no column says it")
+        columns = known.units.get(quantity, {})
+        source = " and ".join(f"{unit} as in {names[0]!r}" for unit, names in columns.items())
+        value = OPEN if len(columns) > 1 else stated.get(quantity, SI[quantity])
+        mixed = "one for all, and the audit names the correction of the others: " if len(columns) > 1 else ""
+        about = mixed + (source or "assumed, for no column states it")
         yield Setting(name=f"units.{quantity}", value=value, comment=f"{' or '.join(choices)}; {about}")
     yield Setting(name="correct", value=[], comment="corrections that the audit names, in this order")
 
@@ -227,9 +231,9 @@ def _body(path: Path, markers: Sequence[Sequence[str]]) -> Iterator[Setting]:
     yield Setting(name="inertia", value=None, comment="about the centre of mass, kg m²; null: of uniform density")
 
 
-def _layout(found: _Columns, markers: list[list[str]]) -> Iterator[Setting]:
-    """The settings of the columns of a recording, of which those that have our names are not mentioned."""
-    names = found.names
+def _layout(known: _Columns, markers: list[list[str]]) -> Iterator[Setting]:
+    """The settings of the columns of a recording; columns with our names need none."""
+    names = known.names
     if "time" not in names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))
@@ -250,6 +254,6 @@ def _layout(found: _Columns, markers: list[list[str]]) -> Iterator[Setting]:
         if value != usual:
             yield Setting(name=f"columns.{name}", value=value, comment=about)
     for name, choices, evidence in (("unit", UNITS, "gravity"), ("angle", ANGLES, "the impacts")):
-        said = found.units.get(name, {})
-        value = None if not said else OPEN if len(said) > 1 else next(iter(said))
+        units = known.units.get(name, {})
+        value = None if not units else OPEN if len(units) > 1 else next(iter(units))
         yield Setting(name=name, value=value, comment=f"{', '.join(choices)}; null: found from {evidence}")

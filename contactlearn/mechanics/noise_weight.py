@@ -14,7 +14,7 @@ from contactlearn.mechanics.impacts import Impacts
 
 
 def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
-    """Return the weights w of a value of each trial, whose noise variance is σ²/w²; None as of `noise_variance`."""
+    """Return the weights w of a value of each trial, whose noise variance is σ²/w²; None as `noise_variance`."""
     variance = noise_variance(impacts, target)
     if variance is None:
         return None

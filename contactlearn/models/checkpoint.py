@@ -146,8 +146,7 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         own = {"x": x, "y": y, "weight": weight, "noise": noise} | gps.state_dict()
         about = {"kind": type(part).__name__, "options": as_text(vars(replace(options, optimiser=None)))}
         return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    else:
-        own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
+    own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
     return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
 
 

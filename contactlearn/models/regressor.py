@@ -77,9 +77,9 @@ class Regressor:
         options = checked_options(options, list(SPACES[space].columns))
         weight, noise = (None if part is None else part.mT for part in (weight, noise))
         gps = family(inputs.apply(x), outputs.apply(values).mT, weight, options, noise)
-        found = cls(space, inputs, outputs, gps)
-        told = None if on_round is None else lambda status: on_round(replace(found, status=status))
-        return replace(found, status=gps.fit(like and like.gps, on_round=told))
+        untrained = cls(space, inputs, outputs, gps)
+        report = None if on_round is None else lambda status: on_round(replace(untrained, status=status))
+        return replace(untrained, status=gps.fit(like and like.gps, on_round=report))
 
     @property
     def training(self) -> "Fit":

@@ -52,7 +52,7 @@ def growing_curves(sweep: Path, jobs: Settings) -> Generator[None]:
 
 
 class SweepCurves:
-    """The curves of the jobs that have ended; `update` logs what is new, and all again where a line has changed."""
+    """The curves of the jobs that have ended; `update` logs new points, and all again where an old one has changed."""
 
     def __init__(self, folder: Path, jobs: Settings) -> None:
         self._folder, self._left = folder, dict(jobs)
@@ -71,27 +71,26 @@ class SweepCurves:
                 self._log(points(self._runs))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of events."""
         if self._tracker is not None:
             self._tracker.close()
 
-    def _log(self, found: Points) -> None:
-        latest = defaultdict[str, int](int)
-        for tag, size in self._logged:
-            latest[tag] = max(latest[tag], size)
-        changed = any(found.get(key) != value for key, value in self._logged.items())
-        new = {key: value for key, value in found.items() if key not in self._logged}
+    def _log(self, current: Points) -> None:
+        """Log the points that are new; all of them after a changed one, or one before the end of its line."""
+        latest = {tag: size for tag, size in sorted(self._logged)}
+        changed = any(current.get(key) != value for key, value in self._logged.items())
+        new = {key: value for key, value in current.items() if key not in self._logged}
         if self._tracker is None:
             self._folder.mkdir(exist_ok=True)
             metric = common_metric(run for run, _ in self._runs)
             chart = {f"Sweep over train.size, with both bounds: {METRICS[metric].name}": [f"curve_{metric}/"]}
             self._tracker = Tracker(self._folder, 0, {HELD_OUT_CHARTS: chart})
-        if changed or any(size < latest[tag] for tag, size in new):
+        if changed or any(size < latest.get(tag, 0) for tag, size in new):
             self._tracker.begin_again()
-            new = found
+            new = current
         for size in sorted({size for _, size in new}):
             self._tracker.scalars({tag: value for (tag, at), value in new.items() if at == size}, size)
-        self._logged = found
+        self._logged = current
 
 
 def points(runs: Iterable[tuple[ComparedRun, Sequence[str]]]) -> Points:

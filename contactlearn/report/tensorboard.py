@@ -1,6 +1,6 @@
 """Record of one run: TensorBoard events and, beside them, metrics.jsonl with one record a line.
 
-It grows with the run: everything is on disk as soon as it is logged, so that a killed run has shown what it had.
+It grows with the run: every value is on disk as soon as it is logged, so that a killed run keeps its record.
 
 The x axis of a scalar is the number of training impacts, so that the runs of a sweep over sizes
 lie along a learning curve; of `fit/…` it is the round of a training.  Of a value with a 95 % interval the mean has the
@@ -111,7 +111,7 @@ class Tracker:
         (self._folder / METRICS_FILE).unlink(missing_ok=True)
 
     def __call__(self, event: Event) -> None:
-        """Log the numbers of an event, if it has such as change while a run goes on."""
+        """Log the numbers of a training, a learning curve or a diagnosis as it goes on; other events have none."""
         values: dict[str, float | Interval]
         if isinstance(event, TrainingRound):
             values = {"fit/loss": statistics.fmean(event.loss.values())}
@@ -141,8 +141,9 @@ class Tracker:
             for found in event.effects:
                 values = {f"effect/{found.effect.name}/confidence": found.confidence}
                 for one in found.parameters:
-                    ends = one.value - Z_95 * one.standard_error, one.value + Z_95 * one.standard_error
-                    values[f"effect/{found.effect.name}/{one.name}"] = Interval(one.value, *ends)
+                    margin = Z_95 * one.standard_error
+                    interval = Interval(one.value, one.value - margin, one.value + margin)
+                    values[f"effect/{found.effect.name}/{one.name}"] = interval
                 self.scalars(values)
 
     def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:

@@ -43,7 +43,7 @@ def charted(settings: EvaluateSettings) -> tuple[str, ...]:
 
 
 class _Points:
-    """Points of learning curves, each told as soon as it and those before it on its curve are there.
+    """Points of learning curves, each reported as soon as it and all before it on its curve are there.
 
     All have the same resamples of the trials, so that they depend neither on each other nor on their order.
     """
@@ -55,7 +55,7 @@ class _Points:
     def add(self, model: str, curve: Curve, loss: Mapping[str, float] = MappingProxyType({})) -> None:
         """Score some sizes of a model."""
         points = self.found.setdefault(model, {})
-        before = len(self._told(points))
+        before = len(self._reported(points))
         for place, size in enumerate(curve.sizes):
             generator, sure = torch.Generator().manual_seed(self._settings.split.seed), curve.density
             points[size] = CurvePoint(
@@ -69,10 +69,11 @@ class _Points:
                 negative_log_density=None if sure is None else sure.negative_log[place].mean().item(),
                 coverage=None if sure is None else _coverage(sure)[place].item(),
             )
-        for size in self._told(points)[before:]:
+        for size in self._reported(points)[before:]:
             self._on_event(points[size])
 
-    def _told(self, points: Mapping[int, CurvePoint]) -> list[int]:
+    def _reported(self, points: Mapping[int, CurvePoint]) -> list[int]:
+        """Sizes up to the first that is missing."""
         return list(takewhile(lambda size: size in points, self._sizes))
 
 
@@ -208,11 +209,6 @@ def curve_entry(
             component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
         )
     return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=calibration)
-
-
-def curve_intervals(curve: Curve, metric: str, generator: torch.Generator, resamples: int) -> tuple[Interval, ...]:
-    """Return the mean of a metric with its interval at every size of a curve."""
-    return tuple(Interval(*row) for row in curve.intervals(metric, generator, resamples).tolist())
 
 
 def as_rows(intervals: tuple[Interval, ...]) -> Float[Tensor, "n 3"]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from contactlearn.cli.config_files import choices, own_data
+from contactlearn.cli.config_files import DATA_NAME, choices, own_data
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data.headers import OPEN, FileContents, propose
@@ -19,19 +19,19 @@ _KINDS = {"table": "a table of impacts, docs/tables.md", "tracks": "recordings o
 
 
 def write_settings(path: Path, name: str | None) -> str:
-    """Write NAME.yaml in the working directory; return what is in it, in words.
+    """Write NAME.yaml in the working directory; return a summary of it, line by line.
 
     Args:
         path: a table of impacts, a recording, or a folder with recordings.
-        name: under which commands find it; None for that of the file.
+        name: NAME; None for that of the file.
 
     Raises:
-        ContactLearnError: the name cannot be chosen by `data=`, or a file has it; or the file cannot be written.
+        ContactLearnError: a name that `data=` cannot choose, or of another file; or the file cannot be written.
         DataError: see `contactlearn.data.headers.propose`.
     """
     own = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
     file = Path(f"{own}.yaml")
-    if not re.fullmatch(r"[A-Za-z_]\w*", own, re.ASCII):
+    if not DATA_NAME.fullmatch(own):
         raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {own!r}")
     if own in choices("data") and own not in own_data():
         raise ContactLearnError(f"data={own} is a source of this package; choose another name, --name my{own}")

@@ -66,7 +66,7 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
         found[name] = {
             body: BodyTransfer(
                 **{
-                    way: curves.curve_intervals(ways[way], metric, data.generator, settings.bootstrap)
+                    way: ways[way].intervals(metric, data.generator, settings.bootstrap)
                     for way in ("zero_shot", "prior", "scratch")  # order of the resamples, whatever is trained first
                 }
             )

@@ -28,6 +28,7 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.core.workers import WorkerPool
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import metrics
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.identification.shared import Box, SharedFit, identify
 from contactlearn.inference.learning.recipe import Recipe, learn
@@ -146,10 +147,9 @@ class Curve:
         )
         return cls(sizes, errors, density)
 
-    def intervals(self, metric: str, generator: torch.Generator, resamples: int = 2000) -> Tensor:
-        """Compute the mean and its 95 % interval over trials and subsets at each size, [S, 3]."""
-        rows = [list(metrics.bootstrap(error, generator, resamples)) for error in self.errors[metric]]
-        return torch.tensor(rows, dtype=torch.float64)
+    def intervals(self, metric: str, generator: torch.Generator, resamples: int) -> tuple[Interval, ...]:
+        """Compute the mean of a metric and its 95 % interval over trials and subsets at each size."""
+        return tuple(metrics.bootstrap(error, generator, resamples) for error in self.errors[metric])
 
 
 def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:

@@ -150,18 +150,18 @@ def learn(
     def finished(values: Tensor, regressor: Regressor) -> ContactModel:
         return _with_noise(replace(start, **{part: regressor}), impacts, rows, values)
 
-    def tell(values: Tensor) -> OnRegressor | None:
-        if (listener := on_round) is None:
+    def listener(values: Tensor) -> OnRegressor | None:
+        if (receive := on_round) is None:
             return None
-        return lambda now: listener(Round(regressor=now, model=partial(finished, values, now)))
+        return lambda now: receive(Round(regressor=now, model=partial(finished, values, now)))
 
     if recipe.target == "parameters_likelihood":
         P = measured_impulse(impacts, impulse)
-        regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, tell)
+        regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, listener)
     elif recipe.target == "parameters_identified":
         found = identify_trials(start.law, impacts, target=impulse, box=box)
         values = torch.stack((found.mu, found.eps), -1)[rows]
-        regressor = fit(values, on_round=tell(values))
+        regressor = fit(values, on_round=listener(values))
     else:
         left = start.base_prediction(impacts)
         values = {
@@ -172,7 +172,7 @@ def learn(
         values = _at(values, rows)
         stated = noise_weight(impacts, recipe.target), noise_variance(impacts, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
-        regressor = fit(values, weight=weight, noise=noise, on_round=tell(values))
+        regressor = fit(values, weight=weight, noise=noise, on_round=listener(values))
     return finished(values, regressor)
 
 
@@ -206,7 +206,7 @@ def _learn_parameters(
     P: Tensor,
     box: Box,
     regressor: Regressor | None,
-    tell: Callable[[Tensor], OnRegressor | None],
+    listener: Callable[[Tensor], OnRegressor | None],
 ) -> tuple[Regressor, Tensor]:
     """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
 
@@ -239,7 +239,7 @@ def _learn_parameters(
             outputs=outputs,
             like=regressor,
             options=recipe.processes,
-            on_round=tell(observed),
+            on_round=listener(observed),
         )
         theta = _at(regressor.predict(impacts)[0], rows)
     assert regressor is not None  # there is at least one round

@@ -97,11 +97,11 @@ class ExactGPs(GaussianProcesses):
             found = evidence(phi, which % B, curvature)
             return found if prior is None else _with_prior(found, phi, prior, x.shape[-2])
 
-        told = None if on_round is None else lambda now: on_round(self._take(now))
+        report = None if on_round is None else lambda now: on_round(self._take(now))
         with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
             found = minimise(
                 objective, starts, *bounds.T, tolerance=TOLERANCE, evaluations=optimiser.get("iterations", ITERATIONS),
-                starts=len(starts) // B, on_round=told,
+                starts=len(starts) // B, on_round=report,
             )  # fmt: skip
         return self._take(found)
 

@@ -26,7 +26,7 @@ from torch import optim
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import is_whole
 
-_ROOMS = {"kernels": Kernel, "means": Mean, "likelihoods": Likelihood, "priors": Prior, "constraints": Interval}
+_PACKAGES = {"kernels": Kernel, "means": Mean, "likelihoods": Likelihood, "priors": Prior, "constraints": Interval}
 _LARGEST = 10_000  # of a whole number: a shared description must not fill the memory
 
 
@@ -35,33 +35,32 @@ def find(target: object) -> type[torch.nn.Module]:
 
     Raises:
         UnknownNameError: GPyTorch has no such module.
-        ContactLearnError: no class that is loaded.
+        ContactLearnError: no class of this name has been imported.
     """
-    if isinstance(target, type) and issubclass(target, tuple(_ROOMS.values())):
+    if isinstance(target, type) and issubclass(target, tuple(_PACKAGES.values())):
         return target
-    package, _, path = str(target).partition(".")
-    room, _, name = path.partition(".")
-    if package == "gpytorch" and room in _ROOMS:
-        own = vars(getattr(gpytorch, room))
-        known = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, _ROOMS[room])}
+    library, _, path = str(target).partition(".")
+    package, _, name = path.partition(".")
+    if library == "gpytorch" and package in _PACKAGES:
+        own, base = vars(getattr(gpytorch, package)), _PACKAGES[package]
+        known = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, base)}
         if name not in known:
-            raise UnknownNameError(f"module of gpytorch.{room}", name, known)
+            raise UnknownNameError(f"module of gpytorch.{package}", name, known)
         return known[name]
-    for kind in (kind for base in _ROOMS.values() for kind in _subclasses(base)):
+    for kind in (kind for base in _PACKAGES.values() for kind in _subclasses(base)):
         if target == dotted_name(kind):
             return kind
-    rooms = ", ".join(_ROOMS)
     raise ContactLearnError(
-        f"{target} is no module of GPyTorch's {rooms}, and no subclass of one that has been imported; "
+        f"{target} is no module of GPyTorch's {', '.join(_PACKAGES)}, and no subclass of one that has been imported; "
         f"import {str(target).rpartition('.')[0] or 'its module'} first, if you trust it"
     )
 
 
 def dotted_name(kind: type) -> str:
     """Return the name by which `find` finds a class."""
-    for room in _ROOMS:
-        if vars(getattr(gpytorch, room)).get(kind.__name__) is kind:
-            return f"gpytorch.{room}.{kind.__name__}"
+    for package in _PACKAGES:
+        if vars(getattr(gpytorch, package)).get(kind.__name__) is kind:
+            return f"gpytorch.{package}.{kind.__name__}"
     return f"{kind.__module__}.{kind.__qualname__}"
 
 
@@ -71,13 +70,13 @@ def _subclasses(base: type) -> Iterator[type]:
         yield from _subclasses(kind)
 
 
-def resolved(description: Mapping[str, Any], columns: Sequence[str], room: str | None = None) -> dict[str, Any]:
+def resolved(description: Mapping[str, Any], columns: Sequence[str], package: str | None = None) -> dict[str, Any]:
     """Return a description with classes for their names, and column numbers for names of features.
 
     Args:
         description: of a module.
         columns: names of the features.
-        room: kernels, means or likelihoods, if it must be one.
+        package: kernels, means or likelihoods, if the module must be from it.
 
     Raises:
         ContactLearnError: no `_target_`, a class that is not found, or an argument that it does not take.
@@ -86,8 +85,8 @@ def resolved(description: Mapping[str, Any], columns: Sequence[str], room: str |
     if "_target_" not in description:
         raise ContactLearnError(f"needs a class, such as _target_: gpytorch.kernels.MaternKernel; got {description}")
     kind = find(description["_target_"])
-    if room is not None and not issubclass(kind, _ROOMS[room]):
-        raise ContactLearnError(f"must be a class of gpytorch.{room}, got {dotted_name(kind)}")
+    if package is not None and not issubclass(kind, _PACKAGES[package]):
+        raise ContactLearnError(f"must be a class of gpytorch.{package}, got {dotted_name(kind)}")
     found: dict[str, Any] = {"_target_": kind}
     for name, value in description.items():
         if name not in ("_target_", "_args_") and name not in (known := _parameters(kind)):
@@ -103,7 +102,7 @@ def resolved_optimiser(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of an optimiser with its class for its name, after a trial.
 
     Raises:
-        ContactLearnError: numbers that are none, or arguments without a class or that it does not take.
+        ContactLearnError: counts below 1, arguments without a class, or with one that does not take them.
         UnknownNameError: torch.optim has no such optimiser.
     """
     found = {name: value for name, value in settings.items() if value is not None}

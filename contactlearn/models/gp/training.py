@@ -64,11 +64,11 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
         gps.eval()
         return fit
 
-    told = None if on_round is None else lambda now: on_round(take(now))
+    report = None if on_round is None else lambda now: on_round(take(now))
     minimise_losses = _by_torch if "_target_" in options else _by_bfgs
     with warnings.catch_warnings(), settings.max_cholesky_size(10**6):
         warnings.simplefilter("ignore", NumericalWarning)  # of the little that is added to a singular covariance
-        return take(minimise_losses(many, iterations, options, told))
+        return take(minimise_losses(many, iterations, options, report))
 
 
 def losses(gps: GaussianProcesses) -> Tensor:
@@ -151,7 +151,7 @@ def _by_bfgs(many: GaussianProcesses, iterations: int, _: Mapping[str, Any], on_
     objective = _Objective(many)
     free = torch.full_like(objective.at[0], torch.inf)
 
-    def tell(now: Minimum) -> None:
+    def report(now: Minimum) -> None:
         if on_round is not None:
             objective.move(now.x)
             on_round(now)
@@ -159,7 +159,7 @@ def _by_bfgs(many: GaussianProcesses, iterations: int, _: Mapping[str, Any], on_
     starts = len(many.train_targets)
     found = minimise(
         objective, objective.at, -free, free,
-        tolerance=TOLERANCE, evaluations=iterations, starts=starts, on_round=tell,
+        tolerance=TOLERANCE, evaluations=iterations, starts=starts, on_round=report,
     )  # fmt: skip
     objective.move(found.x)
     return found
