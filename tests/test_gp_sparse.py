@@ -120,7 +120,7 @@ def test_training_ends_at_the_maximum(fitted):
     assert fit.loss.shape == fit.evaluations.shape == (2,)
     torch.testing.assert_close(fit.loss, -bound(gps))
     torch.testing.assert_close(fit.history[-1], fit.loss)
-    gradients = torch.autograd.grad(losses(gps.train()).sum(), gps.trained())
+    gradients = torch.autograd.grad(losses(gps.train()).sum(), gps.free_parameters())
     gps.eval()
     assert all(gradient.abs().max() < 0.02 for gradient in gradients)
     assert (gps.likelihood.noise[:, 0].sqrt() / 0.2 - 1).abs().max() < 0.1

@@ -152,7 +152,7 @@ def _path_and_words(command: str, options: argparse.Namespace) -> tuple[str | No
 
 
 def run_init(options: argparse.Namespace) -> str:
-    """Write the settings of measurements to a file; return what is in it."""
+    """Write the settings of measurements to a file; return a summary."""
     from pathlib import Path
 
     from contactlearn.cli.commands.init import write_settings
@@ -192,7 +192,7 @@ def run_export(options: argparse.Namespace) -> str:
 
 
 def run_impacts(options: argparse.Namespace) -> str:
-    """Find the impacts in recordings and write them; return what was found."""
+    """Find the impacts in recordings and write them; return a summary."""
     from pathlib import Path
 
     from hydra.errors import HydraException

@@ -1,10 +1,12 @@
 """Contact models: law, effects and learned residual behind one `predict`; Gaussian processes; checkpoints; citations.
 
-contact_model   `ContactModel` and its `predict`
-regressor       standardised processes from features to impulse, wrench, velocity or (μ, ε)
-gp              exact and sparse Gaussian processes, many at once
-checkpoint      models to and from a file that executes nothing
-citation        BibTeX of whatever a model uses
+contact_model     `ContactModel` and its `predict`
+regressor         standardised processes from features to impulse, wrench, velocity or (μ, ε)
+standardisation   features and outputs by the statistics of the training trials
+process_options   kernel, mean, likelihood and optimiser of processes
+gp                exact and sparse Gaussian processes, many at once
+checkpoint        models to and from a file that executes nothing
+citation          BibTeX of whatever a model uses
 """
 
 TYPE_CHECKING = False

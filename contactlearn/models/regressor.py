@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # GPyTorch takes long to load
     from contactlearn.models.gp.sparse import SparseGPs
 
 EXACT_LIMIT = 2000
-"""Training trials beyond which the processes are sparse and variational."""
+"""Training trials beyond which the processes are sparse."""
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
     text          words and number formats
     terminal      lines and tables of train and evaluate
     events        the events of a run on the terminal, and the verdict of a diagnosis
-    audit         lines about a table and the audit of its measurements
     tensorboard   scalars, charts, pictures and the card of a run
+    sweep_curves  learning curves of a sweep in TensorBoard
     figures       matplotlib figures: laws, comparison, impulse_space, learning, quality of the paper's experiments;
                   audit, regions, residual, effects, diagnosis of a diagnosis; style is common to all
     page          report.html of a run, and of several runs side by side

@@ -22,12 +22,12 @@ _OF_BOUNDS = ("data", "split_seed", "test", "bounds")  # settings that move a bo
 
 Points = dict[tuple[str, int], Interval]
 """An error by its tag and the number of training impacts, mean over the runs that differ in their seed alone."""
-Settings = Mapping[Path, Sequence[str]]
+Jobs = Mapping[Path, Sequence[str]]
 """Swept settings of each job by its folder, as they were typed."""
 
 
 @contextmanager
-def growing_curves(sweep: Path, jobs: Settings) -> Generator[None]:
+def growing_curves(sweep: Path, jobs: Jobs) -> Generator[None]:
     """Log the curves of a sweep in its folder while its jobs run, and once more at the end.
 
     Args:
@@ -54,7 +54,7 @@ def growing_curves(sweep: Path, jobs: Settings) -> Generator[None]:
 class SweepCurves:
     """The curves of the jobs that have ended; `update` logs new points, and all again where an old one has changed."""
 
-    def __init__(self, folder: Path, jobs: Settings) -> None:
+    def __init__(self, folder: Path, jobs: Jobs) -> None:
         self._folder, self._left = folder, dict(jobs)
         self._runs = list[tuple[ComparedRun, Sequence[str]]]()
         self._logged, self._tracker = Points(), None

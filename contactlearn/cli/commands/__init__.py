@@ -7,7 +7,9 @@
     evaluate   laws, learned models and bounds; `curves` has the learning curves
     transfer   a trained model on other bodies
     diagnose   the missing effects
+    trained    checks of models from checkpoints
     impacts    recordings to a table of impacts
+    init       settings of a user's measurements in a file
 
 A run folder holds the configuration (`.hydra/`), results.json or diagnosis.json, tables, figures as PNG and PDF,
 metrics.jsonl and TensorBoard's events.

@@ -159,14 +159,13 @@ def _law_curves(
     needed = {**settings.laws, **{r.law.name: r.law for r in settings.learnable.values() if r.law}}
     bases: dict[str, Mapping[int, Law | ContactModel]] = {}
     shown: dict[str, Curve] = {}
-    identified: dict[str, dict[int, Law]] = {}
     for name, needed_law in track(needed.items(), "laws on every subset", on_event):
         fits, curves = study.law_curves((needed_law,), pool, test, orders, sizes, target=how.target, box=how.box)
-        bases[name] = identified[name] = {size: study.law_at(fits[name], size) for size in sizes}
+        bases[name] = {size: study.law_at(fits[name], size) for size in sizes}
         if name in settings.laws:
             shown[name] = curves[name]
             points.add(name, shown[name])
-    shown[BEST_POST_HOC] = _best_post_hoc(test, {name: identified[name] for name in settings.laws}, settings.norm)
+    shown[BEST_POST_HOC] = _best_post_hoc(test, {name: bases[name] for name in settings.laws}, settings.norm)
     points.add(BEST_POST_HOC, shown[BEST_POST_HOC])
     if effects:
         every = track(sizes, f"{law.name} and its effects on every subset", on_event)
@@ -176,8 +175,8 @@ def _law_curves(
     return bases, shown
 
 
-def _best_post_hoc(test: Impacts, by_law: Mapping[str, Mapping[int, Law]], norm: Norm) -> Curve:
-    """The bound of laws by name and size, on each subset; in the metrics that it bounds."""
+def _best_post_hoc(test: Impacts, by_law: Bases, norm: Norm) -> Curve:
+    """The bound of laws by name and size, on each subset, in the metrics that it bounds."""
     found = {}
     for size in next(iter(by_law.values())):
         predictions = {name: ContactModel(laws[size]).predict(test) for name, laws in by_law.items()}

@@ -23,7 +23,7 @@ _LONGEST = 60  # characters of a recording's name in the name of a file
 
 
 def write_impacts(source: SourceSettings, out: Path) -> str:
-    """Find the impacts of recordings and write them; return what was found, in words.
+    """Find the impacts of recordings and write them; return a summary, line by line.
 
     Args:
         source: `data` of a configuration with data=tracks.
@@ -68,7 +68,7 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
 
 
 def own_names(text: str, settings: Iterable[str]) -> str:
-    """Return words about settings of data as the command impacts names them, without `data.`."""
+    """Return a text with the settings of data as the command impacts names them, without `data.`."""
     return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
 
 

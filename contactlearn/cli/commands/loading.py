@@ -84,11 +84,6 @@ def load_data(source: SourceSettings, validate: bool = True, folder: Path | None
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
         DataError: the source's own.
     """
-    known = [f"{room.__name__}.{one.name}.load" for room in (data, simulation) for one in iter_modules(room.__path__)]
-    if source.target not in known:
-        raise ContactLearnError(
-            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
-        )
     source.refuse_missing()
     computed: tuple[str, ...] = ()
     if source.target == _TABLE:
@@ -107,8 +102,9 @@ def load_data(source: SourceSettings, validate: bool = True, folder: Path | None
 
 def _call(source: SourceSettings, function: str, settings: Mapping[str, Any]) -> Any:
     """Return what a function of a source gives; settings are data, whatever they look like."""
-    module = import_module(source.target.removesuffix(".load"))
-    if not hasattr(module, function):
+    known = [f"{room.__name__}.{one.name}.load" for room in (data, simulation) for one in iter_modules(room.__path__)]
+    module = import_module(source.target.removesuffix(".load")) if source.target in known else None
+    if module is None or not hasattr(module, function):
         raise ContactLearnError(
             f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
         )

@@ -238,13 +238,12 @@ def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: Au
 
 def _speed_findings(impacts: Impacts) -> list[Finding]:
     """Implausible speeds of the body, or of its contact point relative to the centre of mass."""
-    limit = FASTEST
     lengths = impacts.r.norm(dim=-1, keepdim=True)
     speeds = {
         name: torch.stack((v[:, :2].norm(dim=-1), (v[:, 2:] * lengths)[:, 0].abs()), -1)
         for name, v in (("before", impacts.v_pre), ("after", impacts.v_post))
     }
-    fast = torch.cat([*speeds.values()], -1) > limit
+    fast = torch.cat([*speeds.values()], -1) > FASTEST
     if not fast.any():
         return []
     rows, columns = fast.nonzero().T
@@ -256,7 +255,7 @@ def _speed_findings(impacts: Impacts) -> list[Finding]:
         seen.append(f"row {row + 1} (trial {impacts.trial[row]!r}) {value} {when} impact")
     more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
     sentence = (
-        f"speeds above {limit:g} m/s, of the centre of mass or of the contact point relative to it, in "
+        f"speeds above {FASTEST:g} m/s, of the centre of mass or of the contact point relative to it, in "
         f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are the columns' units right?"
     )
     listed = sorted({*rows.tolist()})[:_LISTED]

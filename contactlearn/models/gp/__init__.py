@@ -1,9 +1,12 @@
 """Gaussian processes on GPyTorch, many at once, with fast paths for training them.
 
+modules    GPyTorch modules from descriptions
+processes  the common parts of exact and sparse processes
 evidence   marginal likelihood of a batch with its closed-form gradient
 bfgs       minimisation of a batch of small problems in lock step
-exact      exact processes: a GPyTorch module that these two train
-sparse     sparse variational ones, for many trials
+training   training by GPyTorch's own objective
+exact      processes that condition on every trial
+sparse     processes with inducing points, for many trials
 """
 
 import warnings

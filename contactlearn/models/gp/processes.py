@@ -128,9 +128,8 @@ class GaussianProcesses(gpytorch.models.ExactGP):
 
     def data(self, points: Tensor | slice = slice(None)) -> tuple[Any, ...]:
         """Arguments that make the same processes of some of the training points."""
-        (x,), weight = self.train_inputs, getattr(self.likelihood, "weight", None)
-        parts = (None if part is None else part[..., points] for part in (self.train_targets, weight, self.noise))
-        y, weight, noise = parts
+        (x,), y, weight = self.train_inputs, self.train_targets, getattr(self.likelihood, "weight", None)
+        y, weight, noise = (None if part is None else part[..., points] for part in (y, weight, self.noise))
         return x[..., 0, points, :], y, weight, self.options, noise
 
     def copies(self, starts: int) -> Self:
@@ -145,10 +144,10 @@ class GaussianProcesses(gpytorch.models.ExactGP):
 
     def copy_to(self, other: "GaussianProcesses") -> None:
         """Give other processes the hyperparameters of these."""
-        for own, theirs in zip(self.trained(), other.trained(), strict=True):
+        for own, theirs in zip(self.free_parameters(), other.free_parameters(), strict=True):
             theirs.data.copy_(own.data)
 
-    def trained(self) -> list[torch.nn.Parameter]:
+    def free_parameters(self) -> list[torch.nn.Parameter]:
         """Parameters that the training finds."""
         return [parameter for parameter in self.parameters() if parameter.requires_grad]
 

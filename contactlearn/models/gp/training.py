@@ -59,7 +59,7 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
 
     def take(found: Minimum) -> Fit:
         fit, rows = best_starts(found, y.shape[:-1])
-        for own, every in zip(gps.trained(), many.trained(), strict=True):
+        for own, every in zip(gps.free_parameters(), many.free_parameters(), strict=True):
             own.data.copy_(every.data.flatten(0, y.ndim - 1)[rows].view_as(own))
         gps.eval()
         return fit
@@ -98,7 +98,7 @@ class _Objective:
     """
 
     def __init__(self, model: GaussianProcesses):
-        self.model, self.parameters = model, model.trained()
+        self.model, self.parameters = model, model.free_parameters()
         self.axes = model.train_targets.ndim - 1  # of the batch
         bounds = [bound for _, one, bound in model.named_parameters_and_constraints() if one.requires_grad]
         positive = [isinstance(bound, GreaterThan) for bound in bounds]
@@ -170,7 +170,7 @@ def _by_torch(
 ) -> Minimum:
     """Minimise the sum of the losses with an optimiser of PyTorch; every evaluation is a round."""
     arguments = {name: value for name, value in options.items() if name != "_target_"}
-    optimiser, history = options["_target_"](many.trained(), **arguments), list[Tensor]()
+    optimiser, history = options["_target_"](many.free_parameters(), **arguments), list[Tensor]()
 
     def state() -> Minimum:
         end, rounds = history[-1], torch.stack(history)

@@ -221,11 +221,11 @@ def _columns(
     settings: Settings,
     families: Sequence[str],
     several: bool,
-    measure: str,
+    error: str,
 ) -> list[dict[str, Any]]:
     """Return name, kind (text, number, tick or error) and cells (text, sort key) of each column.
 
-    `measure` is the name of that of the runs' own errors.
+    `error` is the name of the column of the runs' own errors.
     """
 
     def column(
@@ -240,7 +240,7 @@ def _columns(
     def ticks(family: str) -> dict[str, Any]:
         return {"name": printable(label(family)), "kind": "tick", "cells": [_tick(run, family) for run in runs]}
 
-    found = [of_errors(measure, "error")]
+    found = [of_errors(error, "error")]
     if len({run.command for run in runs}) > 1:
         found.append(column("Command", [run.command for run in runs]))
     own = [
@@ -268,7 +268,7 @@ def _columns(
             column("Trials", [run.data.trials for run in runs], "number"),
             column("SHA-256 of the data", [run.data.sha256[:_HASH] for run in runs], "hash"),
         ]
-    needed = {measure, "Law"}
+    needed = {error, "Law"}
     return [one for one in found if one["name"] in needed or any(key is not None for _, key in one["cells"])]
 
 
