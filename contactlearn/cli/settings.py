@@ -216,14 +216,13 @@ class TrainSettings:
                 raise ContactLearnError(f"checkpoint={config['checkpoint']} has its own {part}; take out {part}=…")
         if isinstance(config["checkpoint"], list):
             raise ContactLearnError("training goes on from one checkpoint; sweep over several with -m checkpoint=A,B")
-        found = load_model(config["checkpoint"])
+        trained = load_model(config["checkpoint"])
         try:
-            recipe = Recipe.of(found.model)
+            recipe = Recipe.of(trained.model)
         except ContactLearnError as error:
-            raise ContactLearnError(f"{found.path}: training cannot go on from it: {error}") from error
-        return replace(
-            cls._of_model(config, found.learned, recipe, found.law, found.effects), start=found.model.regressor
-        )
+            raise ContactLearnError(f"{trained.path}: training cannot go on from it: {error}") from error
+        settings = cls._of_model(config, trained.learned, recipe, trained.law, trained.effects)
+        return replace(settings, start=trained.model.regressor)
 
     @classmethod
     def _of_model(
@@ -665,7 +664,7 @@ def _transfer(
 
 def _reference(config: Mapping[str, Any]) -> tuple[dict[str, dict[str, tuple[float, ...]]], dict[str, int]]:
     """Published parameters by law, (mean, standard deviation) each, and published numbers of trials to settle."""
-    found, settled = {}, {}
+    parameters, settled = {}, {}
     for name, entry in (config["reference"] or {}).items():
         values = dict(entry) if isinstance(entry, dict) else {}
         trials = values.pop("settled", None)
@@ -674,9 +673,9 @@ def _reference(config: Mapping[str, Any]) -> tuple[dict[str, dict[str, tuple[flo
             raise ContactLearnError(
                 f"reference.{name} must hold mu: [mean, std] and eps: [mean, std], settled: trials, or all; got {entry}"
             )
-        found |= {str(name): {key: tuple(pair) for key, pair in values.items()}} if values else {}
+        parameters |= {str(name): {key: tuple(pair) for key, pair in values.items()}} if values else {}
         settled |= {str(name): trials} if trials is not None else {}
-    return found, settled
+    return parameters, settled
 
 
 def _subclass(target: object, base: type[Base]) -> type[Base]:

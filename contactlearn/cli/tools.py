@@ -128,7 +128,7 @@ def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _source(command: str, words: Sequence[str], path: str | None = None) -> "SourceSettings":
-    """The source that words choose, and its file; a setting of anything else would do nothing."""
+    """The source that words choose, with another path if one is given; a setting of anything else is refused."""
     from contactlearn.cli.hydra_main import compose
     from contactlearn.cli.settings import SourceSettings
 
@@ -201,7 +201,6 @@ def run_impacts(options: argparse.Namespace) -> str:
     from contactlearn.cli.commands.impacts import own_names, write_impacts
     from contactlearn.cli.config_files import explain_error
     from contactlearn.cli.hydra_main import compose
-    from contactlearn.cli.settings import SourceSettings
 
     path, words = _path_and_words("impacts", options)
     chosen = [word for word in words if word.startswith("data=")]
@@ -214,12 +213,10 @@ def run_impacts(options: argparse.Namespace) -> str:
         if name not in known:
             raise UnknownNameError("setting of impacts", name, known)
     try:
-        cfg = compose("evaluate", [*(chosen or ["data=tracks"]), *words])
-        if cfg.data._target_ != tracks._target_:
+        source = _source("impacts", [*(chosen or ["data=tracks"]), *words], path)
+        if source.target != tracks._target_:
             raise ContactLearnError(f"impacts are found in recordings, and {chosen[-1]} is another source of data")
-        if path is not None:
-            cfg.data.path = path
-        return write_impacts(SourceSettings.from_config(cfg), Path(options.out))
+        return write_impacts(source, Path(options.out))
     except (HydraException, OmegaConfBaseException) as error:
         raise ContactLearnError(own_names(explain_error(error, "evaluate", words), every)) from None
     except ContactLearnError as error:  # settings are named as this command has them, without `data.`

@@ -76,14 +76,14 @@ def _spelt(error: UnicodeError) -> tuple[str, int]:
 
 def _ascii(character: str) -> str:
     """A character in ASCII: its parts without accents, the name of a Greek letter, else "?"."""
-    found = ""
+    spelt = ""
     for part in unicodedata.normalize("NFKD", character):
         kind, _, letter = unicodedata.name(part, "").partition(" LETTER ")
         if kind.startswith("GREEK"):
-            found += letter.title() if "CAPITAL" in kind else letter.lower()
+            spelt += letter.title() if "CAPITAL" in kind else letter.lower()
         else:
-            found += part if part.isascii() else _SPELT.get(part, "")
-    return found or "?"
+            spelt += part if part.isascii() else _SPELT.get(part, "")
+    return spelt or "?"
 
 
 @contextmanager

@@ -138,12 +138,12 @@ class Tracker:
             names = {"law": limits.base, "ceiling": limits.ceiling, "rigid_bound": limits.bound}
             self.scalars({f"limits/mass_error/{name}": error for name, error in names.items()})
         elif isinstance(event, EffectsFound):
-            for found in event.effects:
-                values = {f"effect/{found.effect.name}/confidence": found.confidence}
-                for one in found.parameters:
+            for missing in event.effects:
+                tag = f"effect/{missing.effect.name}"
+                values = {f"{tag}/confidence": missing.confidence}
+                for one in missing.parameters:
                     margin = Z_95 * one.standard_error
-                    interval = Interval(one.value, one.value - margin, one.value + margin)
-                    values[f"effect/{found.effect.name}/{one.name}"] = interval
+                    values[f"{tag}/{one.name}"] = Interval(one.value, one.value - margin, one.value + margin)
                 self.scalars(values)
 
     def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:

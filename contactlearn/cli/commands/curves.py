@@ -50,11 +50,11 @@ class _Points:
 
     def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], on_event: OnEvent) -> None:
         self._settings, self._on_event, self._sizes = settings, on_event, sizes
-        self.found = dict[str, dict[int, CurvePoint]]()
+        self.by_model = dict[str, dict[int, CurvePoint]]()
 
     def add(self, model: str, curve: Curve, loss: Mapping[str, float] = MappingProxyType({})) -> None:
         """Score some sizes of a model."""
-        points = self.found.setdefault(model, {})
+        points = self.by_model.setdefault(model, {})
         before = len(self._reported(points))
         for place, size in enumerate(curve.sizes):
             generator, sure = torch.Generator().manual_seed(self._settings.split.seed), curve.density
@@ -125,7 +125,7 @@ def learning_study(
             box=settings.identification.box,
             work=training_work(settings, run.partial, on_event, "learned models", add),
         )
-    return moved(curves | learned, "cpu"), points.found
+    return moved(curves | learned, "cpu"), points.by_model
 
 
 def training_work(
@@ -177,11 +177,11 @@ def _law_curves(
 
 def _best_post_hoc(test: Impacts, by_law: Bases, norm: Norm) -> Curve:
     """The bound of laws by name and size, on each subset, in the metrics that it bounds."""
-    found = {}
+    best = {}
     for size in next(iter(by_law.values())):
         predictions = {name: ContactModel(laws[size]).predict(test) for name, laws in by_law.items()}
-        found[size], _ = bounds.best_post_hoc(test, predictions, norm)
-    curve = Curve.of(test, found)
+        best[size], _ = bounds.best_post_hoc(test, predictions, norm)
+    curve = Curve.of(test, best)
     return replace(curve, errors={metric: curve.errors[metric] for metric in metrics.bounded_metrics(norm)})
 
 

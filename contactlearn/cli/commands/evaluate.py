@@ -79,8 +79,8 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         for size in settings.curve_sizes:
             if size <= len(data.pool):
                 tracker.scalars(lines, size)
-        found, points = curves.learning_study(settings, data, run, tracker)
-        best = found[BEST_POST_HOC]
+        studied, points = curves.learning_study(settings, data, run, tracker)
+        best = studied[BEST_POST_HOC]
         levels = {
             name: {
                 BEST_POST_HOC: error.mean((1, 2)).tolist(),
@@ -88,12 +88,12 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
             }
             for name, error in best.errors.items()
         }
-        entries = {name: curves.curve_entry(curve, levels, points[name]) for name, curve in found.items()}
+        entries = {name: curves.curve_entry(curve, levels, points[name]) for name, curve in studied.items()}
         result = replace(result, learning_curves=entries)
-        save_curves(found, run.folder / f"learning_curves.{settings.tables}")
+        save_curves(studied, run.folder / f"learning_curves.{settings.tables}")
         folder.write_result(run.folder, result)
-        learned = {name: curve for name, curve in found.items() if name not in settings.laws}
-        shown = (name for name in found if name in learned or name in settings.settled)
+        learned = {name: curve for name, curve in studied.items() if name not in settings.laws}
+        shown = (name for name in studied if name in learned or name in settings.settled)
         terminal.show_curves({name: entries[name] for name in shown}, result.metric, settings.settled)
         run.remove_partial_results()
     with progress(run.folder, tracker) as on_event:

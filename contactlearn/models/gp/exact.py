@@ -94,22 +94,22 @@ class ExactGPs(GaussianProcesses):
         prior = log_prior(D).to(y) if self.options.prior else None
 
         def objective(phi: Tensor, which: Tensor, curvature: bool) -> tuple[Tensor, Tensor, Tensor | None]:
-            found = evidence(phi, which % B, curvature)
-            return found if prior is None else _with_prior(found, phi, prior, x.shape[-2])
+            likelihood = evidence(phi, which % B, curvature)
+            return likelihood if prior is None else _with_prior(likelihood, phi, prior, x.shape[-2])
 
         report = None if on_round is None else lambda now: on_round(self._take(now))
         with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
-            found = minimise(
+            ends = minimise(
                 objective, starts, *bounds.T, tolerance=TOLERANCE, evaluations=optimiser.get("iterations", ITERATIONS),
                 starts=len(starts) // B, on_round=report,
             )  # fmt: skip
-        return self._take(found)
+        return self._take(ends)
 
-    def _take(self, found: Minimum) -> Fit:
+    def _take(self, ends: Minimum) -> Fit:
         """Set the hyperparameters to those of each process's best start."""
         D, batch = self.train_inputs[0].shape[-1], self.train_targets.shape[:-1]
-        fit, best = best_starts(found, batch)
-        theta = found.x[best].exp().unflatten(0, batch)
+        fit, best = best_starts(ends, batch)
+        theta = ends.x[best].exp().unflatten(0, batch)
         self.covar_module.base_kernel.lengthscale = theta[..., None, :D]
         self.covar_module.outputscale = theta[..., D]
         self.likelihood.noise = theta[..., D + 1 :]
@@ -158,10 +158,10 @@ class ExactGPs(GaussianProcesses):
 
 
 def _with_prior(
-    found: tuple[Tensor, Tensor, Tensor | None], phi: Tensor, prior: Tensor, n: int
+    likelihood: tuple[Tensor, Tensor, Tensor | None], phi: Tensor, prior: Tensor, n: int
 ) -> tuple[Tensor, Tensor, Tensor | None]:
     """Values, gradients and curvatures at phi [b, P], per point, less those of the logarithm of a prior."""
-    (value, gradient, curvature), (mean, spread) = found, prior
+    (value, gradient, curvature), (mean, spread) = likelihood, prior
     away = (phi - mean) / spread
     value = value + (0.5 * away.square() + spread.log() + 0.5 * math.log(2 * math.pi)).sum(-1) / n
     gradient = gradient + away / spread / n
@@ -178,7 +178,7 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
     Raises:
         ContactLearnError: naming the part that does not fit, and what is wrong with it.
     """
-    found: dict[str, Any] = {}
+    checked: dict[str, Any] = {}
     x = torch.randn(5, len(columns), generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     y = x.sum(-1).expand(2, -1)
     for part in ("kernel", "mean", "likelihood", "optimiser"):
@@ -186,8 +186,8 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
             continue
         try:
             of_torch = part == "optimiser"
-            found[part] = resolved_optimiser(description) if of_torch else resolved(description, columns, f"{part}s")
-            gps = ExactGPs(x, y, None, ProcessOptions(**found), torch.full_like(y, 0.1))
+            checked[part] = resolved_optimiser(description) if of_torch else resolved(description, columns, f"{part}s")
+            gps = ExactGPs(x, y, None, ProcessOptions(**checked), torch.full_like(y, 0.1))
             losses(gps.train()).sum().backward()
         except ContactLearnError as error:
             raise ContactLearnError(f"{part}: {error}") from error
@@ -196,4 +196,4 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
             raise ContactLearnError(f"{part}: does not fit {len(columns)} features: {seen}") from error
         if shared := [name for name, one in gps.named_parameters() if one.shape[:1] != y.shape[:1]]:
             raise ContactLearnError(f"{part}: its class must take batch_shape and make use of it; {shared[0]} has none")
-    return replace(options, **found)
+    return replace(options, **checked)

@@ -87,15 +87,15 @@ def resolved(description: Mapping[str, Any], columns: Sequence[str], package: st
     kind = find(description["_target_"])
     if package is not None and not issubclass(kind, _PACKAGES[package]):
         raise ContactLearnError(f"must be a class of gpytorch.{package}, got {dotted_name(kind)}")
-    found: dict[str, Any] = {"_target_": kind}
+    classes: dict[str, Any] = {"_target_": kind}
     for name, value in description.items():
         if name not in ("_target_", "_args_") and name not in (known := _parameters(kind)):
             raise UnknownNameError(f"argument of {kind.__name__}", name, sorted(known))
         if name == "active_dims" and value is not None:
             value = [_column(one, columns) for one in (value if isinstance(value, list | tuple) else [value])]
         if name != "_target_":
-            found[name] = _plain(name, value, columns)
-    return found
+            classes[name] = _plain(name, value, columns)
+    return classes
 
 
 def resolved_optimiser(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from linear_operator.operators import DiagLinearOperator
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
+from contactlearn.models.gp.bfgs import Minimum
 from contactlearn.models.gp.modules import build
 from contactlearn.models.process_options import ProcessOptions
 
@@ -187,13 +188,13 @@ def first_lengths(starts: int) -> Float[Tensor, "s"]:
     return torch.linspace(_FIRST, _LAST, starts, dtype=torch.float64)
 
 
-def best_starts(found: Any, batch: torch.Size) -> tuple[Fit, Tensor]:
-    """From a `Minimum` of S starts of every process: the fit of the best start, and its row among them [B]."""
+def best_starts(ends: Minimum, batch: torch.Size) -> tuple[Fit, Tensor]:
+    """Return the fit of the best of the S starts of each of B processes, and its row [B] among the S B ends."""
     B = batch.numel()
-    rows = found.value.view(-1, B).nan_to_num(torch.inf).argmin(0) * B + torch.arange(B, device=found.value.device)
-    parts = found.value[rows], found.converged[rows], found.evaluations.view(-1, B).sum(0)
+    rows = ends.value.view(-1, B).nan_to_num(torch.inf).argmin(0) * B + torch.arange(B, device=ends.value.device)
+    parts = ends.value[rows], ends.converged[rows], ends.evaluations.view(-1, B).sum(0)
     value, converged, evaluations = (part.unflatten(0, batch) for part in parts)
-    return Fit(value, converged, evaluations, found.history[:, rows].unflatten(1, batch)), rows
+    return Fit(value, converged, evaluations, ends.history[:, rows].unflatten(1, batch)), rows
 
 
 def _kernel(options: ProcessOptions, parts: dict[str, Any]) -> Kernel:

@@ -57,8 +57,8 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
     else:
         like.copy_to(many)
 
-    def take(found: Minimum) -> Fit:
-        fit, rows = best_starts(found, y.shape[:-1])
+    def take(ends: Minimum) -> Fit:
+        fit, rows = best_starts(ends, y.shape[:-1])
         for own, every in zip(gps.free_parameters(), many.free_parameters(), strict=True):
             own.data.copy_(every.data.flatten(0, y.ndim - 1)[rows].view_as(own))
         gps.eval()
@@ -157,12 +157,12 @@ def _by_bfgs(many: GaussianProcesses, iterations: int, _: Mapping[str, Any], on_
             on_round(now)
 
     starts = len(many.train_targets)
-    found = minimise(
+    ends = minimise(
         objective, objective.at, -free, free,
         tolerance=TOLERANCE, evaluations=iterations, starts=starts, on_round=report,
     )  # fmt: skip
-    objective.move(found.x)
-    return found
+    objective.move(ends.x)
+    return ends
 
 
 def _by_torch(
