@@ -75,7 +75,7 @@ def own_data() -> dict[str, Path]:
     return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
-def opened(words: Sequence[str]) -> list[str]:
+def with_pluses(words: Sequence[str]) -> list[str]:
     """Return the words of a command with ++ before those that give a model's GPyTorch modules their arguments.
 
     No file declares these arguments, and Hydra takes a setting that no file declares only after a plus.

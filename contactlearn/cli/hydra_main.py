@@ -30,8 +30,8 @@ from contactlearn.cli.config_files import (
     experiments,
     explain_error,
     groups,
-    opened,
     restrict_settings,
+    with_pluses,
 )
 from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
 from contactlearn.core.errors import ContactLearnError, terminal_safe
@@ -93,7 +93,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
     @functools.wraps(job)
     def run_command() -> None:
-        words = sys.argv[1:] = opened(_without_training(sys.argv[1:]))
+        words = sys.argv[1:] = with_pluses(_without_training(sys.argv[1:]))
         flags = {word.partition("=")[0] for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
@@ -191,7 +191,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
         ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
             file brought.
     """
-    overrides = opened(overrides)
+    overrides = with_pluses(overrides)
     check_choices(overrides, config_name)
     with (
         defer_interrupts(),

@@ -166,11 +166,14 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
     for model, curve in curves.items():
         means = [f"{interval.mean:.3f}" for interval in curve.of(metric)]
         reached = [str(size or "never") for size in curve.below[metric].values()]
-        sure = ("", "")  # a law with effects predicts no covariance
+        calibration = ("", "")  # a law with effects predicts no covariance
         if curve.calibration is not None:
-            sure = f"{100 * curve.calibration.coverage[-1]:.1f} %", f"{curve.calibration.negative_log_density[-1]:.2f}"
+            calibration = (
+                f"{100 * curve.calibration.coverage[-1]:.1f} %",
+                f"{curve.calibration.negative_log_density[-1]:.2f}",
+            )
         ours = [str(curve.settled[metric] or "not yet"), *[str(published.get(model, ""))] * bool(published)]
-        table.add_row(model, *means, *reached, *ours, *sure)
+        table.add_row(model, *means, *reached, *ours, *calibration)
     print_table(table)
     print_line(
         "<: number of trials at which the mean first falls below; "

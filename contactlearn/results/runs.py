@@ -367,7 +367,7 @@ def varying(runs: Sequence[ComparedRun]) -> Settings:
 
 def differing(configs: Sequence[Mapping[str, Any]], commands: Sequence[str]) -> Settings:
     """Return the settings in which the configurations of some commands differ."""
-    return {key: values for key, values in _every(configs, commands).items() if _differ(values)}
+    return {key: values for key, values in _settings(configs, commands).items() if _differ(values)}
 
 
 def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
@@ -384,7 +384,7 @@ def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
 def shared(runs: Sequence[ComparedRun]) -> list[tuple[str, str]]:
     """Return the settings that are the same wherever they are, with the commands that have them where not all do."""
     found = []
-    for key, values in _settings(runs).items():
+    for key, values in _settings([run.config for run in runs], [run.command for run in runs]).items():
         there = [(value, run.command) for value, run in zip(values, runs, strict=True) if value is not None]
         if there and not _differ(values):
             commands = sorted({command for _, command in there})
@@ -397,11 +397,7 @@ def _differ(values: Sequence[str | None]) -> bool:
     return len({value for value in values if value is not None}) > 1
 
 
-def _settings(runs: Sequence[ComparedRun]) -> Settings:
-    return _every([run.config for run in runs], [run.command for run in runs])
-
-
-def _every(configs: Sequence[Mapping[str, Any]], commands: Sequence[str]) -> Settings:
+def _settings(configs: Sequence[Mapping[str, Any]], commands: Sequence[str]) -> Settings:
     return dict(_below("", configs, [(command,) for command in commands]))
 
 

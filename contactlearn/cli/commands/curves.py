@@ -57,7 +57,7 @@ class _Points:
         points = self.by_model.setdefault(model, {})
         before = len(self._reported(points))
         for place, size in enumerate(curve.sizes):
-            generator, sure = torch.Generator().manual_seed(self._settings.split.seed), curve.density
+            generator, density = torch.Generator().manual_seed(self._settings.split.seed), curve.density
             points[size] = CurvePoint(
                 model=model,
                 trained_on=size,
@@ -66,8 +66,8 @@ class _Points:
                     for name, error in curve.errors.items()
                 },
                 loss=dict(loss),
-                negative_log_density=None if sure is None else sure.negative_log[place].mean().item(),
-                coverage=None if sure is None else _coverage(sure)[place].item(),
+                negative_log_density=None if density is None else density.negative_log[place].mean().item(),
+                coverage=None if density is None else _coverage(density)[place].item(),
             )
         for size in self._reported(points)[before:]:
             self._on_event(points[size])

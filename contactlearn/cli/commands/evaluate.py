@@ -305,6 +305,6 @@ def _curves_drawn(
         densities = {name: curve.errors[metric][-1].flatten() for name, curve in learned.items()}
         densities[IRB] = metrics.METRICS[metric].error(test, irb)
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
-    sure = {name: curve.density for name, curve in learned.items() if curve.density is not None}
-    coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in sure.items()}
+    predicted = {name: curve.density for name, curve in learned.items() if curve.density is not None}
+    coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in predicted.items()}
     return drawn | {"calibration": quality.calibration_curve(coverage)}

@@ -19,7 +19,7 @@ from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
-from contactlearn.inference.learning.recipe import TARGETS, Recipe, Round, learn
+from contactlearn.inference.learning.recipe import Recipe, Round, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -214,14 +214,13 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
     recipe, regressor = settings.recipe, trained.model.regressor
     if recipe is not None and regressor is not None:
-        columns = list(SPACES[recipe.features].columns)
+        lengths = {one.output: one.length_scales for one in result.processes}
         relevance = {
-            output: dict(zip(columns, (1 / lengths[: len(columns)]).tolist(), strict=True))
-            for output, lengths in zip(TARGETS[recipe.target], regressor.gps.hyperparameters(), strict=True)
+            output: {name: 1 / known.get(name, math.inf) for name in SPACES[recipe.features].columns}
+            for output, known in lengths.items()
         }
-        lengths = {one.output: list(one.length_scales.values()) for one in result.processes}
         distributions |= {
-            f"length_scales/{output}": torch.tensor(values) for output, values in lengths.items() if values
+            f"length_scales/{output}": torch.tensor([*known.values()]) for output, known in lengths.items() if known
         }
         distance = metrics.squared_distance(test, prediction)
         drawn |= {

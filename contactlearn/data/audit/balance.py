@@ -1,4 +1,4 @@
-"""Whether the moment balance closes once units and axes are right: another inertia, or what nothing known explains."""
+"""The moment balance after units and axes are corrected: a wrong inertia, or an imbalance without explanation."""
 
 import math
 
@@ -16,7 +16,7 @@ _TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient
 
 
 def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
-    """A wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
+    """Find a wrong moment of inertia: both terms of the balance imply the same factor, too large for physics.
 
     The contradictions fall too little with it for `compare`.
     """
@@ -34,10 +34,10 @@ def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
 
 
 def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *, explained: bool) -> Finding:
-    """The moment balance of the corrected impacts where it does not close, or contradictions that nothing corrects.
+    """Report an open moment balance of the corrected impacts, or contradictions that nothing corrects.
 
-    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  So is one that
-    another inertia within the reach of an effect would close.
+    A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  An imbalance
+    that an inertia within the reach of an effect would close is a note as well.
 
     Args:
         impacts: as the other findings would correct them.

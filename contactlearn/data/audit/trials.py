@@ -1,6 +1,6 @@
-"""Trials that cannot be what they claim to be, and estimates of the apparatus that contradict a laboratory.
+"""Trials that no impact of a laboratory can have produced, and estimates of the apparatus that contradict one.
 
-Each finding is of the rows of a table as they are, or as units and axes are corrected; no hypothesis is compared.
+Each finding is about the rows of a table as read, or with corrected units and axes; no hypotheses are compared.
 """
 
 import math

@@ -42,7 +42,7 @@ def euclidean_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "
 
 
 def normalised_euclidean_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """Divide `euclidean_error` by ‖v_post‖₂ [..., N]; the paper's Fig. 3.5 is normalised, it does not say by what."""
+    """Divide `euclidean_error` by ‖v_post‖₂ [..., N]; the paper normalises Fig. 3.5 and does not state by what."""
     return euclidean_error(impacts, prediction) / impacts.v_post.norm(dim=-1)
 
 
@@ -52,7 +52,7 @@ def velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*
 
 
 class Metric(NamedTuple):
-    """An error of each trial, its names, its unit, and the norm of the bounds that bound it, None if none do."""
+    """An error of each trial: its `name` in tables, `label` on axes, unit, and the norm of its bounds if it has any."""
 
     error: Callable[[Impacts, Prediction], Tensor]
     name: str
