@@ -13,7 +13,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.config_files import CONFIGS, check_choices, check_settings, explain_error
+from contactlearn.cli.config_files import CONFIGS, check_choices, explain_error, restrict_settings
 from contactlearn.cli.config_security import check_targets, readable_errors
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
@@ -39,10 +39,10 @@ def read(content: bytes) -> None:
     first, *words = content.decode("utf-8", "replace").split("\n")
     command = COMMANDS[len(first) % len(COMMANDS)] if first not in COMMANDS else first
     try:
-        check_choices(words)
+        check_choices(words, command)
         with readable_errors():
             cfg = composed(command, words)
-        check_settings(cfg, command)
+        restrict_settings(cfg, command, words)
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)
     except (HydraException, OmegaConfBaseException) as error:

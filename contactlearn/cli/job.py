@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import count
@@ -149,7 +149,10 @@ def _logged(hydra: DictConfig) -> Generator[None]:
     try:
         yield
     finally:
-        configure_log(hydra.hydra_logging, hydra.verbose)  # closes the file
+        for handler in _log.handlers:
+            with suppress(OSError):  # of a full disk, which would leave the file open below
+                handler.close()
+        configure_log(hydra.hydra_logging, hydra.verbose)
         _log.handlers.clear()
 
 

@@ -10,10 +10,14 @@ Hyperparameters go into the run's one event file, and booleans as booleans: Tens
 a stray run of its own, and numbers of them.
 """
 
+import itertools
 import json
+import os
 import re
+import socket
 import statistics
 import struct
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -24,8 +28,9 @@ from tensorboard.compat.proto import event_pb2
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
+from tensorboard.summary.writer.record_writer import RecordWriter
 from torch import Tensor
-from torch.utils.tensorboard import FileWriter, SummaryWriter
+from torch.utils.tensorboard import summary
 
 from contactlearn.core.numerics import Z_95
 from contactlearn.diagnosis.events import CurvePoint, EffectsFound, Event, LimitsEstimated, RoundScored, TrainingRound
@@ -37,6 +42,8 @@ _KINDS: Mapping[type, tuple[str, int]] = {
     str: ("string_value", api_pb2.DATA_TYPE_STRING),
 }
 _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
+_BINS = 30  # of a histogram
+_FILES = itertools.count()
 
 Charts = Mapping[str, Mapping[str, str | Sequence[str]]]
 """Tags of the charts of the custom scalars by category and title.
@@ -57,6 +64,31 @@ def ends(tag: str) -> tuple[str, str]:
     return f"interval/{tag}/low", f"interval/{tag}/high"
 
 
+class _EventFile:
+    """An event file of TensorBoard.  Its `SummaryWriter` would leave the error of a full disk to a thread."""
+
+    def __init__(self, folder: Path) -> None:
+        name = f"events.out.tfevents.{int(time.time()):010d}.{socket.gethostname()}.{os.getpid()}.{next(_FILES)}"
+        folder.mkdir(parents=True, exist_ok=True)
+        self._records = RecordWriter((folder / name).open("wb"))
+        self.write(event_pb2.Event(file_version="brain.Event:2"))
+        self.begin()
+
+    def begin(self) -> None:
+        """Let TensorBoard hide what was logged before, also in older files of the folder."""
+        self.write(event_pb2.Event(session_log=event_pb2.SessionLog(status=event_pb2.SessionLog.START)))
+
+    def write(self, event: event_pb2.Event) -> None:
+        """Write an event to the disk."""
+        event.wall_time = time.time()
+        self._records.write(event.SerializeToString())
+        self._records.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._records.close()
+
+
 class Tracker:
     """Writes scalars, charts, figures, hyperparameters and a card of one run into `folder`; a context manager.
 
@@ -73,9 +105,8 @@ class Tracker:
         self._folder, self._trained_on, self._charts = folder, trained_on, charts
 
     @cached_property
-    def _writer(self) -> SummaryWriter:
+    def _file(self) -> _EventFile:
         (self._folder / METRICS_FILE).unlink(missing_ok=True)
-        writer = SummaryWriter(str(self._folder), purge_step=0)
         layout = {
             category: {
                 title: ["Margin", [tags, *ends(tags)]] if isinstance(tags, str) else ["Multiline", list(tags)]
@@ -83,13 +114,8 @@ class Tracker:
             }
             for category, charts in self._charts.items()
         }
-        writer.add_custom_scalars(layout)
-        return writer
-
-    @property
-    def _file(self) -> FileWriter:
-        file = self._writer.file_writer
-        assert file is not None  # as long as the tracker is open
+        file = _EventFile(self._folder)
+        file.write(event_pb2.Event(summary=summary.custom_scalars(layout)))
         return file
 
     def __enter__(self) -> "Tracker":
@@ -100,14 +126,12 @@ class Tracker:
 
     def close(self) -> None:
         """Close the file of events, if there is one."""
-        if "_writer" in vars(self):
-            self._writer.close()
+        if "_file" in vars(self):
+            self._file.close()
 
     def begin_again(self) -> None:
         """Log in place of all that was logged so far."""
-        self._file.add_event(
-            event_pb2.Event(session_log=event_pb2.SessionLog(status=event_pb2.SessionLog.START)), step=0
-        )
+        self._file.begin()
         (self._folder / METRICS_FILE).unlink(missing_ok=True)
 
     def __call__(self, event: Event) -> None:
@@ -159,13 +183,13 @@ class Tracker:
     def histogram(self, tag: str, values: Float[Tensor, "..."], trained_on: int | None = None) -> None:
         """Log the distribution of values; TensorBoard draws those of several numbers of training impacts in a row."""
         step = self._trained_on if trained_on is None else trained_on
-        self._writer.add_histogram(tag, values.flatten().numpy(), step)
+        self._add(summary.histogram(tag, values.flatten().numpy(), _BINS), step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture as it is; `add_image` would encode it again, which takes longer than all else."""
         width, height = struct.unpack(">II", png[16:24])
         image = Summary.Image(height=height, width=width, colorspace=4, encoded_image_string=png)
-        self._file.add_summary(Summary(value=[Summary.Value(tag=tag, image=image)]), self._trained_on)
+        self._add(Summary(value=[Summary.Value(tag=tag, image=image)]), self._trained_on)
 
     def card(self, tables: Iterable[Sequence[Sequence[str]]]) -> None:
         """Log tables as text, the first row of each its header; no cell is taken as markup."""
@@ -173,7 +197,7 @@ class Tracker:
         for table in tables:
             header, *rows = (f"| {' | '.join(map(_escaped, row))} |" for row in table)
             parts.append("\n".join((header, "|---" * len(table[0]) + "|", *rows)))
-        self._writer.add_text("run_card", "\n\n&nbsp;\n\n".join(parts), self._trained_on)
+        self._add(summary.text("run_card", "\n\n&nbsp;\n\n".join(parts)), self._trained_on)
 
     def hyperparameters(
         self, values: Mapping[str, bool | float | str], choices: Mapping[str, Sequence[str]], metrics: Mapping[str, str]
@@ -205,7 +229,7 @@ class Tracker:
         ):
             about = metadata.create_summary_metadata(HParamsPluginData(**content))
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
-            self._file.add_summary(Summary(value=[value]))
+            self._add(Summary(value=[value]), 0)
 
     def _log(self, values: Mapping[str, float | Interval], step: int, place: Mapping[str, int]) -> None:
         """Log values at a step; their line in metrics.jsonl begins with its place."""
@@ -216,10 +240,12 @@ class Tracker:
             else:
                 numbers[tag] = value
         written = [Summary.Value(tag=tag, simple_value=number) for tag, number in numbers.items()]
-        self._file.add_summary(Summary(value=written), step)  # one event: each costs a handover to the writing thread
-        self._file.flush()
+        self._add(Summary(value=written), step)
         with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")
+
+    def _add(self, content: Summary, step: int) -> None:
+        self._file.write(event_pb2.Event(summary=content, step=step))
 
 
 def _escaped(text: str) -> str:
