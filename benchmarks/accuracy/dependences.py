@@ -15,7 +15,7 @@ import json
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -61,20 +61,22 @@ def serial_nulls(count: int) -> Iterator[Case]:
         }
 
 
-def serial_planted(count: int) -> Iterator[Case]:
-    """Yield sets with serial dependence: so many for each driver and strength."""
-    for i, follows in enumerate(FOLLOWS):
-        for j, strength in enumerate(STRENGTHS):
-            for k in range(count):
-                yield {
-                    "seed": 50_000 + 1000 * i + 100 * j + k,
-                    "size": SIZES[(i + k) % 4],
-                    "design": DESIGNS[(i + k) % 2],
-                    "errors": ("iid", "before")[(j + k) % 2],
-                    "follows": follows,
-                    "coefficient": ("mu", "eps")[(j + k // 2) % 2],
-                    "strength": strength,
-                }
+def planted(kind: str, count: int) -> Iterator[Case]:
+    """Yield sets with a dependence: so many for each driver and strength."""
+    serial = kind == "serial"
+    first, errors = (50_000, ("iid", "before")) if serial else (80_000, ("iid", "before", "heavy"))
+    for (i, follows), (j, strength), k in product(
+        enumerate(FOLLOWS if serial else DEPENDS), enumerate(STRENGTHS), range(count)
+    ):
+        yield {
+            "seed": first + 1000 * i + 100 * j + k,
+            "size": SIZES[(i + k) % 4],
+            "design": DESIGNS[(i + k) % 2] if serial else ("throws", BODIES)[(i + j + k) % 2],
+            "errors": errors[(j + k) % len(errors)],
+            "follows": follows,
+            "coefficient": ("mu", "eps")[(j + k // 2) % 2] if serial else DEPENDS[follows][0],
+            "strength": strength,
+        }
 
 
 def state_nulls(count: int) -> Iterator[Case]:
@@ -91,59 +93,23 @@ def state_nulls(count: int) -> Iterator[Case]:
         }
 
 
-def state_planted(count: int) -> Iterator[Case]:
-    """Yield sets with state dependence: so many for each dependence and strength."""
-    for i, (name, (coefficient, _)) in enumerate(DEPENDS.items()):
-        for j, strength in enumerate(STRENGTHS):
-            for k in range(count):
-                yield {
-                    "seed": 80_000 + 1000 * i + 100 * j + k,
-                    "size": SIZES[(i + k) % 4],
-                    "design": ("throws", BODIES)[(i + j + k) % 2],
-                    "errors": ("iid", "before", "heavy")[(j + k) % 3],
-                    "follows": name,
-                    "coefficient": coefficient,
-                    "strength": strength,
-                }
-
-
-def ask_serial(case: Case) -> Line:
-    """Test a set for serial dependence."""
+def ask(kind: str, case: Case) -> Line:
+    """Test a set for a dependence."""
     drops = made(**case)
     drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds())
-    found = None if drift is not None else serial_dependence(drops, Thresholds())
-    return _line(case, drift, found, [] if found is None else [str(found.variable)])
-
-
-def ask_state(case: Case) -> Line:
-    """Test a set for state dependence."""
-    drops = made(**case)
-    drift = drifts(drops.fit, drops.impacts, FitOptions(), Thresholds())
-    found = state_dependence(drops, Thresholds(), 1 if drift is None else drift.block)
-    return _line(case, drift, found, [] if found is None else sorted(one.symbol for one in found.variables))
-
-
-def _line(case: Case, drift: object, found: Any, variables: list[str]) -> Line:
-    line = {"case": case, "drifts": drift is not None, "found": None, "variables": variables, "large": False}
+    line = {"case": case, "drifts": drift is not None, "found": None, "variables": [], "large": False}
+    if kind == "state":
+        found = state_dependence(drops, Thresholds(), 1 if drift is None else drift.block)
+    else:
+        found = None if drift is not None else serial_dependence(drops, Thresholds())
     if found is None:
         return line
+    line["variables"] = sorted(one.symbol for one in found.variables) if kind == "state" else [str(found.variable)]
     coefficient = "velocity" if found.coefficient is None else str(found.coefficient)
     return line | {"found": coefficient, "p": found.p_value, "share": found.share.mean, "large": found.large}
 
 
-@dataclass(frozen=True)
-class Dependence:
-    """A kind of dependence: its sets and its test."""
-
-    nulls: Callable[[int], Iterator[Case]]
-    planted: Callable[[int], Iterator[Case]]
-    ask: Callable[[Case], Line]
-
-
-KINDS = {
-    "serial": Dependence(serial_nulls, serial_planted, ask_serial),
-    "state": Dependence(state_nulls, state_planted, ask_state),
-}
+NULLS = {"serial": serial_nulls, "state": state_nulls}
 QUESTIONS: dict[str, Callable[[Line], bool]] = {
     "dependence found": lambda line: line["found"] is not None,
     "so large that the verdict is unknown": lambda line: line["large"],
@@ -195,20 +161,20 @@ def drivers(lines: Sequence[Line]) -> str:
 def main() -> None:
     """Test the sets that the file has no line for, then print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=KINDS, nargs="?", default="serial")
+    parser.add_argument("kind", choices=NULLS, nargs="?", default="serial")
     parser.add_argument("--answers", type=Path, help="file of finished sets, one JSON line each")
     parser.add_argument("--null", type=int, default=420)
     parser.add_argument("--planted", type=int, default=4)
     parser.add_argument("--table", action="store_true", help="only print the tables of the answers")
     options = parser.parse_args()
-    kind, path = KINDS[options.kind], options.answers
+    kind, path = options.kind, options.answers
     torch.set_num_threads(1)
     lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path and path.exists() else []
     known = {json.dumps(line["case"]) for line in lines}
-    cases = [] if options.table else [*kind.nulls(options.null), *kind.planted(options.planted)]
+    cases = [] if options.table else [*NULLS[kind](options.null), *planted(kind, options.planted)]
     with threadpool_limits(1):
         for case in track([case for case in cases if json.dumps(case) not in known], description="sets"):
-            lines.append(kind.ask(case))
+            lines.append(ask(kind, case))
             if path:
                 with path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(lines[-1]) + "\n")

@@ -14,7 +14,6 @@ seed law and effect are fitted jointly to new trials and tested on 2000 others.
 """
 
 import argparse
-from collections.abc import Iterator
 
 import torch
 from torch import Tensor
@@ -30,12 +29,6 @@ from contactlearn.simulation import synthetic
 MU, EPS, LAW = 0.15, 0.55, "wang_mason"
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
 SHARE = 1 / 3
-
-
-def cases() -> Iterator[Effect]:
-    """Every effect in each of its forms."""
-    for forms in catalogue().values():
-        yield from (form() for form in forms)
 
 
 def drops(effect: Effect, theta: Tensor, size: int, seed: int) -> Impacts:
@@ -119,7 +112,8 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of effects")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    chosen = [effect for effect in cases() if not options.only or effect.name in options.only]
+    every = (form() for forms in catalogue().values() for form in forms)
+    chosen = [effect for effect in every if not options.only or effect.name in options.only]
     print("| effect | planted | share of the error | recovered | se ratio | excess |\n|---|---|---|---|---|---|")
     for row in run(table_row, [(effect, options.trials, options.seeds) for effect in chosen], options.workers):
         print(row, flush=True)

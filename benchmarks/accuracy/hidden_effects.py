@@ -51,11 +51,9 @@ MUJOCO = {
     "gravity_impulse": ({"delay": 0.008}, {"dt": 0.008}),
 }
 DEGREES = torch.tensor((1.0, 1.0, 180 / math.pi), dtype=torch.float64)
+INVOLUTIONS = ("mirrored_x", "mirrored_theta", "contact_point_sign", "swapped_pre_post")
 CORRUPTIONS = {
-    **{
-        name: lambda d, name=name: correct(d, [name]) for name in ("mirrored_x", "mirrored_theta")
-    },  # their own inverses
-    **{name: lambda d, name=name: correct(d, [name]) for name in ("contact_point_sign", "swapped_pre_post")},
+    **{name: lambda d, name=name: correct(d, [name]) for name in INVOLUTIONS},
     "degrees": lambda d: d.replace(q=d.q * DEGREES, v_pre=d.v_pre * DEGREES, v_post=d.v_post * DEGREES),
     "millimetres": lambda d: d.replace(q=d.q * 1e3 / torch.tensor((1.0, 1.0, 1e3)), r=d.r * 1e3),
 }

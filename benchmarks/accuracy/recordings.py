@@ -9,20 +9,23 @@ Wilson's 95 % intervals.
 
 import argparse
 import math
+import sys
 import tempfile
 import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import torch
 
+from blind.report import wilson
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import Z_95
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.flights import find_flights
-from contactlearn.data.recordings.track import Track, continuous, turn
+from contactlearn.data.recordings.track import turn
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
@@ -30,6 +33,9 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Ellipse, contact_point
 from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
+from sensitivity.studies.flights import flat
+from speed.harness import header
+from speed.harness import row as printed
 
 CHI_3 = 7.815
 PLAIN = Camera()
@@ -48,78 +54,62 @@ GRID = {
 }
 
 
-def wilson(good: int, of: int) -> str:
+def share(good: int, of: int) -> str:
     """Share with its 95 % interval."""
-    if not of:
-        return "–"
-    p, z = good / of, Z_95
-    middle, half = (
-        (p + z * z / 2 / of) / (1 + z * z / of),
-        z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / 4 / of**2),
-    )
-    return f"{100 * p:.1f} [{100 * max(middle - half, 0):.1f}, {100 * min(middle + half, 1):.1f}]"
+    return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * x for x in (good / of, *wilson(good, of)))) if of else "–"
+
+
+def nearest(truth: TrueContacts, recording: int, time: float) -> int:
+    """Number of the true contact of a recording that is nearest in time, −1 where it has none."""
+    mine = np.flatnonzero(truth.recording == recording)
+    return int(mine[np.abs(truth.time[mine] - time).argmin()]) if len(mine) else -1
 
 
 def contacts(size: int, seed: int) -> None:
     """A row of the table for every camera."""
-    titles = (
-        "tracks",
-        "found, %",
-        "false, %",
-        "v_pre in its region, %",
-        "v_post, %",
-        "largest bias, σ",
-        "instant, frames",
-    )
-    print(f"| {' | '.join((*titles, 'missing right, %', 'ms'))} |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    header(
+        "tracks", "found, %", "false, %", "v_pre in its region, %", "v_post, %", "largest bias, σ", "instant, frames",
+        "missing right, %", "ms",
+    )  # fmt: skip
     for number, (name, camera) in enumerate(GRID.items()):
-        print(f"| {name} | {row(size, camera, seed + number)} |", flush=True)
+        printed(name, *row(size, camera, seed + number))
 
 
-def row(size: int, camera: Camera, seed: int) -> str:
+def row(size: int, camera: Camera, seed: int) -> tuple[str, ...]:
     """Everything that is measured with one camera."""
     recordings, truth = simulate(size, camera, seed=seed)
     found, false, errors, inside, instants, missing, accepted, spent = set(), 0, [], [], [], 0, 0, 0.0
     widths = []
     for k, recording in enumerate(recordings):
         start = time.process_time()
-        pose = np.column_stack((recording.position, continuous(recording.angle, recording.time)))
-        zero = np.zeros(len(pose))
-        track = Track(name=recording.name, time=recording.time, pose=pose, apart=zero, tilted=zero)
+        track = flat(recording)
         result = find_contacts(track)
         spent += time.process_time() - start
         width = find_flights(track).width
-        mine = np.flatnonzero(truth.recording == k)
-        widths.append((mine, width))
+        widths.append((np.flatnonzero(truth.recording == k), width))
         for contact in result.contacts:
             accepted += 1
-            j = int(mine[np.abs(truth.time[mine] - contact.time).argmin()]) if len(mine) else -1
+            j = nearest(truth, k, contact.time)
             if j < 0 or abs(truth.time[j] - contact.time) > 0.5 / camera.rate or truth.frames[j].min() < width - 2:
                 false += 1
                 continue
             found.add(j)
             error = np.concatenate((contact.v_pre - truth.v_pre[j], contact.v_post - truth.v_post[j]))
-            errors.append(error / np.sqrt(contact.covariance.diagonal()[:6]))
-            inside.append(
-                [
-                    error[s] @ np.linalg.solve(contact.covariance[s, s], error[s]) < CHI_3
-                    for s in (slice(3), slice(3, 6))
-                ]
-            )
+            covariance, halves = contact.covariance, (slice(3), slice(3, 6))
+            errors.append(error / np.sqrt(covariance.diagonal()[:6]))
+            inside.append([error[s] @ np.linalg.solve(covariance[s, s], error[s]) < CHI_3 for s in halves])
             instants.append((contact.time - truth.time[j]) * camera.rate)
             missing += contact.missing == truth.skipped[j]
     clean = {int(j) for mine, width in widths for j in mine if truth.frames[j].min() >= width + 1}
     held = np.array(inside)
     bias = np.abs(np.mean(errors, 0)).max()
     rms = math.sqrt(np.mean(np.square(instants)))
-    cells = (
-        wilson(len(found & clean), len(clean)), wilson(false, accepted), wilson(int(held[:, 0].sum()), len(held)),
-        wilson(int(held[:, 1].sum()), len(held)), f"{bias:.2f} ± {1 / math.sqrt(len(errors)):.2f}",
-        f"{rms:.3f}, at most {np.abs(instants).max():.2f}", wilson(int(missing), len(errors)),
+    return (
+        share(len(found & clean), len(clean)), share(false, accepted), share(int(held[:, 0].sum()), len(held)),
+        share(int(held[:, 1].sum()), len(held)), f"{bias:.2f} ± {1 / math.sqrt(len(errors)):.2f}",
+        f"{rms:.3f}, at most {np.abs(instants).max():.2f}", share(int(missing), len(errors)),
         f"{1e3 * spent / size:.0f}",
     )  # fmt: skip
-    return " | ".join(cells)
 
 
 def turned(degrees: float, axes) -> tuple:
@@ -152,10 +142,10 @@ CONVENTIONS = {
 
 def conventions(size: int, seed: int, sets: int = 10) -> None:
     """Outcomes of sets of recordings with wrong or unstated conventions: right, caught or requested, wrong."""
-    print("| recordings | found and right | caught or requested | wrong |\n| --- | --- | --- | --- |")
+    header("recordings", "found and right", "caught or requested", "wrong")
     for number, (name, (camera, settings)) in enumerate(CONVENTIONS.items()):
         outcomes = Counter(outcome(size, camera, settings, seed + 100 * number + k) for k in range(sets))
-        print(f"| {name} | {outcomes['right']} | {outcomes['caught']} | {outcomes['wrong']} |", flush=True)
+        printed(name, *(outcomes[how] for how in ("right", "caught", "wrong")))
 
 
 def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
@@ -169,12 +159,10 @@ def outcome(size: int, camera: Camera, settings: dict, seed: int) -> str:
             return "caught"
     scores = []
     for contact in found.survey.contacts:
-        mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
-        j = mine[np.abs(truth.time[mine] - contact.time).argmin()]
+        j = nearest(truth, int(contact.recording) - 1, contact.time)
         scores.append(np.abs(contact.v_pre - truth.v_pre[j]) / np.sqrt(contact.covariance.diagonal()[:3]))
-        scores.append(
-            abs(turn(2 * (contact.pose[2] - truth.q[j, 2]))) / 0.02 * np.ones(3)
-        )  # of an ellipse, up to half a turn
+        off = abs(turn(2 * (contact.pose[2] - truth.q[j, 2])))  # of an ellipse, up to half a turn
+        scores.append(off / 0.02 * np.ones(3))
     return "right" if np.median(scores) < 2 else "wrong"
 
 
@@ -190,7 +178,7 @@ PLANTED = {
 
 def diagnosis(size: int, seed: int, sets: int = 2) -> None:
     """Names found from recordings, and from true states of the same impacts with noise of the stated covariances."""
-    print("| planted | impacts | from recordings | from a table |\n| --- | --- | --- | --- |")
+    header("planted", "impacts", "from recordings", "from a table")
     for number, (name, values) in enumerate([("nothing", {}), *PLANTED.items()]):
         effects = {name: find_effect(name)(**values)} if values else {}
         for k in range(sets):
@@ -198,16 +186,13 @@ def diagnosis(size: int, seed: int, sets: int = 2) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 write_recordings(recordings, Path(folder))
                 found = find_impacts(folder, mass=MASS, shape=Ellipse(SEMI_AXES))
-            answers = [named(impacts) for impacts in (found.impacts, tabled(found, truth, seed + k))]
-            print(f"| {name} | {len(found.impacts)} | {answers[0]} | {answers[1]} |", flush=True)
+            printed(name, len(found.impacts), named(found.impacts), named(tabled(found, truth, seed + k)))
 
 
 def tabled(found: Tracked, truth: TrueContacts, seed: int) -> Impacts:
     """The true states of the impacts that were found, with noise of their covariances."""
-    impacts, rows = found.impacts, []
-    for contact in found.survey.contacts:
-        mine = np.flatnonzero(truth.recording == int(contact.recording) - 1)
-        rows.append(mine[np.abs(truth.time[mine] - contact.time).argmin()])
+    impacts = found.impacts
+    rows = [nearest(truth, int(contact.recording) - 1, contact.time) for contact in found.survey.contacts]
     generator = torch.Generator().manual_seed(seed)
     noisy = {}
     for when in ("v_pre", "v_post"):

@@ -75,8 +75,7 @@ class Answer:
 def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
     """Write down what a diagnosis concludes."""
     remainder, missing = found.remainder, found.missing
-    serial = None if remainder is None else remainder.serial_dependence
-    state = None if remainder is None else remainder.state_dependence
+    serial, state = (None, None) if remainder is None else (remainder.serial_dependence, remainder.state_dependence)
     learnt = sorted(remainder.variables, key=lambda one: -one.share) if remainder and remainder.predictable else []
     named = 0.0 if found.budget is None else found.budget.named.mean
     return Answer(

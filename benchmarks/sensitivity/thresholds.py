@@ -24,17 +24,7 @@ from rich.progress import track
 from threadpoolctl import threadpool_limits
 
 from contactlearn.inference.learning.curves import run
-from sensitivity.studies import (
-    conventions,
-    dependences,
-    fits,
-    flights,
-    frames,
-    measurements,
-    residuals,
-    rivals,
-    search,
-)
+from sensitivity.studies import conventions, dependences, fits, flights, frames, measurements, residuals, rivals, search
 from sensitivity.study import AllThresholds, Case, Study, paths, replaced
 
 FOLDER = Path(__file__).parent

@@ -15,7 +15,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import torch
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.core import devices
@@ -29,7 +28,7 @@ from contactlearn.models.gp.sparse import SparseGPs
 from contactlearn.simulation import synthetic
 from speed.gp_fits import draw, ours
 from speed.harness import drops as load
-from speed.harness import header, interleaved, medians, parser, row, timed
+from speed.harness import header, interleaved, medians, parsed, parser, row, timed
 from speed.joint_fit import measured
 from speed.law_rates import ellipse_contacts
 
@@ -108,28 +107,22 @@ def main() -> None:
     options = parser(__doc__, rounds=5)
     options.add_argument("--device", choices=devices.NAMES, default="auto")
     options.add_argument("--threads", type=int, default=1, help="of the CPU")
-    options = options.parse_args()
-    torch.set_num_threads(options.threads)
+    options = parsed(options)
     cpu, other = torch.device("cpu"), devices.find(options.device)
-    compared = [cpu] if other.type == "cpu" else [cpu, other]
-    print(f"torch {torch.__version__}, {options.threads} thread(s), {' and '.join(map(devices.described, compared))}")
-    if len(compared) == 1:
+    both = [cpu] if other.type == "cpu" else [cpu, other]
+    print(f"torch {torch.__version__}, {options.threads} thread(s), {' and '.join(map(devices.described, both))}")
+    if len(both) == 1:
         print("no GPU that PyTorch sees: the CPU alone")
-    header(
-        "work",
-        *(f"{device.type}, s" for device in compared),
-        *("ratio", "relative difference")[: 2 * len(compared) - 2],
-    )
-    with threadpool_limits(options.threads):
-        for name, work in works(options.quick).items():
-            results = {device: clock(work, device)[0] for device in compared}  # warm up
-            clocks = {device: lambda work=work, device=device: clock(work, device)[1] for device in compared}
-            times = medians(interleaved(clocks, 1 if options.quick else options.rounds))
-            cells = [f"{time:.4f}" for time in times.values()]
-            if len(compared) > 1:
-                difference = (results[other] - results[cpu]).abs().max() / results[cpu].abs().max()
-                cells += [f"{times[cpu] / times[other]:.2f}", f"{difference:.1e}"]
-            row(name, *cells)
+    header("work", *(f"{device.type}, s" for device in both), *("ratio", "relative difference")[: 2 * len(both) - 2])
+    for name, work in works(options.quick).items():
+        results = {device: clock(work, device)[0] for device in both}  # warm up
+        clocks = {device: lambda work=work, device=device: clock(work, device)[1] for device in both}
+        times = medians(interleaved(clocks, options.rounds))
+        cells = [f"{time:.4f}" for time in times.values()]
+        if len(both) > 1:
+            difference = (results[other] - results[cpu]).abs().max() / results[cpu].abs().max()
+            cells += [f"{times[cpu] / times[other]:.2f}", f"{difference:.1e}"]
+        row(name, *cells)
 
 
 if __name__ == "__main__":

@@ -30,11 +30,10 @@ from gpytorch.kernels import RBFKernel, ScaleKernel
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
 from scipy.linalg import lapack
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.models.gp.evidence import LogEvidence
-from speed.harness import header, interleaved, medians, parser, repeated, row
+from speed.harness import header, interleaved, medians, parsed, parser, repeated, row
 
 SIZES = (50, 100, 200, 450, 1000)
 BATCH, INPUTS = 30, 5
@@ -82,6 +81,27 @@ def covariance(inputs: int, batch: torch.Size) -> ScaleKernel:
     return ScaleKernel(RBFKernel(ard_num_dims=inputs, batch_shape=batch), batch_shape=batch)
 
 
+def single_task(x: Tensor, y: Tensor, kernel: ScaleKernel, likelihood: GaussianLikelihood) -> gpytorch.models.ExactGP:
+    """BoTorch's model of y [n] or [O, n]."""
+    from botorch.models import SingleTaskGP
+
+    y = y.reshape(-1, y.shape[-1]).mT
+    parts = {"likelihood": likelihood, "covar_module": kernel, "mean_module": gpytorch.means.ZeroMean()}
+    return SingleTaskGP(x, y, **parts, outcome_transform=None)
+
+
+def adam(model: gpytorch.models.ExactGP, steps: int = 100) -> Tensor:
+    """Train by GPyTorch's usual loop with learning rate 0.1; return the last losses a point."""
+    mll = ExactMarginalLogLikelihood(model.likelihood, model.train())
+    optimiser = torch.optim.Adam(model.parameters(), lr=0.1)
+    for _ in range(steps):
+        optimiser.zero_grad()
+        loss = -mll(model(*model.train_inputs), model.train_targets)
+        loss.sum().backward()
+        optimiser.step()
+    return loss.detach()
+
+
 def set_parameters(model: gpytorch.models.ExactGP, phi: Tensor) -> None:
     """From φ [..., D + 2]: the logarithms of length scales, output scale and noise variance."""
     theta = phi.exp()
@@ -113,20 +133,12 @@ def gpytorch_autograd(problem: Problem, rows: int | None = None) -> Evaluation:
 
 def botorch(problem: Problem) -> Evaluation:
     """The function that BoTorch gives to L-BFGS-B."""
-    from botorch.models import SingleTaskGP
     from botorch.optim.closures import get_loss_closure_with_grads
     from botorch.optim.closures.core import NdarrayOptimizationClosure
 
     x, y = problem.x[0], problem.y[0]
     with warnings.catch_warnings(action="ignore"):  # that y is not exactly standardised
-        model = SingleTaskGP(
-            x,
-            y[:, None],
-            likelihood=GaussianLikelihood(),
-            covar_module=covariance(INPUTS, torch.Size()),
-            mean_module=gpytorch.means.ZeroMean(),
-            outcome_transform=None,
-        )
+        model = single_task(x, y, covariance(INPUTS, torch.Size()), GaussianLikelihood())
     set_parameters(model, problem.phi)
     mll = ExactMarginalLogLikelihood(model.likelihood, model).train()
     parameters = dict(mll.named_parameters())
@@ -208,11 +220,10 @@ def measure(n: int, rounds: int) -> dict[str, float]:
 
 
 def main() -> None:
-    options = parser(__doc__, rounds=9).parse_args()
-    sizes, rounds = (SIZES[:2], 1) if options.quick else (SIZES, options.rounds)
-    torch.set_num_threads(1)
-    with threadpool_limits(1), gpytorch.settings.max_cholesky_size(10**6):
-        columns = {n: measure(n, rounds) for n in sizes}
+    options = parsed(parser(__doc__, rounds=9))
+    sizes = SIZES[:2] if options.quick else SIZES
+    with gpytorch.settings.max_cholesky_size(10**6):
+        columns = {n: measure(n, options.rounds) for n in sizes}
     header("× the limit", *(f"n = {n}" for n in sizes))
     row("limit, ms", *(f"{1e3 * columns[n]['limit']:.3f}" for n in sizes))
     for name in [name for name in columns[sizes[0]] if name != "limit"]:

@@ -26,6 +26,7 @@ of the mean, root mean square over 500 other drops.  "!" marks a missed requirem
 import sys
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -37,7 +38,6 @@ from gpytorch.constraints import GreaterThan
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
 from scipy.optimize import minimize as scipy_minimize
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from contactlearn.mechanics.impacts import Impacts
@@ -47,8 +47,8 @@ from contactlearn.models.gp.exact import ExactGPs
 from contactlearn.models.gp.processes import LENGTH, NOISE, SCALE, first_lengths
 from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.standardisation import Standardisation
-from speed.gp_evidence import ZeroMeanGP, covariance, set_parameters
-from speed.harness import drops, header, interleaved, medians, parser, row, timed
+from speed.gp_evidence import ZeroMeanGP, adam, covariance, set_parameters, single_task
+from speed.harness import compared, drops, header, parsed, parser, row
 
 SEEDS, HELD_OUT, MORE_STARTS = 10, 500, 10
 RIVAL_SEEDS = {100: SEEDS, 450: 2}
@@ -108,7 +108,6 @@ def lbfgsb(x: Tensor, y: Tensor) -> Tensor:
 def botorch(x: Tensor, y: Tensor, logarithms: bool = True) -> Tensor:
     """φ [D + 2] from y [n], or [O, D + 2] from y [O, n]."""
     from botorch.fit import fit_gpytorch_mll
-    from botorch.models import SingleTaskGP
     from botorch.utils.constraints import LogTransformedInterval
 
     batch, kernel = y.shape[:-1], covariance(x.shape[-1], y.shape[:-1])
@@ -117,14 +116,7 @@ def botorch(x: Tensor, y: Tensor, logarithms: bool = True) -> Tensor:
         kernel.base_kernel.register_constraint("raw_lengthscale", LogTransformedInterval(*LENGTH, initial_value=1.0))
         kernel.register_constraint("raw_outputscale", LogTransformedInterval(*SCALE, initial_value=1.0))
         likelihood.noise_covar.register_constraint("raw_noise", LogTransformedInterval(*NOISE, initial_value=0.1))
-    model = SingleTaskGP(
-        x,
-        y.reshape(-1, y.shape[-1]).mT,
-        likelihood=likelihood,
-        covar_module=kernel,
-        mean_module=gpytorch.means.ZeroMean(),
-        outcome_transform=None,
-    )
+    model = single_task(x, y, kernel, likelihood)
     fit_gpytorch_mll(ExactMarginalLogLikelihood(likelihood, model))
     return parameters(model)
 
@@ -152,15 +144,8 @@ def gpy(x: Tensor, y: Tensor) -> Tensor:
     return torch.from_numpy(np.concatenate((kernel.lengthscale, kernel.variance, model.likelihood.variance))).log()
 
 
-def adam(x: Tensor, y: Tensor) -> Tensor:
-    model = ZeroMeanGP(x, y).train()
-    mll = ExactMarginalLogLikelihood(model.likelihood, model)
-    optimizer = torch.optim.Adam(model.parameters(), lr=0.1)
-    for _ in range(100):
-        optimizer.zero_grad()
-        loss = -mll(model(x), y)
-        loss.backward()
-        optimizer.step()
+def adam_fit(x: Tensor, y: Tensor) -> Tensor:
+    adam(model := ZeroMeanGP(x, y))
     return parameters(model)
 
 
@@ -172,7 +157,7 @@ METHODS: dict[str, Method] = {
     "BoTorch, batch": botorch_batch,
     "scikit-learn": one_by_one(scikit_learn),
     "GPy": one_by_one(gpy),
-    "Adam, 100 steps": one_by_one(adam),
+    "Adam, 100 steps": one_by_one(adam_fit),
 }
 
 
@@ -224,20 +209,15 @@ class Judge:
 def measure(impacts: Impacts, n: int, seeds: int, rounds: int) -> tuple[dict[str, float], dict[str, Tensor], Judge]:
     """Return the median seconds a process and φ by method; rivals are compared on the first seeds of "ours"."""
     x, y, *held_out = draw(impacts, n)
-    jobs, phi = {"ours, all seeds": (ours, x, y)}, {}
+    jobs = {"ours, all seeds": partial(fit, ours, x, y)}
     for name, method in METHODS.items():
         try:
             fit(method, x[:1, :20], y[:1, :, :20])  # warm up
-            jobs[name] = method, x[:seeds], y[:seeds]
+            jobs[name] = partial(fit, method, x[:seeds], y[:seeds])
         except ImportError as error:
             print(f"{name} is left out: {error}", file=sys.stderr)
-
-    def clock(name: str) -> float:
-        phi[name], seconds = timed(fit, *jobs[name])
-        return seconds / phi[name].shape[:2].numel()
-
-    times = interleaved({name: lambda name=name: clock(name) for name in jobs}, rounds)
-    return medians(times), phi, Judge(x, y, *held_out)
+    phi, seconds = compared(jobs, rounds)
+    return {name: seconds[name] / phi[name].shape[:2].numel() for name in jobs}, phi, Judge(x, y, *held_out)
 
 
 def fit(method: Method, x: Tensor, y: Tensor) -> Tensor:
@@ -268,14 +248,13 @@ def report(impacts: Impacts, n: int, seeds: int, rounds: int) -> None:
 def main() -> None:
     options = parser(__doc__, rounds=3)
     options.add_argument("--data", choices=("published", "mirrored", "synthetic"), default="published")
-    options = options.parse_args()
-    torch.set_num_threads(1)
+    options = parsed(options)
     impacts = drops(options.data)
     print(f"{impacts}; one thread")
-    sizes, rounds = ({30: 1}, 1) if options.quick else (RIVAL_SEEDS, options.rounds)
-    with threadpool_limits(1), gpytorch.settings.max_cholesky_size(10**6):
+    sizes = {30: 1} if options.quick else RIVAL_SEEDS
+    with gpytorch.settings.max_cholesky_size(10**6):
         for n, seeds in sizes.items():
-            report(impacts, n, seeds, rounds)
+            report(impacts, n, seeds, options.rounds)
 
 
 if __name__ == "__main__":

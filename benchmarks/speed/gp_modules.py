@@ -1,4 +1,4 @@
-"""Training with a kernel of GPyTorch's, against GPyTorch used by hand: processor time and the loss that is reached.
+"""Training with a kernel of GPyTorch's, against GPyTorch used by hand: time and the loss that is reached.
 
     python benchmarks/speed/gp_modules.py [--rounds 5] [--quick]
 
@@ -9,41 +9,30 @@ from one start.  Required: ours within 1.2 times of by hand.  One thread.
 """
 
 import sys
-import time
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import gpytorch
-import torch
 from gpytorch.kernels import MaternKernel, ScaleKernel
 from torch import Tensor
 
 from contactlearn.models.gp.exact import ExactGPs, checked_options
 from contactlearn.models.process_options import ProcessOptions
-from speed.gp_evidence import ZeroMeanGP
+from speed.gp_evidence import ZeroMeanGP, adam
 from speed.gp_fits import draw
-from speed.harness import drops, header, interleaved, medians, parser, row
+from speed.harness import compared, drops, header, parsed, parser, row
 
 REQUIRED = 1.2
 KERNEL = {"_target_": "gpytorch.kernels.MaternKernel", "nu": 1.5}
 
 
 def by_hand(x: Tensor, y: Tensor, steps: int) -> float:
-    """Mean loss per point after so many steps."""
+    """Mean loss per point after so many steps of Adam."""
     model = ZeroMeanGP(x[:, None].expand(*y.shape, x.shape[-1]), y)
     batch = y.shape[:-1]
     model.covar_module = ScaleKernel(MaternKernel(1.5, ard_num_dims=x.shape[-1], batch_shape=batch), batch_shape=batch)
-    model = model.double().train()
-    mll = gpytorch.mlls.ExactMarginalLogLikelihood(model.likelihood, model)
-    optimiser = torch.optim.Adam(model.parameters(), lr=0.1)
-    for _ in range(steps):
-        optimiser.zero_grad()
-        loss = -mll(model(*model.train_inputs), y)
-        loss.sum().backward()
-        optimiser.step()
-    return loss.mean().item()
+    return adam(model.double(), steps).mean().item()
 
 
 def ours(x: Tensor, y: Tensor, **optimiser: object) -> float:
@@ -53,23 +42,15 @@ def ours(x: Tensor, y: Tensor, **optimiser: object) -> float:
 
 
 def main() -> None:
-    options = parser(__doc__, rounds=5).parse_args()
-    torch.set_num_threads(1)
+    options = parsed(parser(__doc__, rounds=5))
     n, steps = (20, 5) if options.quick else (150, 50)
     x, y, *_ = draw(drops(), n)
-    methods: dict[str, Callable[[], float]] = {
-        "by hand": lambda: by_hand(x, y, steps),
-        "ours": lambda: ours(x, y, _target_="torch.optim.Adam", lr=0.1, iterations=steps),
-        "ours, BFGS": lambda: ours(x, y),
+    methods = {
+        "by hand": partial(by_hand, x, y, steps),
+        "ours": partial(ours, x, y, _target_="torch.optim.Adam", lr=0.1, iterations=steps),
+        "ours, BFGS": partial(ours, x, y),
     }
-    losses = {}
-
-    def clock(name: str) -> float:
-        start = time.process_time()
-        losses[name] = methods[name]()
-        return time.process_time() - start
-
-    seconds = medians(interleaved({name: lambda name=name: clock(name) for name in methods}, options.rounds))
+    losses, seconds = compared(methods, options.rounds)
     header("", "s", "ratio", "nats a point")
     for name, time_ in seconds.items():
         ratio = time_ / seconds["by hand"]

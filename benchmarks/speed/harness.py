@@ -1,4 +1,4 @@
-"""Shared parts of the speed benchmarks: options, interleaved rounds, medians, published drops, Markdown rows.
+"""Shared parts of the speed benchmarks: options, threads, interleaved rounds, medians, published drops, Markdown rows.
 
 All methods run once a round, one after the other, because the pace of a machine drifts; medians are over the rounds.
 """
@@ -7,9 +7,11 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 import torch
+from threadpoolctl import threadpool_limits
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import ellipse_drops
@@ -24,6 +26,16 @@ def parser(doc: str, rounds: int) -> argparse.ArgumentParser:
     found = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     found.add_argument("--rounds", type=int, default=rounds, help="interleaved rounds, each of all methods")
     found.add_argument("--quick", action="store_true", help="a small size and one round: does it run?")
+    return found
+
+
+def parsed(options: argparse.ArgumentParser) -> argparse.Namespace:
+    """Parse the command line: one round under --quick, and PyTorch and BLAS get one thread, or --threads."""
+    found = options.parse_args()
+    found.rounds = 1 if found.quick else found.rounds
+    threads = getattr(found, "threads", 1)
+    torch.set_num_threads(threads)
+    threadpool_limits(threads)
     return found
 
 
@@ -51,6 +63,17 @@ def interleaved(clocks: Mapping[Key, Callable[[], float]], rounds: int) -> dict[
 def medians(times: Mapping[Key, list[float]]) -> dict[Key, float]:
     """Return the median of each method's seconds."""
     return {name: statistics.median(values) for name, values in times.items()}
+
+
+def compared(methods: Mapping[Key, Callable[[], Any]], rounds: int) -> tuple[dict[Key, Any], dict[Key, float]]:
+    """Run every method once a round; return their last results and their median seconds."""
+    results: dict[Key, Any] = {}
+
+    def clock(name: Key) -> float:
+        results[name], taken = timed(methods[name])
+        return taken
+
+    return results, medians(interleaved({name: partial(clock, name) for name in methods}, rounds))
 
 
 def repeated(function: Callable[[], Any], count: int) -> Callable[[], float]:

@@ -21,12 +21,10 @@ BLAS included: the pool of SciPy's own linear algebra makes L-BFGS-B up to 50 ti
 """
 
 import math
-import os
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")  # before NumPy and torch are loaded
 
 import numpy as np
 import torch
@@ -34,7 +32,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.laws import find
-from speed.harness import drops, header, interleaved, medians, parser, repeated, row, timed
+from speed.harness import drops, header, interleaved, medians, parsed, parser, repeated, row, timed
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))
@@ -43,24 +41,18 @@ EIGHT = [(mu, eps) for mu in (0.02, 0.1, 0.3, 0.8) for eps in (0.35, 0.65)]
 STEP = 1e-7
 
 
-def whittaker(w_tt, w_tn, w_nn, v_t, v_n, mu, eps):
+def whittaker(w_tt, w_tn, w_nn, v_t, v_n, mu, eps, against_slip=True):
     target, det = -(1 + eps) * v_n, w_tt * w_nn - w_tn * w_tn
     t, n = -(w_nn * v_t + w_tn * target) / det, (w_tt * target + w_tn * v_t) / det
     if abs(t) <= mu * n:
         return t, n
-    slope = math.copysign(mu, v_t)
+    slope = math.copysign(mu, v_t if against_slip else -t)
     n = target / (w_nn - slope * w_tn)
     return -slope * n, n
 
 
-def anitescu_potra_newton(w_tt, w_tn, w_nn, v_t, v_n, mu, eps):
-    target, det = -(1 + eps) * v_n, w_tt * w_nn - w_tn * w_tn
-    t, n = -(w_nn * v_t + w_tn * target) / det, (w_tt * target + w_tn * v_t) / det
-    if abs(t) <= mu * n:
-        return t, n
-    slope = math.copysign(mu, -t)
-    n = target / (w_nn - slope * w_tn)
-    return -slope * n, n
+def anitescu_potra_newton(*contact):
+    return whittaker(*contact, against_slip=False)
 
 
 def wang_mason(w_tt, w_tn, w_nn, v_t, v_n, mu, eps):
@@ -176,14 +168,11 @@ def compare(name: str, impacts, rounds: int) -> bool:
 def main() -> int:
     options = parser(__doc__, rounds=3)
     options.add_argument("--published", action="store_true", help="the drops as published, x not mirrored")
-    options = options.parse_args()
-    torch.set_num_threads(1)
-    impacts, rounds = drops("published" if options.published else "mirrored"), options.rounds
-    if options.quick:
-        impacts, rounds = impacts[:60], 1
-    print(f"{impacts}; median of {rounds} rounds, one thread")
+    options = parsed(options)
+    impacts = drops("published" if options.published else "mirrored")[: 60 if options.quick else None]
+    print(f"{impacts}; median of {options.rounds} rounds, one thread")
     header("law", "method", "ms", "ratio", "mean error, mN s", "rival worse on", "ours worse on")
-    return 0 if all([compare(name, impacts, rounds) for name in LAWS]) else 1
+    return 0 if all([compare(name, impacts, options.rounds) for name in LAWS]) else 1
 
 
 if __name__ == "__main__":

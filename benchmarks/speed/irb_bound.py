@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix
 from contactlearn.inference.evaluation.bounds import NORMS, distance, irb
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from speed.harness import drops, header, interleaved, medians, parser, repeated, row, seconds
+from speed.harness import drops, header, interleaved, medians, parsed, parser, repeated, row, seconds
 
 BARS = {"irb": 1, "Clarabel, a trial": 60, "SLSQP, a trial": 250}
 """Required ratios, at least."""
@@ -32,15 +32,14 @@ BARS = {"irb": 1, "Clarabel, a trial": 60, "SLSQP, a trial": 250}
 def main() -> None:
     options = parser(__doc__, rounds=5)
     options.add_argument("--threads", type=int, default=2, help="torch threads")
-    options = options.parse_args()
-    torch.set_num_threads(options.threads)
+    options = parsed(options)
     impacts = drops()
     if options.quick:
         impacts = impacts[:60]
     print(impacts)
     header("norm", "method", "ms", "ratio", "required", "distance / irb − 1, lowest and highest")
     for norm in NORMS:
-        compare(impacts, norm, 1 if options.quick else options.rounds)
+        compare(impacts, norm, options.rounds)
     widths = torch.linspace(0, 0.02, 51, dtype=torch.float64)[:, None]
     irb(impacts, "mass", widths)
     print(f"\ncurve of the bound over {len(widths)} widths: {1e3 * seconds(irb, impacts, 'mass', widths):.0f} ms")

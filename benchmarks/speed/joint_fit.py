@@ -23,7 +23,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.models.contact_model import derivative, resolve
 from contactlearn.simulation import synthetic
-from speed.harness import header, interleaved, medians, parser, row, timed
+from speed.harness import compared, header, parsed, parser, row
 
 PLANTED = {
     "surface_tilt": (0.02,),
@@ -85,8 +85,7 @@ def rival(drops, effects, exact: bool):
 
 
 def main():
-    options = parser(__doc__, rounds=3).parse_args()
-    torch.set_num_threads(1)
+    options = parsed(parser(__doc__, rounds=3))
     drops, effects, theta = measured()
     drops, count = (drops[:200], 2) if options.quick else (drops, 20)
     orders = [torch.randperm(len(drops), generator=torch.Generator().manual_seed(k))[:100] for k in range(count)]
@@ -101,17 +100,10 @@ def main():
             "SciPy, exact derivatives": lambda parts=parts: torch.stack([rival(one, effects, True) for one in parts]),
             "SciPy, finite differences": lambda parts=parts: torch.stack([rival(one, effects, False) for one in parts]),
         }
-        off = {}
-
-        def clock(name, methods=methods, off=off, errors=fit.standard_errors):
-            values, seconds = timed(methods[name])
-            off[name] = ((values - theta) / errors).square().mean().sqrt().item()
-            return seconds
-
-        rounds = 1 if options.quick else options.rounds
-        times = medians(interleaved({name: lambda name=name: clock(name) for name in methods}, rounds))
+        values, times = compared(methods, options.rounds)
         for name, time in times.items():
-            row(task, name, f"{time:.2f}", f"{time / times['ours']:.1f}", f"{off[name]:.2f}")
+            off = ((values[name] - theta) / fit.standard_errors).square().mean().sqrt()
+            row(task, name, f"{time:.2f}", f"{time / times['ours']:.1f}", f"{off:.2f}")
 
 
 if __name__ == "__main__":

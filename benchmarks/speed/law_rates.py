@@ -24,7 +24,7 @@ from contacts import friction_lcp, lemke  # noqa: E402
 
 from contactlearn.laws import catalogue, find  # noqa: E402
 from contactlearn.mechanics import rigid_body  # noqa: E402
-from speed.harness import header, interleaved, parser, row, seconds  # noqa: E402
+from speed.harness import header, interleaved, parsed, parser, row, seconds  # noqa: E402
 
 try:
     import quadprog
@@ -86,9 +86,8 @@ def agree(W: torch.Tensor, v_c: torch.Tensor, mus: torch.Tensor, epses: torch.Te
 
 
 def main() -> int:
-    options = parser(__doc__, rounds=7).parse_args()
-    grid, rounds = (8, 2) if options.quick else (GRID, options.rounds)
-    torch.set_num_threads(1)
+    options = parsed(parser(__doc__, rounds=7))
+    grid = 8 if options.quick else GRID
     W, v_c = ellipse_contacts(TRIALS, seed=0)
     mus, epses = torch.linspace(0, 1.2, grid, dtype=torch.float64), torch.linspace(0, 1, grid, dtype=torch.float64)
     rng = np.random.default_rng(1)
@@ -113,10 +112,10 @@ def main() -> int:
         arrays = W.numpy(), v_c.numpy(), each[0].numpy()
         clocks["quadprog, one a contact"] = lambda: seconds(quadprog_loop, *arrays)
     clocks["writing the result"] = lambda: seconds(write, grid)
-    times = interleaved(clocks, rounds)
+    times = interleaved(clocks, options.rounds)
 
     print(f"\n{TRIALS} contacts x {grid} x {grid} (mu, eps) = {many / 1e6:.2f} million impulses a call")
-    print(f"median of {rounds} rounds, one thread, torch {torch.__version__}")
+    print(f"median of {options.rounds} rounds, one thread, torch {torch.__version__}")
     header("law", "variant", "million/s", "× Lemke", "required")
     missed = 0
     for case in cases:

@@ -13,9 +13,10 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 import warnings
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import gpytorch
 import torch
@@ -23,6 +24,8 @@ from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops
 from contactlearn.models.standardisation import Standardisation
+from speed.gp_evidence import ZeroMeanGP, adam
+from speed.harness import seconds
 
 SIZES = (10, 20, 50, 100, 150, 200, 300, 450)
 SEEDS = 10
@@ -30,35 +33,15 @@ OUTPUTS = 3 + 2 + 2 + 3 + 2 + 3 + 2 + 2  # of the eight models
 ROOT = Path(__file__).resolve().parents[2]
 
 
-class Process(gpytorch.models.ExactGP):
-    """What a tutorial writes."""
-
-    def __init__(self, x, y, likelihood):
-        super().__init__(x, y, likelihood)
-        self.mean_module = gpytorch.means.ConstantMean()
-        self.covar_module = gpytorch.kernels.ScaleKernel(gpytorch.kernels.RBFKernel(ard_num_dims=x.shape[-1]))
-
-    def forward(self, x):
-        return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
-
-
-def adam(x, y, x_test):
-    """Seconds to train one process with 100 steps of Adam and to predict."""
-    start = time.perf_counter()
-    likelihood = gpytorch.likelihoods.GaussianLikelihood()
-    model = Process(x, y, likelihood).double()
-    optimizer = torch.optim.Adam(model.parameters(), lr=0.1)
-    evidence = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, model)
-    for _ in range(100):
-        optimizer.zero_grad()
-        loss = -evidence(model(x), y)
-        loss.backward()
-        optimizer.step()
-    model.eval(), likelihood.eval()
+def process(x, y, x_test):
+    """Train one process with 100 steps of Adam as a tutorial does, and predict."""
+    model = ZeroMeanGP(x, y)
+    model.mean_module = gpytorch.means.ConstantMean().double()
+    adam(model)
+    model.eval()
     with torch.no_grad():
-        prediction = likelihood(model(x_test))
-        _ = prediction.mean, prediction.variance
-    return time.perf_counter() - start
+        prediction = model.likelihood(model(x_test))
+        return prediction.mean, prediction.variance
 
 
 def usual_way():
@@ -71,9 +54,10 @@ def usual_way():
         x = pool.features("x1").values[order[:size]]
         scale = Standardisation.of(x)
         y = Standardisation.of(pool.wrench[order[:size]]).apply(pool.wrench[order[:size]])
-        seconds = [adam(scale.apply(x), column, scale.apply(test.features("x1").values)) for column in y.T]
-        total += SEEDS * OUTPUTS * statistics.median(seconds)
-        print(f"  {size:4d} trials: {1e3 * statistics.median(seconds):6.0f} ms a process")
+        x, x_test = scale.apply(x), scale.apply(test.features("x1").values)
+        median = statistics.median(seconds(process, x, column, x_test) for column in y.T)
+        total += SEEDS * OUTPUTS * median
+        print(f"  {size:4d} trials: {1e3 * median:6.0f} ms a process")
     return total
 
 
@@ -81,18 +65,16 @@ def ours():
     """Wall seconds of the command."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "evaluate.py", "data=ellipse_drops", f"hydra.run.dir={folder}"]
-        start = time.perf_counter()
-        subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        return time.perf_counter() - start
+        return seconds(lambda: subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.DEVNULL))
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     torch.set_num_threads(1)
     threadpool_limits(1)
-    seconds = [ours() for _ in range(2)]
-    print(f"ours: {', '.join(f'{x:.0f}' for x in seconds)} s from the shell to the last figure, one process a core")
+    runs = [ours() for _ in range(2)]
+    print(f"ours: {', '.join(f'{x:.0f}' for x in runs)} s from the shell to the last figure, one process a core")
     print("GPyTorch and Adam, 100 steps, one thread:")
     loop = usual_way()
     count = len(SIZES) * SEEDS * OUTPUTS
-    print(f"  {count} processes: {loop:.0f} s extrapolated, {loop / min(seconds):.0f} times ours, without figures")
+    print(f"  {count} processes: {loop:.0f} s extrapolated, {loop / min(runs):.0f} times ours, without figures")

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from contactlearn.__main__ import main
 from contactlearn.report.tensorboard import Tracker
-from speed.harness import header, parser, row
+from speed.harness import header, parsed, parser, row
 
 COMMANDS = {
     "`train.py`, 450 trials": ("train", "data.size=800", "model=x1_wrench", "train.size=450"),
@@ -61,11 +61,11 @@ def run(words):
 
 
 if __name__ == "__main__":
-    options = parser(__doc__, rounds=5).parse_args()
+    options = parsed(parser(__doc__, rounds=5))
     warnings.simplefilter("ignore")
     header("command", "whole run", "its record", "share")
     for name, words in COMMANDS.items():
         run(words)  # loads everything
-        found = [run(words) for _ in range(1 if options.quick else options.rounds)]
+        found = [run(words) for _ in range(options.rounds)]
         whole, record = sorted(found)[len(found) // 2]
         row(name, f"{whole:.2f} s", f"{1e3 * record:.0f} ms", f"{100 * record / whole:.1f} %")
