@@ -43,9 +43,8 @@ def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds
     rows = folds.fitted[:, :TRIALS]
     body = impacts.mass, impacts.inertia, impacts.r
     left = impacts.v_post - base.v_post
-    impulse = (rigid_body.effective_inertia(impacts.W) @ rigid_body.contact_velocity(impacts.r, left)[..., None])[
-        ..., 0
-    ]
+    at_contact = rigid_body.contact_velocity(impacts.r, left)[..., None]
+    impulse = (rigid_body.effective_inertia(impacts.W) @ at_contact)[..., 0]
     wrench = rigid_body.measured_wrench(*body, torch.zeros_like(left), left)
     errors = [folds.scores(mass_error(impacts, base))]
     for target in (impulse, wrench):

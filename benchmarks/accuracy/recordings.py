@@ -33,7 +33,8 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Ellipse, contact_point
 from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
-from sensitivity.studies.flights import flat
+from sensitivity.studies.flights import flat, nearest
+from sensitivity.studies.frames import spatial
 from speed.harness import header
 from speed.harness import row as printed
 
@@ -57,12 +58,6 @@ GRID = {
 def share(good: int, of: int) -> str:
     """Share with its 95 % interval."""
     return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * x for x in (good / of, *wilson(good, of)))) if of else "–"
-
-
-def nearest(truth: TrueContacts, recording: int, time: float) -> int:
-    """Number of the true contact of a recording that is nearest in time, −1 where it has none."""
-    mine = np.flatnonzero(truth.recording == recording)
-    return int(mine[np.abs(truth.time[mine] - time).argmin()]) if len(mine) else -1
 
 
 def contacts(size: int, seed: int) -> None:
@@ -112,13 +107,6 @@ def row(size: int, camera: Camera, seed: int) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def turned(degrees: float, axes) -> tuple:
-    """Axes of a tracker that is turned about up."""
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    about_up = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))
-    return tuple(map(tuple, np.asarray(axes) @ about_up))
-
-
 QUATERNION = {"columns": {"quaternion": ["q1", "q2", "q3", "q4"]}}
 MIRRORED = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 CONVENTIONS = {
@@ -128,10 +116,13 @@ CONVENTIONS = {
     "240/s for 250/s, unit stated": (replace(PLAIN, stated_rate=240.0), {"unit": "m"}),
     "30/s for 250/s": (replace(PLAIN, stated_rate=30.0), {}),
     "y down stated as up": (replace(PLAIN, axes=AXES["image"]), {"up": "y"}),
-    "space, y up, wxyz": (replace(PLAIN, axes=turned(20, AXES["y_up"])), QUATERNION),
-    "space, z up, xyzw": (replace(PLAIN, axes=turned(-35, AXES["z_up"]), order="xyzw", length=1e3), QUATERNION),
+    "space, y up, wxyz": (replace(PLAIN, axes=spatial(math.radians(20), AXES["y_up"])), QUATERNION),
+    "space, z up, xyzw": (
+        replace(PLAIN, axes=spatial(-math.radians(35), AXES["z_up"]), order="xyzw", length=1e3),
+        QUATERNION,
+    ),
     "xyzw stated as wxyz": (
-        replace(PLAIN, axes=turned(20, AXES["y_up"]), order="xyzw"),
+        replace(PLAIN, axes=spatial(math.radians(20), AXES["y_up"]), order="xyzw"),
         QUATERNION | {"order": "wxyz"},
     ),
     "left-handed axes": (replace(PLAIN, axes=MIRRORED), QUATERNION),

@@ -52,15 +52,10 @@ def _number(text: str) -> float | str:
         return text
 
 
-def seeds() -> list[bytes]:
-    """Formulas at each of the places."""
-    return [line.encode() for line in LINES]
-
-
 NAMES = [*SYMBOLS, *(name for outputs in OUTPUTS.values() for name in outputs)]
 FUNCTIONS = ["sin(", "exp(", "log(", "sqrt(", "abs(", "sign(", "tanh(", "min(", "max(", "tan("]
 TARGET = Target(
-    read, seeds,
+    read, lambda: [line.encode() for line in LINES],
     words=[
         *dict.fromkeys(NAMES), *FUNCTIONS, "**", "1e308", "9**9**9", "lambda", "__class__", "null", "(((((", "not",
         "if",

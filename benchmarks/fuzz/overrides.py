@@ -74,16 +74,11 @@ def _base(command: str, chosen: tuple[str, ...]) -> DictConfig:
         return hydra.compose(command, list(chosen))
 
 
-def seeds() -> list[bytes]:
-    """Words that people write."""
-    return [words.encode() for words in WORDS]
-
-
 KEYS = [
     "train.size", "data.path", "effect", "law._target_", "candidate", "limits", "hydra.run.dir", "reference", "laws",
 ]  # fmt: skip
 TARGET = Target(
-    read, seeds,
+    read, lambda: [words.encode() for words in WORDS],
     words=[
         *KEYS, "${", "}", "[", "]", "{", "null", "nan", "inf", "1e999", "glob(*)", "range(1,9)", "++", "~", "@",
         "\\,",

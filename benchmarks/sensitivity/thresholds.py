@@ -109,12 +109,9 @@ def decide(study: str, planted: bool, case: Case, settings: list[Setting]) -> li
     """Decide about one case under each setting; equal thresholds are decided about once."""
     of = STUDIES[study]
     alarm = of.alarm if planted else of.false_alarm or of.alarm
-    material, known = of.prepare(*case), {}
-    for field, value in settings:
-        thresholds = replaced(AllThresholds(), field, value)
-        if thresholds not in known:
-            known[thresholds] = alarm(material, thresholds)
-    return [known[replaced(AllThresholds(), field, value)] for field, value in settings]
+    material, changed = of.prepare(*case), [replaced(AllThresholds(), *setting) for setting in settings]
+    known = {thresholds: alarm(material, thresholds) for thresholds in dict.fromkeys(changed)}
+    return [known[thresholds] for thresholds in changed]
 
 
 def measure(rows: list[Row], workers: int) -> Results:

@@ -99,12 +99,9 @@ def evaluation(folder: Path, sizes: list[int]) -> None:
 def run(name: str, *words: str) -> str:
     """Run a command; return its seconds and its peak memory in words."""
     start = time.monotonic()
-    call = [
-        sys.executable,
-        *([f"{name}.py"] if name in ("evaluate", "train", "diagnose") else ["-m", "contactlearn", name]),
-    ]
+    call = [sys.executable, "-m", "contactlearn", name, *words]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    process = subprocess.Popen([*call, *words], cwd=ROOT, stdout=subprocess.DEVNULL, env=environment)
+    process = subprocess.Popen(call, cwd=ROOT, stdout=subprocess.DEVNULL, env=environment)
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0, words

@@ -57,7 +57,8 @@ def run(words):
         stack.enter_context(contextlib.suppress(SystemExit))
         start = time.process_time()
         main([*words, f"hydra.run.dir={folder}/run"])
-    return time.process_time() - start, clock.inside
+        assert Path(folder, "run", "done.json").exists(), words
+        return time.process_time() - start, clock.inside
 
 
 if __name__ == "__main__":

@@ -137,13 +137,10 @@ def _torn(kind: str, seed: int) -> ConventionComparison:
     return compare(impacts.replace(validate=False), Thresholds().audit)
 
 
-def _refused(comparison: ConventionComparison, thresholds: Thresholds) -> bool:
-    return bool(impossible_findings(comparison, thresholds.audit))
-
-
 IMPOSSIBLE = Study(
     name="impossible data", null=(*each(6, "rough"), *each(2, "contact_patch", "magnetic_pull", "spin_damping")),
-    planted=each(4, "shuffled", "random", "reversed"), prepare=_torn, alarm=_refused,
+    planted=each(4, "shuffled", "random", "reversed"), prepare=_torn,
+    alarm=lambda comparison, thresholds: bool(impossible_findings(comparison, thresholds.audit)),
 )  # fmt: skip
 
 
@@ -194,18 +191,12 @@ def _pushed(impacts: Impacts, level: float, factor: float) -> Impacts:
     )
 
 
-def _open(impacts: Impacts, thresholds: Thresholds) -> bool:
-    return any(finding.name == "moment_balance_open" for finding in audit(impacts, thresholds.audit))
-
-
-def _doubted(impacts: Impacts, thresholds: Thresholds) -> bool:
-    return any(finding.mistake for finding in audit(impacts, thresholds.audit))
-
-
 OPEN = Study(
-    name="moment balance", null=each(8, "clean", "rough"), planted=each(16, "open"), prepare=_moments, alarm=_open
-)
+    name="moment balance", null=each(8, "clean", "rough"), planted=each(16, "open"), prepare=_moments,
+    alarm=lambda drops, thresholds: any(one.name == "moment_balance_open" for one in audit(drops, thresholds.audit)),
+)  # fmt: skip
 DOUBTED = Study(
     name="doubted balance", null=each(5, "contact_patch", "rolling_resistance", "side_drag", "spin_damping"),
-    planted=each(16, "uneven"), prepare=_moments, alarm=_doubted,
+    planted=each(16, "uneven"), prepare=_moments,
+    alarm=lambda drops, thresholds: any(finding.mistake for finding in audit(drops, thresholds.audit)),
 )  # fmt: skip

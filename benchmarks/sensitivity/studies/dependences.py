@@ -75,7 +75,7 @@ def made(
     generator = random(seed)
     law, mu, eps = laws.find(LAWS[seed % len(LAWS)]), between(0.12, 0.4, seed), between(0.35, 0.75, seed + 1)
     impacts = _thrown(design, size, generator)
-    effects = {named: _at(named, impacts)} if named else {}
+    effects = {named: find_effect(named)().prepare(impacts).at(NAMED[named])} if named else {}
     coefficients = torch.tensor((mu, eps), dtype=torch.float64).repeat(size, 1)
     base = predict_with(law, impacts, coefficients, effects)
     noise = between(0.015, 0.06, seed + 2) * torch.tensor((1.0, 1.0, 15.0), dtype=torch.float64)
@@ -99,12 +99,6 @@ def made(
     impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(validate=True)
     fitted = {named: find_effect(named)()} if named else {}
     return Drops(impacts, identify_jointly(law, fitted, impacts, options=FitOptions(starts=4)))
-
-
-def _at(name: str, impacts: Impacts) -> Effect:
-    values = torch.tensor(NAMED[name], dtype=torch.float64)
-    effect = find_effect(name)().prepare(impacts)
-    return effect.at(values)
 
 
 def _standard(x: Tensor) -> Tensor:
@@ -203,11 +197,9 @@ def _studied(kind: str, seed: int) -> Drops:
     return made(seed, errors=kind, design=DESIGNS[seed % len(DESIGNS)], size=200)
 
 
-def _said(drops: Drops, thresholds: Thresholds) -> bool:
-    """Whether a state dependence is found."""
-    return state_dependence(drops, thresholds) is not None
-
-
 _NULL = each(8, "iid", "heavy", "before")
 _PLANTED = each(6, "direction and angle", "spin with slip", "curtain")
-STATE = Study(name="state", null=_NULL, planted=_PLANTED, prepare=_studied, alarm=_said)
+STATE = Study(
+    name="state", null=_NULL, planted=_PLANTED, prepare=_studied,
+    alarm=lambda drops, thresholds: state_dependence(drops, thresholds) is not None,
+)  # fmt: skip

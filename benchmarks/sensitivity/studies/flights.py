@@ -51,6 +51,12 @@ def _recorded(kind: str, seed: int) -> Recorded:
     return Recorded(tracks=tuple(map(flat, recordings)), truth=truth, rate=CAMERAS[kind].rate)
 
 
+def nearest(truth: TrueContacts, recording: int, time: float) -> int:
+    """Number of the true contact of a recording that is nearest in time, −1 where it has none."""
+    mine = np.flatnonzero(truth.recording == recording)
+    return int(mine[np.abs(truth.time[mine] - time).argmin()]) if len(mine) else -1
+
+
 def _matched(recorded: Recorded, thresholds: AllThresholds) -> tuple[int, int, int]:
     """Clean contacts, those of them that are found, and accepted ones that are no true contact or miscount frames."""
     truth, clean, found, false = recorded.truth, 0, 0, 0
@@ -58,10 +64,10 @@ def _matched(recorded: Recorded, thresholds: AllThresholds) -> tuple[int, int, i
         mine = np.flatnonzero(truth.recording == k)
         sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().fewest}
         hits = find_contacts(track, limits=thresholds.tracks).contacts
-        nearest = [int(mine[np.abs(truth.time[mine] - hit.time).argmin()]) if len(mine) else -1 for hit in hits]
         right = {
-            j for j, hit in zip(nearest, hits, strict=True)
-            if j >= 0 and abs(truth.time[j] - hit.time) < 0.5 / recorded.rate and hit.missing == truth.skipped[j]
+            j for hit in hits
+            if (j := nearest(truth, k, hit.time)) >= 0
+            and abs(truth.time[j] - hit.time) < 0.5 / recorded.rate and hit.missing == truth.skipped[j]
         }  # fmt: skip
         clean, found, false = clean + len(sure), found + len(sure & right), false + len(hits) - len(right)
     return clean, found, false
@@ -141,14 +147,12 @@ def _on_a_floor(kind: str, seed: int) -> list[Hit]:
     return hits
 
 
-def _struck(hits: list[Hit], thresholds: AllThresholds) -> bool:
-    limits = thresholds.tracks
-    return bool(off_the_floor(hits, BODY, find_floor(hits, BODY, limits=limits), limits)[1])
-
-
 FLOOR = Study(
-    name="contacts off the floor", null=each(16, "floor"), planted=each(16, "hand"), prepare=_on_a_floor, alarm=_struck
-)
+    name="contacts off the floor", null=each(16, "floor"), planted=each(16, "hand"), prepare=_on_a_floor,
+    alarm=lambda hits, thresholds: bool(
+        off_the_floor(hits, BODY, find_floor(hits, BODY, limits=thresholds.tracks), thresholds.tracks)[1]
+    ),
+)  # fmt: skip
 
 
 def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:

@@ -74,9 +74,6 @@ FOLLOWS: Mapping[str, Follows] = {
 """What a coefficient may follow along the sequence."""
 
 
-# --- The state of each trial -----------------------------------------------------------------------
-
-
 def _turn(generator: torch.Generator) -> float:
     return 2 * math.pi * torch.rand((), generator=generator).item()
 

@@ -28,11 +28,10 @@ def leaning(radians: float) -> tuple[tuple[float, ...], ...]:
     return (c, s, 0.0), (-s, c, 0.0)
 
 
-def spatial(seed: int) -> tuple[tuple[float, ...], ...]:
+def spatial(radians: float, axes: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
     """Axes of a tracker in space that is turned about up."""
-    angle = between(0.1, 0.9, seed) * (-1) ** seed
-    c, s = math.cos(angle), math.sin(angle)
-    return tuple(map(tuple, np.asarray(AXES["y_up"]) @ np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))))
+    c, s = math.cos(radians), math.sin(radians)
+    return tuple(map(tuple, np.asarray(axes) @ np.array(((c, 0, s), (0, 1, 0), (-s, 0, c)))))
 
 
 def _caught(stated: Conventions):
@@ -62,10 +61,7 @@ SCALE = Study(
 
 def _turned(kind: str, seed: int) -> list[Recording]:
     """A camera that is turned by so many degrees."""
-    low, high = {
-        "level": (1, 8),
-        "wrong": (12, 90),
-    }[kind]
+    low, high = {"level": (1, 8), "wrong": (12, 90)}[kind]
     angle = math.radians(between(low, high, seed)) * (-1) ** seed
     return simulate(6, Camera(axes=leaning(angle), noise=between(5e-5, 5e-4, seed + 1)), seed=seed)[0]
 
@@ -80,7 +76,7 @@ def _in_space(kind: str, seed: int) -> list[Recording]:
     """Recordings in space: of bodies that fly about a plane, or leave it, or tilt."""
     noise = math.radians(between(0.1, 1, seed))
     order = "xyzw" if kind == "wrong" else "wxyz"
-    axes = np.array(spatial(seed))
+    axes = np.array(spatial(between(0.1, 0.9, seed) * (-1) ** seed, AXES["y_up"]))
     recordings = simulate(6, Camera(axes=axes, order=order, angle_noise=noise), seed=seed)[0]
     away, right = axes[:, 2], axes[:, 0]
     found = []

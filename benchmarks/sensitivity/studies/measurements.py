@@ -96,17 +96,13 @@ def _spiked(share: tuple[float, float], seed: int) -> Impacts:
     return spiked(impacts, some(impacts, between(*share, seed), seed), seed, 50, 200)
 
 
-def _not_dropped(impacts: Impacts, thresholds: Thresholds) -> bool:
-    """Whether outliers are reported as too many to be dropped."""
-    return any(
-        finding.name == "gross_outliers" and finding.correction is None
-        for finding in trial_findings(impacts, thresholds.audit)
-    )
-
-
 DROPPED = Study(
     name="share of outliers", null=each(20, ((0.01, 0.12),)), planted=each(20, ((0.25, 0.5),)),
-    prepare=_spiked, alarm=_not_dropped,
+    prepare=_spiked,
+    alarm=lambda drops, thresholds: any(  # too many to be dropped
+        finding.name == "gross_outliers" and finding.correction is None
+        for finding in trial_findings(drops, thresholds.audit)
+    ),
 )  # fmt: skip
 
 
@@ -162,12 +158,9 @@ def _modelled(kind: str, seed: int) -> Modelled:
     return Modelled(impacts, identify_jointly(find("wang_mason"), {}, impacts).model)
 
 
-def _called(modelled: Modelled, thresholds: Thresholds) -> bool:
-    limits = thresholds.audit
-    return find_model_outliers(modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, limits) is not None
-
-
 MODELLED = Study(
     name="outliers of a model", null=each(16, "clean", "heavy"), planted=each(16, "turned"), prepare=_modelled,
-    alarm=_called,
+    alarm=lambda modelled, thresholds: find_model_outliers(
+        modelled.impacts, lambda drops: modelled.model.predict(drops).v_post, thresholds.audit
+    ) is not None,
 )  # fmt: skip

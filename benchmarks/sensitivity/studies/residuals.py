@@ -91,11 +91,7 @@ class Learning(NamedTuple):
     variables: frozenset[str]
 
 
-ACTS = {
-    "magnetic_pull": ("tau", {"theta"}),
-    "elastic_strap": ("t", {"x", "vy"}),
-    "spin_lift": ("n", {"omega", "vx"}),
-}
+ACTS = {"magnetic_pull": ("tau", {"theta"}), "elastic_strap": ("t", {"x", "vy"}), "spin_lift": ("n", {"omega", "vx"})}
 
 
 def residual(kind: str, strength: tuple[float, float], seed: int) -> Learning:
@@ -115,30 +111,26 @@ def _learned(learning: Learning, thresholds: Thresholds) -> Remainder:
     ).remainder
 
 
-def _unknown(learning: Learning, thresholds: Thresholds) -> bool:
-    return _learned(learning, thresholds).large
-
-
 def _component(learning: Learning, thresholds: Thresholds) -> bool:
     """Whether the right component is named; where nothing is hidden, whether any is."""
     named = _learned(learning, thresholds).components
     return learning.component in named if learning.component else bool(named)
 
 
-def _wrong_variable(learning: Learning, thresholds: Thresholds) -> bool:
-    return bool({one.symbol for one in _learned(learning, thresholds).variables} - learning.variables)
-
-
-def _right_variables(learning: Learning, thresholds: Thresholds) -> bool:
-    return learning.variables <= {one.symbol for one in _learned(learning, thresholds).variables}
+def _variables(learning: Learning, thresholds: Thresholds) -> set[str]:
+    return {one.symbol for one in _learned(learning, thresholds).variables}
 
 
 _NOTHING = each(5, ("clean", (2, 5)), ("heavy", (2, 5)))
 _WEAK = each(4, *((kind, (0.5, 2)) for kind in ACTS))
 _CLEAR = each(4, *((kind, (2, 5)) for kind in ACTS))
-UNKNOWN = Study(name="unknown remainder", null=_NOTHING, planted=_WEAK, prepare=residual, alarm=_unknown)
+UNKNOWN = Study(
+    name="unknown remainder", null=_NOTHING, planted=_WEAK, prepare=residual,
+    alarm=lambda learning, thresholds: _learned(learning, thresholds).large,
+)  # fmt: skip
 COMPONENT = Study(name="component of the remainder", null=_NOTHING, planted=_WEAK, prepare=residual, alarm=_component)
 VARIABLES = Study(
     name="variables of the remainder", null=_CLEAR, planted=_CLEAR, prepare=residual,
-    alarm=_right_variables, false_alarm=_wrong_variable,
+    alarm=lambda learning, thresholds: learning.variables <= _variables(learning, thresholds),
+    false_alarm=lambda learning, thresholds: bool(_variables(learning, thresholds) - learning.variables),
 )  # fmt: skip

@@ -80,11 +80,6 @@ def _chosen(*case) -> Selection:
     return Selection(pool=around, folds=folds, spec=spec, base=base, present=present, plausible=(), complete=True)
 
 
-def _rivals(selection: Selection, thresholds: Thresholds) -> bool:
-    """Whether any rival is found."""
-    return any(find_rivals(selection, thresholds).values())
-
-
 def _exchanged(drops: Drops, thresholds: Thresholds) -> bool:
     """Whether the plausible models have others in the place of the effect."""
     found = select(
@@ -95,7 +90,8 @@ def _exchanged(drops: Drops, thresholds: Thresholds) -> bool:
 
 
 RIVALS = Study(
-    name="rivals", null=each(1, *_DISTINCT), planted=each(2, *_CONFOUNDED), prepare=_chosen, alarm=_rivals,
+    name="rivals", null=each(1, *_DISTINCT), planted=each(2, *_CONFOUNDED), prepare=_chosen,
+    alarm=lambda selection, thresholds: any(find_rivals(selection, thresholds).values()),
 )  # fmt: skip
 PLAUSIBLE = Study(
     name="plausible models", null=each(1, *_DISTINCT), planted=each(1, *_CONFOUNDED), prepare=_drops, alarm=_exchanged,

@@ -97,13 +97,6 @@ FEW = Study(
 )  # fmt: skip
 
 
-_TABLE = 6000  # trials
-
-
-def _large(effects: tuple[str, ...], strength: tuple[float, float], seed: int) -> Hidden:
-    return Hidden(*drops(effects, _TABLE, seed, strength), effects)
-
-
 def _named_in_table(table: Hidden, thresholds: Thresholds) -> bool:
     """Whether the hidden effects are named, each of its family; where there are none, whether any is."""
     found = diagnose(table.impacts, laws.find(table.law), candidates=all_candidates(), thresholds=thresholds).effects
@@ -114,7 +107,8 @@ _FAINT = (0.3, 0.7)
 NAMES = Study(
     name="names in large tables", null=each(2, ((), _FAINT)),
     planted=each(1, *(((name,), _FAINT) for name in ("surface_tilt", "side_drag", "com_offset", "parameter_drift"))),
-    prepare=_large, alarm=_named_in_table,
+    prepare=lambda effects, strength, seed: Hidden(*drops(effects, 6000, seed, strength), effects),
+    alarm=_named_in_table,
 )  # fmt: skip
 
 
@@ -127,11 +121,7 @@ def _stated(kind: str, seed: int) -> Diagnosis:
     return diagnose(textbook(seed, 100), law, laws=[law], candidates={tilt: all_candidates()[tilt]}, noise=noise)
 
 
-def _questioned(found: Diagnosis, thresholds: Thresholds) -> bool:
-    return bool(misfit(replace(found, thresholds=thresholds)))
-
-
 STATED = Study(
     name="stated noise", null=each(12, "right"), planted=each(4, "degrees", "millimetres", "factor"),
-    prepare=_stated, alarm=_questioned,
+    prepare=_stated, alarm=lambda found, thresholds: bool(misfit(replace(found, thresholds=thresholds))),
 )  # fmt: skip
