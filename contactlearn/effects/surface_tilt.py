@@ -2,12 +2,15 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Self
 
 import torch
 from torch import Tensor
 
+from contactlearn.core.errors import DataError
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotate
 
 
@@ -15,11 +18,11 @@ from contactlearn.mechanics.rigid_body import rotate
 class SurfaceTilt(Effect):
     """The contact frame is turned by φ against the world's axes.
 
-        computed    r, v, θ → R(−φ) r, R(−φ) v, θ − φ; where the shape is known, r also moves to the body's lowest
-                    point above the tilted floor, for it was computed above a level one
+        computed    r, v, θ → R(−φ) r, R(−φ) v, θ − φ, and r moves to the body's lowest point above the tilted floor,
+                    for it was computed above a level one
         seen        r, v, θ → R(−φ) r, R(−φ) v, θ − φ: the contact point is where it was measured
 
-    Both are the same without a shape, and on a polygon that touches with the same vertex.  A measurement frame that is
+    Both are the same on a polygon that touches with the same vertex.  A measurement frame that is
     turned by −φ against a level floor is the same as a floor that leans by φ: positions, velocities and orientation
     are taken to the floor's axes, and the outcome back.  It is not an error of the body's orientation, which leaves
     the velocities alone (`orientation_offset`).
@@ -50,12 +53,19 @@ class SurfaceTiltComputed(SurfaceTilt):
     """The contact point was computed above a level floor.  It was not seen (`SurfaceTiltSeen`)."""
 
     form = "computed"
+    needs_shape = True
     formula = "(r, v, θ) ← (R(−φ) r, R(−φ) v, θ − φ), r at the lowest point"
+
+    def prepare(self, impacts: Impacts) -> Self:
+        try:
+            return super().prepare(impacts)
+        except DataError as error:
+            raise DataError(
+                f"{error}; or take effect.surface_tilt.form=seen for a contact point that was seen"
+            ) from None
 
     def state(self, state: State) -> State:
         tilted = self.turned(state)
-        if state.shape is None:
-            return tilted
         level = rotate(state.contact_points(state.theta), -torch.as_tensor(self.phi))
         return tilted.replace(r=tilted.r + (state.contact_points(tilted.theta) - level))
 
