@@ -545,6 +545,8 @@ def test_an_experiment_with_a_mistake_is_one_line(text, message, tmp_path):
     assert message in printed
     assert len(printed.splitlines()) == 1
     assert not (tmp_path / "outputs").exists()
+    handlers = logging.getLogger("contactlearn").handlers  # a file's would log the output of later runs too
+    assert not any(isinstance(one, logging.FileHandler) for one in handlers)
 
 
 @pytest.mark.parametrize(("words", "message"), [

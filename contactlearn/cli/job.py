@@ -112,7 +112,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
         ContactLearnError: errors that a user can fix; in a sweep, which continues with its next job, any error.
     """
     hydra, start = cast(DictConfig, HydraConfig.get()), time.monotonic()
-    with _failures_recorded(Path(str(hydra.runtime.output_dir)), began=False):
+    with _logged(hydra), _failures_recorded(Path(str(hydra.runtime.output_dir)), began=False):
         restrict_settings(cfg, str(hydra.job.config_name), hydra.overrides.task)
         check_targets(cfg, [*hydra.overrides.task, *hydra.overrides.hydra])
         identity = job_identity(cfg, hydra)
@@ -144,7 +144,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
 
 @contextmanager
 def _logged(hydra: DictConfig) -> Generator[None]:
-    """Log to the folder that the run has, as `hydra.job_logging` says, and to none afterwards."""
+    """Log as `hydra.job_logging` states, to the folder of the run, and to none afterwards."""
     configure_log(hydra.job_logging, hydra.verbose)
     try:
         yield
