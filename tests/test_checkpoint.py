@@ -7,6 +7,7 @@ import pickle
 import resource
 import time
 import zipfile
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -135,7 +136,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
     before = path.read_bytes()
 
     def fail(contents, part):
-        part.write_text("half a")
+        part.write(b"half a")
         raise fault
 
     monkeypatch.setattr(torch, "save", fail)
@@ -143,6 +144,13 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
         checkpoint.save(ContactModel(LAWS["numbers"]), path, provenance={})
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_a_full_disk_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "atomic_write", lambda path: nullcontext(Path("/dev/full")))
+    with pytest.raises(DataError, match=r"model\.pt: cannot be written: No space left on device$"):
+        checkpoint.save(ContactModel(LAWS["numbers"]), tmp_path / "model.pt", provenance={})
 
 
 def test_what_cannot_be_saved_is_refused(tmp_path):

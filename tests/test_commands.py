@@ -7,6 +7,7 @@ import shlex
 import shutil
 import sys
 import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -19,12 +20,12 @@ from repetitions import crossed, repeated
 import contactlearn
 from contactlearn import laws
 from contactlearn.__main__ import main
-from contactlearn.cli import hydra_main
+from contactlearn.cli import config_files, hydra_main
 from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _next_command
 from contactlearn.cli.commands.fitting import law_surface
 from contactlearn.cli.commands.record import draw_cost_surface
-from contactlearn.cli.config_files import choices, restrict_settings
+from contactlearn.cli.config_files import CONFIGS, choices, restrict_settings
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
@@ -219,6 +220,7 @@ def test_learning_curves(study):
     printed, folder = study
     assert "note: sizes 500 are skipped: the pool has only 60 trials" in printed
     assert re.search(r"^ *x1_wrench .*%", printed, re.MULTILINE)
+    assert len(re.findall(r"note: the processes of x1_wrench are exact.* at 10, 20 trials", printed)) == 1
     results = json.loads((folder / "results.json").read_text())
     curves = results["learning_curves"]
     assert set(curves) == {*laws.PAPER_LAWS, "best_post_hoc", "x1_wrench", "parameters_likelihood"}
@@ -549,9 +551,20 @@ def test_an_experiment_with_a_mistake_is_one_line(text, message, tmp_path):
     assert not any(isinstance(one, logging.FileHandler) for one in handlers)
 
 
+def test_an_unknown_part_of_a_shipped_experiment_is_named(tmp_path, monkeypatch):
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text("whole: 4")
+    for name in ("train", "evaluate", "diagnose"):
+        shutil.copy(Path(CONFIGS, f"{name}.yaml"), tmp_path)
+    monkeypatch.setattr(config_files, "CONFIGS", str(tmp_path))
+    with pytest.raises(ContactLearnError, match="experiment=mine: unknown setting 'whole'"):
+        config_files.check_choices(["experiment=mine"], "train")
+
+
 @pytest.mark.parametrize(("words", "message"), [
     (("model=x1_wrench", "model.features=x2"), "the settings of a model stand under its name, model.NAME.features="),
     (("model=x1_wrench", "model.x1_wrench.feature=x2"), "did you mean 'features'?"),
+    (("model=x1_wrench", "model.x1_wrench.kernl._target_=a.B"), "did you mean 'kernel'?"),
     (("model=x1_wrench", "model.x2_impulse.features=x2"), "is a setting of model x2_impulse, which is not chosen"),
     (("effect=[com_ofset]",), "unknown effect 'com_ofset', did you mean 'com_offset'?"),
 ])  # fmt: skip

@@ -9,6 +9,7 @@ from gpytorch.mlls import ExactMarginalLogLikelihood
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.laws.mirtich import Mirtich
 from contactlearn.models import checkpoint, regressor
 from contactlearn.models.gp import modules
 from contactlearn.models.gp.exact import ExactGPs, checked_options
@@ -220,10 +221,12 @@ def test_what_does_not_fit_is_refused_in_one_line(parts, fragment):
 def test_fixed_noise_is_that_of_the_covariances():
     fixed = ProcessOptions(likelihood={"_target_": "gpytorch.likelihoods.FixedNoiseGaussianLikelihood"})
     recipe = Recipe("x2", "impulse", processes=fixed)
-    with pytest.raises(DataError, match="these state none"):
-        learn(recipe, IMPACTS, ROWS)
     spread = torch.tensor([0.01, 0.02, 0.3], dtype=torch.float64)
     stated = IMPACTS.replace(v_post_cov=torch.diag(spread**2).expand(len(IMPACTS), 3, 3))
+    parameters = Recipe("x1", "parameters_identified", law=Mirtich(), processes=fixed)
+    for one, impacts in ((recipe, IMPACTS), (parameters, stated)):
+        with pytest.raises(DataError, match="the target has no stated noise"):
+            learn(one, impacts, ROWS, one.law)
     processes = learn(recipe, stated, ROWS).processes
     assert isinstance(processes.gps.likelihood, FixedNoiseGaussianLikelihood)
     noise = processes.gps.noise_variance().sqrt() * processes.outputs.spread.mT

@@ -26,11 +26,14 @@ from contactlearn.effects import catalogue, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import robust
 from contactlearn.inference.learning.curves import Curve
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
+from contactlearn.mechanics.features import SPACES
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.tensorboard import Tracker, ends
 from contactlearn.report.text import base_label, rung_label
 from contactlearn.results import folder as run_folder
+from contactlearn.results.estimates import process_estimates
 from contactlearn.simulation import hidden_effects, synthetic
 
 with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of itself
@@ -160,6 +163,25 @@ def test_a_training_is_logged_round_by_round(runs):
     error = results["errors"]["x1_wrench"]["mass_error"]["mean"]
     assert events.Scalars("fit/mass_error")[-1].value == pytest.approx(error, rel=1e-6)
     assert len(events.Scalars("fit/loss")) > 3
+
+
+def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(curves, "learning_study", killed)
+    run("evaluate.py", *SMALL[:5], "model=[x1_wrench]", f"hydra.run.dir={tmp_path}", status=130)
+    logged = read(tmp_path)
+    assert {"mass_error/whittaker", "back_spin/whittaker", "parameters/whittaker/mu"} <= {*logged.Tags()["scalars"]}
+    assert card(logged)
+    assert values(logged)["command"] == "evaluate"
+
+
+def test_constant_columns_have_no_length_scale():
+    drops, recipe = synthetic.load(20), Recipe("state", "velocity")  # of one body
+    regressor = learn(recipe, drops, torch.arange(20)).processes
+    for one in process_estimates(recipe, regressor):
+        assert {*SPACES["state"].columns} - {*one.length_scales} == {"m", "I"}
 
 
 def test_hyperparameters_keep_their_kinds(tmp_path):

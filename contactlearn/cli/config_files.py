@@ -52,9 +52,13 @@ def groups(command: str) -> list[str]:
 
 def experiments(command: str) -> list[str]:
     """Return the names of the experiments all of whose parts a command has, or has no use for."""
-    parts = {*_content(Path(CONFIGS, f"{command}.yaml")), "data", *_UNUSED[command]}
-    files = sorted(Path(CONFIGS, "experiment").glob("*.yaml"))
-    return [path.stem for path in files if _content(path).keys() - {"defaults"} <= parts]
+    return [path.stem for path in sorted(Path(CONFIGS, "experiment").glob("*.yaml")) if not _lacking(command, path)]
+
+
+def _lacking(command: str, experiment: Path) -> list[str]:
+    """Parts of an experiment that a command neither has nor ignores."""
+    parts = {*_content(Path(CONFIGS, f"{command}.yaml")), "data", "defaults", *_UNUSED[command]}
+    return sorted(_content(experiment).keys() - parts)
 
 
 def choices(group: str) -> list[str]:
@@ -99,6 +103,9 @@ def check_choices(words: list[str], command: str) -> None:
             if not known and name != "null" and name not in choices(group):
                 raise UnknownNameError(group, name, choices(group))
             if group == "experiment" and name not in ("null", *experiments(command)):
+                for part in _lacking(command, Path(CONFIGS, "experiment", f"{name}.yaml")):
+                    if not any(part in _declared(other) for other in _COMMANDS):
+                        raise _unknown(part, _declared(command), f"experiment={name}: ")
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")
 
@@ -141,7 +148,7 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
             return f"{key}: the settings of a model stand under its name, model.NAME.{name}=…, for there may be several"
         return f"{key}: no {part} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
     if own and own[1] == "model" and own[2] in choices("model"):
-        near = suggest(own[3], _content(Path(CONFIGS, "model", f"{own[2]}.yaml"))[own[2]])
+        near = suggest(own[3].partition(".")[0], _content(Path(CONFIGS, "model", f"{own[2]}.yaml"))[own[2]])
         return f"unknown setting {own[0]!r}{near}; --help lists all settings"
     if refused:
         group, _, name = refused[1].partition(".")

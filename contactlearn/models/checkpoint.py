@@ -60,10 +60,10 @@ def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[
     description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
     contents = {"description": json.dumps(description), "tensors": tensors}
     try:
-        with atomic_write(path) as part:
-            torch.save(contents, part)
+        with atomic_write(path) as part, part.open("wb") as file:  # of a path, PyTorch's error has no cause
+            torch.save(contents, file)
     except (OSError, RuntimeError) as error:
-        raise DataError(f"{path}: cannot be written: {error}") from error
+        raise DataError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from error
     return path
 
 

@@ -5,6 +5,7 @@ import logging
 import math
 import re
 import shlex
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -182,11 +183,14 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
     for model, curve in curves.items():
         if curve.calibration is None:
             continue
-        kinds, converged = curve.calibration.processes, curve.calibration.converged
-        for size, kind, share in zip(curve.sizes, kinds, converged, strict=True):
-            if kind != "exact" or share < 1:
-                short = "" if share == 1 else f"; {100 * (1 - share):.0f} % of them did not converge"
-                print_line(f"note: the processes of {model} at {size} trials are {kind}{short}")
+        kinds = defaultdict[str, list[str]](list)
+        for size, kind in zip(curve.sizes, curve.calibration.processes, strict=True):
+            kinds[kind].append(str(size))
+        parts = [f"{kind} at {', '.join(sizes)} trials" for kind, sizes in kinds.items()]
+        for size, share in zip(curve.sizes, curve.calibration.converged, strict=True):
+            if share < 1:
+                parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
+        print_line(f"note: the processes of {model} are {'; '.join(parts)}")
     print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 

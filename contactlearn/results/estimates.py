@@ -75,16 +75,21 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
 
 
 def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
-    """Return the hyperparameters of each output's process, spread and noise in the output's unit."""
+    """Return the hyperparameters of each output's process, spread and noise in the output's unit.
+
+    Columns that are constant over the training trials have no length scale.
+    """
     training, spread = regressor.training, regressor.outputs.spread[0]
-    columns = SPACES[recipe.features].columns
+    columns, varies = SPACES[recipe.features].columns, regressor.inputs.scale[0].isfinite().tolist()
     entries = []
     for o, (output, unit) in enumerate(TARGETS[recipe.target].items()):
         *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
         entry = ProcessEstimate(
             output=output,
             unit=unit,
-            length_scales={name: x for name, x in zip(columns, lengths, strict=True) if x < math.inf},
+            length_scales={
+                name: x for name, x, kept in zip(columns, lengths, varies, strict=True) if kept and x < math.inf
+            },
             spread=scale**0.5 * spread[o].item(),
             noise=noise**0.5 * spread[o].item(),
             loss=training.loss[o].item(),

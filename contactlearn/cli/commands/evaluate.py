@@ -73,6 +73,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:
         terminal.show_reference(result.fits, settings.reference)
+    record.write_record(tracker, run, result.provenance, _record(settings, data, held_out, result))
     learned: dict[str, Curve] = {}
     if settings.recipes:
         lines = {f"curve_{metric}/{IRB}": error for metric, error in result.errors[IRB].intervals.items()}
@@ -97,8 +98,16 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_curves({name: entries[name] for name in shown}, result.metric, settings.settled)
         run.remove_partial_results()
     with progress(run.folder, tracker) as on_event:
-        shown = _record(settings, data, compared, held_out, result, learned, row, on_event)
-    record.write_record(tracker, run, result.provenance, shown)
+        drawn = _laws_drawn(settings, data, compared, on_event)
+    drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
+    if result.trained:
+        drawn |= _judged_drawn(result, held_out)
+    if learned:
+        drawn |= _curves_drawn(result, learned, data.test, held_out.bounds[IRB])
+    for name, curve in learned.items():
+        for place, size in enumerate(curve.sizes):
+            tracker.histogram(f"curve_errors/{name}", curve.errors[result.metric][place], size)
+    record.write_figures(tracker, run, drawn)
     write(run.folder, of_evaluation(result, held_out))
 
 
@@ -173,27 +182,12 @@ def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
     return test.trial.index(name)
 
 
-def _record(
-    settings: EvaluateSettings,
-    data: Split,
-    compared: Comparison,
-    held_out: HeldOut,
-    result: Evaluation,
-    learned: Mapping[str, Curve],
-    row: int | None,
-    on_event: OnEvent,
-) -> RunRecord:
-    """Return figures and values; figures show the held-out `row`, or that with the median error of the best law."""
+def _record(settings: EvaluateSettings, data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
+    """Return what is known before the learning curves; the figures follow them."""
     size = len(data.pool) if result.joint else data.train_size
     errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}
     alone = {name: entry for name, entry in result.errors.items() if name not in {*result.joint, *result.trained}}
     with_effects = {name: result.errors[name] for name in result.joint}
-    drawn = _laws_drawn(settings, data, compared, on_event)
-    drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
-    if result.trained:
-        drawn |= _judged_drawn(result, held_out)
-    if learned:
-        drawn |= _curves_drawn(result, learned, data.test, held_out.bounds[IRB])
     return RunRecord(
         trained_on=size,
         metric=result.metric,
@@ -206,15 +200,7 @@ def _record(
             ),
             (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
         ],
-        histograms=[
-            (size, record.distributions(result.metric, data.test, held_out.predictions, result.model)),
-            *(
-                (size, {f"curve_errors/{name}": curve.errors[result.metric][place]})
-                for name, curve in learned.items()
-                for place, size in enumerate(curve.sizes)
-            ),
-        ],
-        figures=drawn,
+        histograms=[(size, record.distributions(result.metric, data.test, held_out.predictions, result.model))],
         law=result.law,
         effects=[effect.name for effect in result.effects],
         equations=(
@@ -252,7 +238,10 @@ def _errors_drawn(
     result: Evaluation,
     row: int | None,
 ) -> dict[str, Figure]:
-    """Errors of all models, the bound of contact patches, and one trial in impulse space, by file name."""
+    """Errors of all models, the bound of contact patches, and one trial in impulse space, by file name.
+
+    The trial is the held-out `row`, or that with the median error of the best law.
+    """
     test, how, headline = data.test, settings.identification, metrics.METRICS[result.metric]
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     best = min(laws, key=lambda name: result.errors[name].of(result.metric))

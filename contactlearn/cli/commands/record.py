@@ -49,12 +49,12 @@ class RunRecord:
     trained_on: int
     metric: str
     scalars: Sequence[tuple[int, Scalars]]
-    figures: Mapping[str, Figure]
     law: str | None
     effects: Sequence[str]
     equations: Sequence[str]
     errors: Mapping[str, Interval]
     model: str = "analytical"
+    figures: Mapping[str, Figure] = field(default_factory=dict)
     series: Mapping[str, Sequence[float | Interval]] = field(default_factory=dict)
     verdict: Mapping[str, str] = field(default_factory=dict)
     histograms: Sequence[tuple[int, Mapping[str, Tensor]]] = ()
@@ -90,7 +90,7 @@ def tracker_of(
 
 
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
-    """Save the figures as PNG and PDF in the run folder, and log what a run shows at its end."""
+    """Save the figures, and log what a run shows beside its events."""
     for trained_on, values in record.scalars:
         tracker.scalars(values, trained_on)
     for tag, values in record.series.items():
@@ -98,11 +98,16 @@ def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: Run
     for trained_on, distributions in record.histograms:
         for tag, values in distributions.items():
             tracker.histogram(tag, values, trained_on)
-    for name, figure in record.figures.items():
-        png, _ = save(figure, run.folder / "figures", name)
-        tracker.figure(f"figures/{name}", png.read_bytes())
+    write_figures(tracker, run, record.figures)
     _log_hyperparameters(tracker, run, provenance, record)
     _log_card(tracker, provenance, record)
+
+
+def write_figures(tracker: Tracker, run: Run, drawn: Mapping[str, Figure]) -> None:
+    """Save figures by file name as PNG and PDF in the run folder, and log them."""
+    for name, figure in drawn.items():
+        png, _ = save(figure, run.folder / "figures", name)
+        tracker.figure(f"figures/{name}", png.read_bytes())
 
 
 def draw_cost_surface(surface: CostSurface) -> Figure:

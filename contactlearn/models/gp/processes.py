@@ -217,8 +217,8 @@ def _likelihood(
     fixed = issubclass(description["_target_"], gpytorch.likelihoods.FixedNoiseGaussianLikelihood)
     if fixed and noise is None:
         raise DataError(
-            "FixedNoiseGaussianLikelihood has the covariances of the data as its noise, and these state none "
-            "for what is learnt; leave the likelihood out, or state covariances"
+            "the target has no stated noise for FixedNoiseGaussianLikelihood; leave the likelihood out, "
+            "or learn a velocity, impulse or wrench from data with covariances"
         )
     return build(description, parts | ({"noise": noise.clamp_min(NOISE[0])} if fixed and noise is not None else {}))
 
