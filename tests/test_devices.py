@@ -415,7 +415,7 @@ def test_commands(words, device, tmp_path, monkeypatch):
 def test_a_checkpoint_is_judged_and_gone_on_from(words, drops, device, tmp_path, monkeypatch):
     model = learn(Recipe("x1", "wrench"), drops, torch.arange(15))
     path = checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    test_commands((*words, *SMALL[:-1], f"checkpoint={path}"), device, tmp_path, monkeypatch)
+    test_commands((*words, *SMALL[:-1], "data=synthetic", f"checkpoint={path}"), device, tmp_path, monkeypatch)
 
 
 def test_a_gpu_that_is_not_there_is_one_clear_line(monkeypatch, tmp_path):

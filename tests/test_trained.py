@@ -21,11 +21,13 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import metrics
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.results.runs import read_runs
 from contactlearn.simulation import synthetic
 
-TRAIN = ("data.size=60", "train.size=20", "bootstrap=50")
+TRAIN = ("data=synthetic", "data.size=60", "train.size=20", "bootstrap=50")
 JUDGE = (
+    "data=synthetic",
     "data.size=60",
     "train.size=20",
     "train.repetitions=2",
@@ -73,11 +75,10 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     assert judged["data"] == results(folder)["provenance"]["data"]
     inside = metrics.squared_distance(test, model.predict(test)) <= metrics.CHI_SQUARED_95
     assert judged["coverage"] == pytest.approx(inside.double().mean().item())
-    told = (
-        f"was trained elsewhere, on 20 impacts of synthetic drops (wang_mason, seed 0); {100 * judged['coverage']:.1f}"
-    )
+    origin = "was trained on 20 impacts of synthetic drops (wang_mason, seed 0) in another run"
+    told = f"{origin}; {100 * judged['coverage']:.1f}"
     assert f"x1_wrench {told} % of the held-out" in printed.replace("\u00a0", " ")
-    assert "X1 → wrench was trained elsewhere" in (tmp_path / "report.html").read_text()
+    assert "X1 → wrench was trained on 20" in (tmp_path / "report.html").read_text()
     (judging,), _ = read_runs([tmp_path])
     assert (judging.learned, judging.trained_on) == ("x1_wrench", 20)
     assert (tmp_path / "figures" / "calibration_of_trained.png").exists()
@@ -98,7 +99,7 @@ def test_models_of_a_sweep_are_named_by_the_settings_in_which_they_differ(traine
     on, first = copied(folder, tmp_path / "on", on), str(folder / "model.pt")
     assert list(load_models([first, str(on)], [])) == ["x1_wrench (seed=0)", "x1_wrench (checkpoint=job9, seed=1)"]
     same = copied(folder, tmp_path / "again")
-    alike = [f"x1_wrench ({one}/model.pt)" for one in (folder.name, f"{tmp_path.name}/again")]
+    alike = [f"x1_wrench ({one})" for one in (folder.name, f"{tmp_path.name}/again")]
     assert list(load_models([str(folder), str(same)], [])) == alike
     assert list(load_models([str(folder)], ["x1_wrench"])) == ["x1_wrench (trained)"]
     law = ContactModel(laws.find("mirtich").at(0.1, 0.5))
@@ -120,7 +121,7 @@ def test_a_model_is_not_judged_on_trials_that_it_has_seen(trained, tmp_path):
     assert "was fitted to all trials of these data" in run("evaluate.py", f"checkpoint={every}", *JUDGE, status=2)
     more = synthetic.load(size=30, seed=5).replace(trial=tuple(f"t{k}" for k in range(30)))
     path = table.save(joined([synthetic.load(size=60), more]), tmp_path / "more.csv")
-    words = ("data=table", f"data.path={path}", "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}", *JUDGE[1:])
+    words = ("data=table", f"data.path={path}", "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}", *JUDGE[2:])
     printed = run("evaluate.py", word, *words, f"hydra.run.dir={tmp_path / 'more'}")
     assert re.search(r"note: x1_wrench was trained on impacts that equal \d of the 22 held-out ones", printed)
 
@@ -131,6 +132,45 @@ def test_a_model_that_has_seen_one_body_says_so(tmp_path):
     disc = "data.shape={kind: disc, radius: 0.03}"
     printed = run("evaluate.py", f"checkpoint={path}", *OTHERS, disc, f"hydra.run.dir={tmp_path / 'disc'}")
     assert "note: one_body has seen a single value of I, and ignores that these data have others" in printed
+
+
+OTHER_BODIES = {
+    "mass": ("train.py", OTHERS[:3], "data.mass=1.0", "1 kg, 0.000463 kg m²"),
+    "disc": ("evaluate.py", OTHERS, "data.shape={kind: disc, radius: 0.03}", "0.0364 kg, 1.64e-05 kg m²"),
+}
+
+
+@pytest.mark.parametrize(("command", "words", "change", "body"), OTHER_BODIES.values(), ids=OTHER_BODIES)
+def test_another_body_is_said(trained, command, words, change, body, tmp_path):
+    """By its mass and moment of inertia; and features beyond those of the training by name."""
+    printed = run(command, f"checkpoint={trained[0]}", *words, change, f"hydra.run.dir={tmp_path}")
+    assert f"note: x1_wrench was trained on a body of 0.0364 kg, 1.68e-05 kg m²; these data have {body}" in printed
+    far = "note: x1_wrench extrapolates to 100 % of these impacts: their M_c,tt, M_c,tn, M_c,nn" in printed
+    assert far == (command == "train.py")
+
+
+NO_DATA = [("evaluate.py",), ("evaluate.py", "data.size=60"), ("train.py", "train.size=9")]
+
+
+@pytest.mark.parametrize("words", NO_DATA, ids=["judged", "changed", "trained"])
+def test_a_checkpoint_is_not_combined_with_default_data(words, tmp_path):
+    printed = run(*words, "checkpoint=nowhere.pt", f"hydra.run.dir={tmp_path / 'run'}", status=2)
+    assert printed.count("\n") == 1
+    assert "error: a checkpoint needs data=…" in printed
+
+
+def test_settings_that_a_checkpoint_keeps_and_commands_that_take_none():
+    line = run("train.py", "checkpoint=a.pt", "data=synthetic", "model.x1_wrench.features=x2", status=2)
+    assert "checkpoint=a.pt keeps the features and target that it was trained with; take out model.x1_wrench" in line
+    line = run("diagnose.py", "checkpoint=a.pt", "data=synthetic", status=2)
+    assert "checkpoint is a setting of train.py and evaluate.py only" in line
+
+
+def test_a_figure_shows_all_of_the_names_of_models():
+    names = [f"x1_wrench (2026-11-23_17-18-{second}, train.size=100)" for second in ("02", "40")]
+    figure = error_comparison(dict.fromkeys(names, torch.rand(20)), dict.fromkeys(names, (0.5, 0.4, 0.6)), "Error")
+    shown = [label.get_text().replace("\n", "") for label in figure.axes[0].get_yticklabels()]
+    assert [one.replace(" ", "") for one in shown] == [name.replace(" ", "") for name in names]
 
 
 def _subsets(folder):
@@ -181,7 +221,7 @@ REFUSED = {
 @pytest.mark.parametrize(("command", "make", "words", "message"), REFUSED.values(), ids=REFUSED)
 def test_what_does_not_fit_is_refused_in_one_line(command, make, words, message, tmp_path):
     table.save(synthetic.load(size=30), tmp_path / "drops.csv")
-    words = (f"checkpoint={make(tmp_path)}", *words, f"hydra.run.dir={tmp_path / 'run'}")
+    words = (f"checkpoint={make(tmp_path)}", "data=synthetic", *words, f"hydra.run.dir={tmp_path / 'run'}")
     printed = run(command, *words, cwd=tmp_path, status=2)
     (line,) = [line for line in printed.splitlines() if line.startswith("error: ")]
     assert message in line
@@ -191,15 +231,11 @@ def test_what_does_not_fit_is_refused_in_one_line(command, make, words, message,
 def test_training_goes_on_from_a_model(trained, tmp_path):
     """With its recipe and name, on other data, in fewer evaluations than from the usual starts."""
     folder, _ = trained
-    run(
-        "train.py",
-        *OTHERS[:2],
-        "data.seed=5",
-        "bootstrap=50",
-        f"checkpoint={folder}",
-        f"hydra.run.dir={tmp_path / 'on'}",
-    )
-    run("train.py", *OTHERS[:2], "data.seed=5", "bootstrap=50", "model=x1_wrench", f"hydra.run.dir={tmp_path / 'new'}")
+    words = (*OTHERS[:3], "data.seed=5", "bootstrap=50", f"hydra.run.dir={tmp_path / 'on'}")
+    printed = run("train.py", *words, f"checkpoint={folder}")
+    came = "trained on 20 impacts of synthetic drops (wang_mason, seed 0)"
+    assert f"goes on from {folder / 'model.pt'}, {came}\n" in printed.replace("\u00a0", " ")
+    run("train.py", *OTHERS[:3], "data.seed=5", "bootstrap=50", "model=x1_wrench", f"hydra.run.dir={tmp_path / 'new'}")
     on, new = results(tmp_path / "on"), results(tmp_path / "new")
     assert on["learned"] == "x1_wrench"
     evaluations = [sum(one["evaluations"] for one in each["processes"]) for each in (on, new)]

@@ -132,7 +132,8 @@ def _distinguished(name: str, models: Sequence[TrainedModel]) -> list[str]:
     ]
     if len(set(words)) < len(words) or max(map(len, words)) > _LONGEST:
         top = os.path.commonpath([model.path.parent for model in models])
-        words = [printable(os.path.relpath(model.path, top)) for model in models]
+        paths = (os.path.relpath(model.path.with_suffix(""), top) for model in models)
+        words = [printable(path.removesuffix(f"{os.sep}model")) for path in paths]
     return [f"{name} ({word})" for word in words]
 
 

@@ -141,6 +141,9 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
         key, part, name = own.group(0, 1, 2)
         known = choices(part) if part in groups(command) else []
+        kept = [word for word in words if word.startswith("checkpoint=")]
+        if name in known and kept and command == "train":
+            return f"{kept[0]} keeps the features and target that it was trained with; take out {key}=…"
         if name in known:
             return f"{key} is a setting of {part} {name}, which is not chosen; add {part}=[{name}]"
         near = suggest(name, known)

@@ -93,7 +93,7 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
     @functools.wraps(job)
     def run_command() -> None:
-        words = sys.argv[1:] = with_pluses(_without_training(sys.argv[1:]))
+        words = sys.argv[1:] = with_pluses(_without_training(sys.argv[1:], job.__name__))
         flags = {word.partition("=")[0] for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
             if not flags & {"--config-dir", "-cd"}:
@@ -101,16 +101,33 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
+                _refuse_default_data(words, flags)
                 with restrict_targets():
                     run()
 
     return run_command
 
 
-def _without_training(words: list[str]) -> list[str]:
+def _without_training(words: list[str], command: str) -> list[str]:
     """The words of a command; with a checkpoint no model of the configuration is trained, unless words name one."""
-    keys = {word.lstrip("+").partition("=")[0] for word in words if not word.endswith("=null")}
-    return [*words, "model=[]"] if "checkpoint" in keys and "model" not in keys else words
+    keys = _given(words)
+    trains = command != "diagnose" and "model" not in keys
+    return [*words, "model=[]"] if "checkpoint" in keys and trains else words
+
+
+def _refuse_default_data(words: list[str], flags: set[str]) -> None:
+    """Refuse a checkpoint without words for the data, which are not those of its training by default."""
+    named = _given(words) & {"data", "experiment"} or flags & {"--config-dir", "-cd", "--config-name", "-cn"}
+    if "checkpoint" in _given(words) and not named:
+        raise ContactLearnError(
+            "a checkpoint needs data=…: the data to judge it on or to go on with, such as those of its training, "
+            "which are not taken by themselves; data=synthetic is the default of other runs"
+        )
+
+
+def _given(words: list[str]) -> set[str]:
+    """Names of the settings that words give, but for those that they set to null."""
+    return {word.lstrip("+").partition("=")[0] for word in words if not word.endswith("=null")}
 
 
 @contextmanager
@@ -198,7 +215,7 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
         readable_errors(),
     ):
-        words = _without_training(overrides)
+        words = _without_training(overrides, config_name)
         cfg = hydra.compose(config_name, words, return_hydra_config=return_hydra_config)
     restrict_settings(cfg, config_name, overrides)
     check_targets(cfg, overrides)

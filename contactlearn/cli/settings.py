@@ -41,7 +41,6 @@ from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
 from contactlearn.models.process_options import ProcessOptions
-from contactlearn.models.regressor import Regressor
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
@@ -164,7 +163,7 @@ class FigureSettings:
 class TrainSettings:
     """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has.
 
-    `laws` are those of Best Post Hoc, the paper's and `law`; `start` are the processes that training goes on from.
+    `laws` are those of Best Post Hoc, the paper's and `law`; `start` is the one whose processes training goes on from.
     """
 
     split: SplitSettings
@@ -178,7 +177,7 @@ class TrainSettings:
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
     norm: bounds.Norm
-    start: Regressor | None = None
+    start: TrainedModel | None = None
 
     @classmethod
     def from_config(cls, cfg: DictConfig) -> "TrainSettings":
@@ -222,7 +221,7 @@ class TrainSettings:
         except ContactLearnError as error:
             raise ContactLearnError(f"{trained.path}: training cannot go on from it: {error}") from error
         settings = cls._of_model(config, trained.learned, recipe, trained.law, trained.effects)
-        return replace(settings, start=trained.model.regressor)
+        return replace(settings, start=trained)
 
     @classmethod
     def _of_model(

@@ -21,7 +21,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ class ComparedRun:
     def data(self) -> DataSource:
         """The impacts."""
         data = self.result.provenance.data
-        return DataSource(source=printable(data.source), trials=data.trials, sha256=printable(data.sha256))
+        return replace(data, source=printable(data.source), sha256=printable(data.sha256))
 
     @property
     def config(self) -> Mapping[str, Any]:

@@ -36,11 +36,21 @@ class RunKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class DataSource:
-    """The impacts of a run: their source in words, their number, and the SHA-256 of all their numbers and names."""
+    """The impacts of a run.
+
+    Args:
+        source: in words.
+        trials: their number.
+        sha256: of all their numbers and names.
+        mass: least and largest in kg; stated by a training alone.
+        inertia: as `mass`, in kg m².
+    """
 
     source: str
     trials: int
     sha256: str
+    mass: "Pair | None" = None
+    inertia: "Pair | None" = None
 
 
 @dataclass(frozen=True, kw_only=True)

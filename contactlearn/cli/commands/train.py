@@ -10,6 +10,7 @@ from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
+from contactlearn.cli.commands.trained import body_ranges, check_start
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import TrainSettings
@@ -65,6 +66,8 @@ def train(settings: TrainSettings, run: Run) -> None:
     """Train one model, save it, and compare its predictions with the held-out trials."""
     data = loading.split(settings.split, run.folder)
     loading.show_split(data, str(run.config["device"]), settings.device)
+    if settings.start is not None:
+        check_start(settings.start, data)
     with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.norm)) as tracker:
         _train(settings, run, data, tracker)
     terminal.show_folder(run.folder)
@@ -118,7 +121,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         name = fitting.augmented_name(settings.model, effects)
         reporter = _RoundReporter(name, len(rows), recipe, moved(data.test, settings.device), on_event)
-        start = moved(settings.start, settings.device)
+        start = None if settings.start is None else moved(settings.start.model.regressor, settings.device)
         models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, like=start, on_round=reporter)
         reporter.score(models[name])
     fits = (shared[law.name],) if law is not None and not effects else ()
@@ -175,6 +178,7 @@ class _RoundReporter:
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
     recipe, regressor = settings.recipe, trained.model.regressor
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
+    provenance = replace(provenance, data=replace(provenance.data, **body_ranges(data.pool)))
     if recipe is not None and settings.start is not None:  # of which the configuration names the file alone
         model = {settings.model: {"features": recipe.features, "target": recipe.target}}
         provenance = replace(provenance, config={**provenance.config, "model": model})

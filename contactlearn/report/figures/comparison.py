@@ -40,15 +40,14 @@ def error_comparison(
     if not errors or errors.keys() - intervals.keys():
         missing = ", ".join(errors.keys() - intervals.keys()) or "any model"
         raise ContactLearnError(f"error_comparison needs errors and an interval for each model, got none for {missing}")
-    figure = st.new_figure(st.COLUMN, 0.75 + 0.34 * len(errors))
+    labels = ["\n".join(map(st.plain, wrap(st.law_style(name).label, 16))) for name in errors]
+    lines = max(label.count("\n") + 1 for label in labels)
+    figure = st.new_figure(st.COLUMN, 0.75 + max(0.34, 0.14 * lines) * len(errors))
     axes = st.name_axes(figure.subplots(), metric)
-    labels = []
     for place, (name, values) in enumerate(errors.items()):
         if bad := int((~values.isfinite()).sum()):
             raise ContactLearnError(f"errors of {name!r} must be finite, got {bad} that are not")
         _draw_model(axes, place, name, st.array(values), intervals[name])
-        lines = wrap(st.law_style(name).label, 16, max_lines=2, placeholder="…")
-        labels.append("\n".join(st.plain(line) for line in lines))
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(labels) - 0.45, -0.55)
