@@ -92,6 +92,8 @@ def test_the_headline_names_rivals_and_doubts(found):
     assert text.headline(replace(found, remainder=more)).endswith(
         "; no known effect explains the predictable part of the residual."
     )
+    unstated = replace(found, shapeless=(EffectId("shape_error"), EffectId("surface_tilt", "computed")))
+    assert text.headline(unstated).endswith("may be a proxy for shape error or surface tilt, which need it.")
     noted = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
     assert text.headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
     doubted = replace(noted, correction=None)

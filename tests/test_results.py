@@ -143,7 +143,13 @@ def test_the_page_of_an_evaluation_is_drawn_again_without_its_data(tmp_path, cap
     done = (
         *("evaluate.py", "data=table", f"data.path={tmp_path / 'drops.csv'}", "train.size=20", "train.repetitions=3"),
         *("laws=[whittaker,mirtich]", "figures.repetitions=1", "bootstrap=50", "model=[x1_wrench]", "workers=1"),
-        *("curves.sizes=[10]", "curves.seeds=1", "effect=[surface_tilt]", f"hydra.run.dir={tmp_path / 'run'}"),
+        *(
+            "curves.sizes=[10]",
+            "curves.seeds=1",
+            "effect=[surface_tilt]",
+            "effect.surface_tilt.form=seen",
+            f"hydra.run.dir={tmp_path / 'run'}",
+        ),
     )
     run(*done)
     page = tmp_path / "run" / "report.html"

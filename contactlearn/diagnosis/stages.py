@@ -375,6 +375,7 @@ def _result(
             PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
             for one in selection.plausible
         ),
+        shapeless=tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None),
         unwanted=_unwanted(selection, missing),
         frontier=_frontier(selection, generator),
         complete=selection.complete,

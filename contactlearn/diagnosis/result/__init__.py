@@ -173,6 +173,7 @@ class Diagnosis:
         formulas: for it, the best first.
         choices: every subset of the missing effects.
         models: the chosen model and those that the data cannot distinguish from it, by their shares.
+        shapeless: candidates that were not compared, because they need the body's shape and it is not stated.
         unwanted: candidates of one's own that were tested, and are in no plausible model and no rival.
         frontier: the best model with each number of effects, from none on.
         complete: whether the search came to its own end; if not, its time was up.
@@ -198,6 +199,7 @@ class Diagnosis:
     formulas: tuple[Formula, ...] = ()
     choices: Choices | None = None
     models: tuple[PlausibleModel, ...] = ()
+    shapeless: tuple[EffectId, ...] = ()
     unwanted: tuple[EffectId, ...] = ()
     frontier: tuple[FrontierModel, ...] = ()
     complete: bool = True
