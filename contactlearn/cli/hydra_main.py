@@ -120,8 +120,8 @@ def _refuse_default_data(words: list[str], flags: set[str]) -> None:
     named = _given(words) & {"data", "experiment"} or flags & {"--config-dir", "-cd", "--config-name", "-cn"}
     if "checkpoint" in _given(words) and not named:
         raise ContactLearnError(
-            "a checkpoint needs data=…: the data to judge it on or to go on with, such as those of its training, "
-            "which are not taken by themselves; data=synthetic is the default of other runs"
+            "a checkpoint needs data=…: those to judge it on or to go on with, which may be those of its training; "
+            "else they would be simulated drops (data=synthetic)"
         )
 
 
