@@ -11,6 +11,7 @@ import pytest
 from repetitions import repeated
 
 from contactlearn.core.signals import defer_interrupts, graceful_exit
+from contactlearn.report.terminal import new_table, print_table
 
 _AT_WORK = """
 import os, signal, time
@@ -87,6 +88,24 @@ def test_streams_spell_what_their_encoding_lacks(encoding, wanted, monkeypatch):
     with graceful_exit():
         print("μ = 0.1 ± 0.02 m², Δω → 0°, é, 日", end="")
     assert stream.buffer.getvalue().decode(encoding) == wanted
+
+
+def test_columns_line_up_in_ascii(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    with graceful_exit():
+        shown = new_table("Δω", "law", "ε")
+        shown.add_row("a", "0.5 ± 0.1")
+        shown.add_row("b", "0.25")
+        print_table(shown)
+    title, *rows = (line.rstrip() for line in stream.buffer.getvalue().decode().strip().splitlines())
+    assert title == "Deltaomega"
+    assert len({*map(len, rows)}) == 1
+    assert [row for row in rows if "-+" not in row] == [
+        "|law |    epsilon|",
+        "|a   | 0.5 +- 0.1|",
+        "|b   |       0.25|",
+    ]
 
 
 @pytest.mark.parametrize("words", [

@@ -63,15 +63,23 @@ def spell_unencodable() -> None:
 
     A pipe on Windows, and the C locale, have other encodings than UTF-8.
     """
-    codecs.register_error("spelt", _spelt)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a notebook's, or a test's, takes any text
             stream.reconfigure(errors="spelt")
 
 
+def spelt(text: str) -> str:
+    """Return text as the standard output has it, for what must know its width."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return text.encode(encoding, "spelt").decode(encoding)
+
+
 def _spelt(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
     return "".join(map(_ascii, error.object[error.start : error.end])), error.end
+
+
+codecs.register_error("spelt", _spelt)
 
 
 def _ascii(character: str) -> str:
