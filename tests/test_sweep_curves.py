@@ -67,6 +67,16 @@ def test_lines_grow_as_jobs_end_in_any_order(sweep, jobs, tmp_path):
     assert lines(tmp_path / FOLDER) == lines(sweep / FOLDER)
 
 
+def test_an_extended_sweep_logs_what_is_new(jobs, tmp_path, caplog):
+    settings = {job: [f"train.size={size}", f"seed={seed}"] for (size, seed), job in jobs.items()}
+    for ended in ([(10, 0), (10, 1)], jobs):
+        with growing_curves(tmp_path, {jobs[key]: settings[jobs[key]] for key in ended}):
+            pass
+    assert [size for size, _ in lines(tmp_path / FOLDER)["whittaker"]] == [10, 20]
+    assert len((tmp_path / FOLDER / "metrics.jsonl").read_text().splitlines()) == 2
+    assert "Purging" not in caplog.text
+
+
 def test_swept_settings_name_lines_of_one_model(sweep, jobs, tmp_path):
     """Those that move no bound stand in no name of a bound."""
     settings = {job: [f"train.size={size}", f"variant={seed}"] for (size, seed), job in jobs.items()}

@@ -1,5 +1,6 @@
 """Learning curves of a sweep over train.size in TensorBoard: a line for each model and bound, as its jobs end."""
 
+import json
 from collections import defaultdict
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -9,7 +10,7 @@ from threading import Event, Thread
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
-from contactlearn.report.tensorboard import HELD_OUT_CHARTS, Tracker
+from contactlearn.report.tensorboard import HELD_OUT_CHARTS, METRICS_FILE, Tracker, ends
 from contactlearn.results.runs import ComparedRun, common_metric, read_runs
 from contactlearn.results.state import DONE
 from contactlearn.results.types import Evaluation, ModelErrors
@@ -57,7 +58,7 @@ class SweepCurves:
     def __init__(self, folder: Path, jobs: Jobs) -> None:
         self._folder, self._left = folder, dict(jobs)
         self._runs = list[tuple[ComparedRun, Sequence[str]]]()
-        self._logged, self._tracker = Points(), None
+        self._logged, self._tracker = _logged(folder / METRICS_FILE), None
 
     def update(self) -> None:
         """Read the jobs that have ended since, and log their points; a disk that is full stops no sweep."""
@@ -80,17 +81,28 @@ class SweepCurves:
         latest = {tag: size for tag, size in sorted(self._logged)}
         changed = any(current.get(key) != value for key, value in self._logged.items())
         new = {key: value for key, value in current.items() if key not in self._logged}
+        if not changed and not new:
+            return
         if self._tracker is None:
             self._folder.mkdir(exist_ok=True)
             metric = common_metric(run for run, _ in self._runs)
             chart = {f"Sweep over train.size, with both bounds: {METRICS[metric].name}": [f"curve_{metric}/"]}
-            self._tracker = Tracker(self._folder, 0, {HELD_OUT_CHARTS: chart})
+            self._tracker = Tracker(self._folder, 0, {HELD_OUT_CHARTS: chart}, continued=bool(self._logged))
         if changed or any(size < latest.get(tag, 0) for tag, size in new):
             self._tracker.begin_again()
             new = current
         for size in sorted({size for _, size in new}):
             self._tracker.scalars({tag: value for (tag, at), value in new.items() if at == size}, size)
         self._logged = current
+
+
+def _logged(file: Path) -> Points:
+    """The points that an earlier sweep in the folder logged; none where its file is damaged."""
+    with suppress(OSError, ValueError, KeyError):
+        rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+        tags = [(row, tag) for row in rows for tag in row if tag.startswith("curve_")]
+        return {(tag, row["trained_on"]): Interval(row[tag], *(row[end] for end in ends(tag))) for row, tag in tags}
+    return {}
 
 
 def points(runs: Iterable[tuple[ComparedRun, Sequence[str]]]) -> Points:

@@ -72,7 +72,6 @@ class _EventFile:
         folder.mkdir(parents=True, exist_ok=True)
         self._records = RecordWriter((folder / name).open("wb"))
         self.write(event_pb2.Event(file_version="brain.Event:2"))
-        self.begin()
 
     def begin(self) -> None:
         """Let TensorBoard hide what was logged before, also in older files of the folder."""
@@ -92,21 +91,21 @@ class _EventFile:
 class Tracker:
     """Writes scalars, charts, figures, hyperparameters and a card of one run into `folder`; a context manager.
 
-    Nothing is written before the first value.  Then TensorBoard hides what a former attempt in the folder logged;
-    its events stay, since TensorBoard reads no further where a file vanishes.
+    Nothing is written before the first value.  Then TensorBoard hides what a former attempt in the folder logged,
+    unless it is `continued`; its events stay, since TensorBoard reads no further where a file vanishes.
 
     Args:
         folder: of the run.
         trained_on: number of training impacts of its model.
         charts: of the custom scalars.
+        continued: what follows is logged beside what a former attempt logged.
     """
 
-    def __init__(self, folder: Path, trained_on: int, charts: Charts = NO_CHARTS) -> None:
-        self._folder, self._trained_on, self._charts = folder, trained_on, charts
+    def __init__(self, folder: Path, trained_on: int, charts: Charts = NO_CHARTS, *, continued: bool = False) -> None:
+        self._folder, self._trained_on, self._charts, self._continued = folder, trained_on, charts, continued
 
     @cached_property
     def _file(self) -> _EventFile:
-        (self._folder / METRICS_FILE).unlink(missing_ok=True)
         layout = {
             category: {
                 title: ["Margin", [tags, *ends(tags)]] if isinstance(tags, str) else ["Multiline", list(tags)]
@@ -115,6 +114,9 @@ class Tracker:
             for category, charts in self._charts.items()
         }
         file = _EventFile(self._folder)
+        if not self._continued:
+            file.begin()
+            (self._folder / METRICS_FILE).unlink(missing_ok=True)
         file.write(event_pb2.Event(summary=summary.custom_scalars(layout)))
         return file
 

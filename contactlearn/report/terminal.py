@@ -9,10 +9,10 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, RenderableType
+from rich.style import StyleType
 from rich.table import Table
 from rich.text import Text
 
@@ -295,8 +295,9 @@ def _spread(mean: float, std: float | None) -> str:
 class _Table(Table):
     """Cells as the standard output spells them, so that columns line up in ASCII too."""
 
-    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
-        super().add_row(*(spelt(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+    def add_row(self, *cells: RenderableType | None, style: StyleType | None = None, end_section: bool = False) -> None:
+        spelt_cells = (spelt(cell) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*spelt_cells, style=style, end_section=end_section)
 
 
 def new_table(title: str, *headings: str) -> Table:
