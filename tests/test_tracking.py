@@ -290,6 +290,8 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     means = [event.value for event in events["evaluate"].Scalars("curve_loss/x1_wrench")]
     outputs = [events["evaluate"].Scalars(f"curve_loss/x1_wrench/{output}") for output in ("P_t", "P_n", "τ")]
     assert means == pytest.approx([sum(loss.value for loss in losses) / 3 for losses in zip(*outputs, strict=True)])
+    for tag in ("curve_noise/x1_wrench/τ", "curve_length_scale/x1_wrench/τ/v_n"):
+        assert [(one.step, one.value > 0) for one in events["evaluate"].Scalars(tag)] == [(10, True), (20, True)]
     best = [point["mean"] for point in results["learning_curves"]["best_post_hoc"]["mass_error"]]
     level = results["errors"]["irb"]["mass_error"]["mean"]
     for name, line in {"best_post_hoc": best, "irb": [level, level]}.items():

@@ -170,6 +170,8 @@ class CurvePoint(_Event, frozen=True, kw_only=True):
         trained_on: number of training trials.
         errors: by metric.
         loss: of each output in nats a trial, mean over the subsets; empty without training.
+        noise: standard deviation, in the output's unit, likewise.
+        length_scales: of each output by feature, in standard deviations of the feature, likewise.
         negative_log_density: mean over trials and subsets in nats; None without a predicted covariance.
         coverage: share of the trials inside the predicted 95 % ellipsoid; None likewise.
     """
@@ -178,6 +180,8 @@ class CurvePoint(_Event, frozen=True, kw_only=True):
     trained_on: int
     errors: dict[str, Interval]
     loss: dict[str, float]
+    noise: dict[str, float]
+    length_scales: dict[str, dict[str, float]]
     negative_log_density: float | None
     coverage: float | None
 

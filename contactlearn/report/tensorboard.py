@@ -153,6 +153,9 @@ class Tracker:
         elif isinstance(event, CurvePoint):
             values = {f"curve_{metric}/{event.model}": error for metric, error in event.errors.items()}
             values |= {f"curve_loss/{event.model}/{output}": loss for output, loss in event.loss.items()}
+            values |= {f"curve_noise/{event.model}/{output}": noise for output, noise in event.noise.items()}
+            for output, lengths in event.length_scales.items():
+                values |= {f"curve_length_scale/{event.model}/{output}/{feature}": x for feature, x in lengths.items()}
             if event.loss:
                 values[f"curve_loss/{event.model}"] = statistics.fmean(event.loss.values())
             if event.coverage is not None and event.negative_log_density is not None:

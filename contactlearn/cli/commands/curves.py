@@ -1,10 +1,10 @@
 """Learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
@@ -24,6 +24,7 @@ from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import Curve, CurveDensity, Trained, count_trainings
 from contactlearn.inference.learning.recipe import TARGETS
 from contactlearn.laws import Law
+from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
@@ -52,8 +53,16 @@ class _Points:
         self._settings, self._on_event, self._sizes = settings, on_event, sizes
         self.by_model = dict[str, dict[int, CurvePoint]]()
 
-    def add(self, model: str, curve: Curve, loss: Mapping[str, float] = MappingProxyType({})) -> None:
-        """Score some sizes of a model."""
+    def add(self, model: str, curve: Curve, trained: Trained | None = None) -> None:
+        """Score some sizes of a model; of one that is trained, a single size."""
+        loss, noise, lengths = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
+        if trained is not None:
+            recipe = self._settings.learnable[model]
+            outputs, features = TARGETS[recipe.target], SPACES[recipe.features].columns
+            loss |= zip(outputs, trained.loss, strict=True)
+            noise |= zip(outputs, trained.noise, strict=True)
+            for output, scales in zip(outputs, trained.length_scales, strict=True):
+                lengths[output] = {name: x for name, x in zip(features, scales, strict=True) if x < math.inf}
         points = self.by_model.setdefault(model, {})
         before = len(self._reported(points))
         for place, size in enumerate(curve.sizes):
@@ -65,7 +74,9 @@ class _Points:
                     name: metrics.bootstrap(error[place], generator, self._settings.bootstrap)
                     for name, error in curve.errors.items()
                 },
-                loss=dict(loss),
+                loss=loss,
+                noise=noise,
+                length_scales=lengths,
                 negative_log_density=None if density is None else density.negative_log[place].mean().item(),
                 coverage=None if density is None else _coverage(density)[place].item(),
             )
@@ -111,8 +122,7 @@ def learning_study(
 
         def add(trained: Trained) -> None:
             (name,) = trained.key
-            loss = dict(zip(TARGETS[recipes[name].target], trained.loss, strict=True))
-            points.add(name, Curve.of(test, {trained.size: trained.prediction}), loss)
+            points.add(name, Curve.of(test, {trained.size: trained.prediction}), trained)
 
         learned = study.learning_curves(
             recipes,

@@ -47,6 +47,8 @@ class Trained:
     kind: str  # of the processes
     converged: float  # share of the processes whose training converged
     loss: tuple[float, ...]  # of each output in nats a trial, mean over the subsets
+    noise: tuple[float, ...]  # standard deviation of each output in its unit, likewise
+    length_scales: tuple[tuple[float, ...], ...]  # of each output, by feature; infinite where it is constant
 
 
 def save_trained(folder: Path, trained: Trained) -> None:
@@ -58,7 +60,7 @@ def save_trained(folder: Path, trained: Trained) -> None:
     prediction = moved(trained.prediction, "cpu")
     arrays = {"v_post": prediction.v_post.numpy(), "wrench": prediction.wrench.numpy()}
     arrays |= {"kind": np.array(trained.kind), "converged": np.array(trained.converged)}
-    arrays["loss"] = np.array(trained.loss)
+    arrays |= {name: np.array(getattr(trained, name)) for name in ("loss", "noise", "length_scales")}
     if prediction.covariance is not None:
         arrays["covariance"] = prediction.covariance.numpy()
     gone = suppress(FileNotFoundError)  # another run of the same command has ended and removed the folder
@@ -75,10 +77,18 @@ def load_trained(folder: Path, key: tuple[str, ...], size: int) -> Trained | Non
                 torch.from_numpy(held["wrench"]),
                 torch.from_numpy(held["covariance"]) if "covariance" in held else None,
             )
-            kind, converged, loss = str(held["kind"]), float(held["converged"]), tuple(held["loss"].tolist())
+            return Trained(
+                key=key,
+                size=size,
+                prediction=prediction,
+                kind=str(held["kind"]),
+                converged=float(held["converged"]),
+                loss=tuple(held["loss"].tolist()),
+                noise=tuple(held["noise"].tolist()),
+                length_scales=tuple(map(tuple, held["length_scales"].tolist())),
+            )
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error):
         return None
-    return Trained(key=key, size=size, prediction=prediction, kind=kind, converged=converged, loss=loss)
 
 
 def count_trainings(folder: Path) -> int:
@@ -257,6 +267,9 @@ class _Training:
         """Train the model and predict the held-out trials."""
         model = learn(self.recipe, self.pool, self.rows, self.base, impulse=self.impulse, box=self.box)
         processes, training = model.processes, model.processes.training
+        found = processes.gps.hyperparameters()
+        noise = found[..., -1].sqrt() * processes.outputs.spread[..., 0, :]
+        lengths = found[..., :-2].where(processes.inputs.scale.isfinite(), torch.inf)
         return Trained(
             key=self.key,
             size=self.size,
@@ -264,6 +277,8 @@ class _Training:
             kind=processes.kind,
             converged=training.converged.double().mean().item(),
             loss=tuple(training.loss.flatten(0, -2).mean(0).tolist()),
+            noise=tuple(noise.flatten(0, -2).mean(0).tolist()),
+            length_scales=tuple(map(tuple, lengths.flatten(0, -3).mean(0).tolist())),
         )
 
 
