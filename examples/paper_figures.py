@@ -92,5 +92,8 @@ bases = {law.name: {size: law_at(fit, size) for size in sizes}}
 curves = learning_curves(recipes, pool, test, orders, sizes, bases, impulse=target, box=box)
 densities = {model: curve.errors[name][-1].flatten() for model, curve in curves.items()}
 show(error_densities(densities | {bound: errors[bound] for bound in limits}, axis), chosen.out / "figure_4_1")
-means = {model: curve.intervals(name, generator, 500) for model, curve in curves.items()}
+means = {
+    model: torch.tensor([tuple(one) for one in curve.intervals(name, generator, 500)])
+    for model, curve in curves.items()
+}
 show(learning_curve(sizes, means, {bound: intervals[bound] for bound in limits}, axis), chosen.out / "figure_4_2")

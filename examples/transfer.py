@@ -35,12 +35,14 @@ model, curves = transfer_curves(recipe, source, others, sizes, chosen.seeds, gen
 # The trained model is worth trials of the new body as long as its curve lies below that from scratch.
 ways = {"scratch": "From scratch", "prior": "Trained model as prior"}
 means = {
-    body: {label: found[way].intervals("mass_error", generator, 500) for way, label in ways.items()}
+    body: {
+        label: torch.tensor([tuple(one) for one in found[way].intervals("mass_error", generator, 500)])
+        for way, label in ways.items()
+    }
     for body, found in curves.items()
 }
 zero_shot = {
-    body: tuple(found["zero_shot"].intervals("mass_error", generator, 500)[0].tolist())
-    for body, found in curves.items()
+    body: tuple(found["zero_shot"].intervals("mass_error", generator, 500)[0]) for body, found in curves.items()
 }
 print(f"{'trials':>40}" + "".join(f"{size:>8}" for size in sizes))
 for body, by_way in means.items():
