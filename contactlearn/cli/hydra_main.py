@@ -101,7 +101,8 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
             if flags and flags <= {"--help", "-h"}:
                 print(_help(job.__name__, [word for word in words if word not in flags]))
             else:
-                _refuse_default_data(words, flags)
+                if job.__name__ != "diagnose":
+                    _refuse_default_data(words, flags)
                 with restrict_targets():
                     run()
 

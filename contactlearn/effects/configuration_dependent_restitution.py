@@ -27,7 +27,7 @@ class ConfigurationDependentRestitution(ChangesRestitution, Effect):
 
 @dataclass(frozen=True, eq=False)
 class QuadraticLeverRestitution(ConfigurationDependentRestitution):
-    """ε → ε − c (r_x/ρ)².  It hardly acts near the centre (`LinearLeverRestitution`)."""
+    """ε → ε − c (r_x/ρ)².  It is small near the centre (`LinearLeverRestitution`)."""
 
     form = "quadratic"
     formula = "ε ← ε − c (r_x/ρ)²"

@@ -21,7 +21,7 @@ from contactlearn.core.signals import spelt
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import correct_setting, phrase, sentence
+from contactlearn.report.text import correct_setting, join_words, phrase, sentence
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
@@ -182,17 +182,20 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
         "<: number of trials at which the mean first falls below; "
         "settled: number from which it stays within 5 % of its best"
     )
+    described = defaultdict[str, list[str]](list)  # models by the description of their processes
     for model, curve in curves.items():
         if curve.calibration is None:
             continue
         kinds = defaultdict[str, list[str]](list)
         for size, kind in zip(curve.sizes, curve.calibration.processes, strict=True):
             kinds[kind].append(str(size))
-        parts = [f"{kind} at {', '.join(sizes)} trials" for kind, sizes in kinds.items()]
+        parts = [kind + (f" at {', '.join(sizes)} trials" if len(kinds) > 1 else "") for kind, sizes in kinds.items()]
         for size, share in zip(curve.sizes, curve.calibration.converged, strict=True):
             if share < 1:
                 parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
-        print_line(f"note: the processes of {model} are {'; '.join(parts)}")
+        described["; ".join(parts)].append(model)
+    for description, models in described.items():
+        print_line(f"note: the processes of {join_words(models)} are {description}")
     print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
 
 

@@ -29,8 +29,8 @@ def check_models(models: Mapping[str, TrainedModel], data: Split, settings: Spli
         terminal.print_line(f"{name}: {trained.path}")
         regressor, held_out = trained.model.regressor, len(data.test)
         if regressor is not None and (seen := int(regressor.trained_with(data.test).sum())):
-            told = f"was trained on impacts that equal {seen} of the {held_out} held-out ones: its errors are too small"
-            terminal.print_line(f"note: {name} {told}")
+            overlap = f"was trained on impacts that equal {seen} of the {held_out} held-out ones"
+            terminal.print_line(f"note: {name} {overlap}: its errors are too small")
         _show_news(name, trained, data.test)
 
 

@@ -2,7 +2,7 @@
 
 A figure is one column (3.4 in) or two (7 in) of a paper wide, so it is printed at its own size and
 its 8 pt text stays 8 pt.  A law or a learned model has the same colour, marker and line everywhere:
-colours are told apart with any colour vision, markers and lines without colour.
+colours differ for any colour vision, markers and lines also in grey.
 """
 
 import itertools
