@@ -44,8 +44,8 @@ def test_a_diagnosis_reports_excluded_candidates():
     assert list(found.effects) == [TRUE]
     assert found.remainder is not None
     assert found.remainder.state_dependence is not None
-    (left_out,) = found.remainder.state_dependence.superseded_effects
-    assert left_out.name == STAND_IN
-    message = f"no larger model predicts clearly better: {effect_label(left_out)} would only be a proxy for it"
-    assert any(message in note for note in search_notes(found))
+    (left_out,) = found.candidates
+    assert (left_out.effect.name, left_out.confidence) == (STAND_IN, None)
+    (note,) = (note for note in search_notes(found) if note.startswith(f"Candidate: {effect_label(left_out.effect)}"))
+    assert "it may be a proxy" in note
     assert Diagnosis.from_json(found.to_json()) == found

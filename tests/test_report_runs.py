@@ -58,7 +58,7 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
     missing = tuple(
         result.MissingEffect(
             effect=effect, equation="", parameters=(), error_before=of(0.2), error_after=of(0.1), error_reduction=0.1,
-            share=1.0, confidence=1.0, inadmissible_before=0.0, inadmissible_after=0.0,
+            share=1.0, confidence=1.0, level=result.Level.FOUND, inadmissible_before=0.0, inadmissible_after=0.0,
         )
         for effect in effects
     )  # fmt: skip
@@ -73,7 +73,7 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
     budget = result.ErrorBudget(
         base=errors[0], ceiling=errors[1], bound=of(0.01), named=errors[len(names)], flexible=errors[-2],
         noise=errors[-1], noise_source=result.NoiseSource.STATED,
-        shares=result.ErrorShares(noise=0.2, explained=0.5, unexplained=0.3, beyond_rigid=0.0),
+        shares=result.ErrorShares(noise=0.2, explained=0.5, unnamed=0.0, unexplained=0.3, beyond_rigid=0.0),
     )  # fmt: skip
     verdict = result.Verdict.EFFECTS if names else result.Verdict.NONE
     found = result.Diagnosis(

@@ -111,7 +111,7 @@ def test_the_headline_names_rivals_and_doubts(found):
 
 
 def test_something_unknown_has_its_size(found):
-    shares = result.ErrorShares(noise=0.0016, explained=0.9947, unexplained=0.0037, beyond_rigid=0.0)
+    shares = result.ErrorShares(noise=0.0016, explained=0.9947, unnamed=0.0, unexplained=0.0037, beyond_rigid=0.0)
 
     def message(unexplained):
         budget = replace(found.budget, shares=replace(shares, unexplained=unexplained))
@@ -130,7 +130,13 @@ def test_something_unknown_has_its_size(found):
 
 
 def test_one_sentence_supports_the_headline(found):
-    first, second = (replace(one, confidence=x) for one, x in zip(found.missing, (0.9987, 0.62), strict=True))
+    first, second = (
+        replace(one, confidence=x, level=result.Level.of(x))
+        for one, x in zip(found.missing, (0.9987, 0.62), strict=True)
+    )
+    assert text.headline(replace(found, missing=(first, second))).startswith(
+        "Surface tilt (computed) is missing from Wang–Mason, and probably spin damping (after)."
+    )
     message = plain(text.support(replace(found, missing=(first, second))))
     after, noise = found.ladder[2].error.mean, found.budget.noise.mean
     assert message.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")

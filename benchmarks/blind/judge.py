@@ -111,7 +111,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
             "variables": [one.symbol for one in state.variables],
             "share": state.share.mean,
         },
-        superseded=[] if state is None else [one.name for one in state.superseded_effects],
+        superseded=[one.effect.name for one in found.candidates if one.confidence is None],
         formulas=[one.text for one in found.formulas],
         complete=found.complete,
     )

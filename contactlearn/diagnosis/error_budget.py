@@ -20,8 +20,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares, NoiseSource
+from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares, NoiseSource, Verdict
 from contactlearn.diagnosis.search.selection import Selection
+from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
@@ -153,7 +154,13 @@ def error_limits(selection: Selection, ceiling: LearnedRemainder, generator: tor
 
 
 def error_budget(
-    limits: ErrorLimits, *, base: Interval, named: Interval, flexible: Interval, floor: NoiseFloor
+    limits: ErrorLimits,
+    *,
+    base: Interval,
+    named: Interval,
+    flexible: Interval,
+    floor: NoiseFloor,
+    with_candidates: float | None = None,
 ) -> ErrorBudget:
     """Divide the error of the law into shares.
 
@@ -162,15 +169,19 @@ def error_budget(
         base: error of the law, on the ladder.
         named: error with all effects, on the ladder.
         flexible: error with processes on the residual of that model.
-        floor: the noise.
+        floor: the noise; an estimate that processes clearly undercut is none.
+        with_candidates: mean error with the candidates as well; None without any.
     """
-    noise = floor.error.mean
+    usable = floor.source is not NoiseSource.ESTIMATED or floor.error.low <= flexible.high
+    best = named.mean if with_candidates is None else min(named.mean, with_candidates)
+    noise = min(floor.error.mean, best, flexible.mean)
     whole = base.mean or 1.0  # of exact data
     shares = ErrorShares(
-        noise=noise / whole,
+        noise=noise / whole if usable else None,
         explained=(base.mean - named.mean) / whole,
-        unexplained=max(0.0, named.mean - noise) / whole,
-        beyond_rigid=max(0.0, limits.bound.mean - noise) / whole,
+        unnamed=(named.mean - best) / whole,
+        unexplained=(best - noise) / whole if usable else None,
+        beyond_rigid=max(0.0, limits.bound.mean - noise) / whole if usable else None,
     )
     return ErrorBudget(
         base=base,
@@ -178,7 +189,46 @@ def error_budget(
         bound=limits.bound,
         named=named,
         flexible=flexible,
-        noise=floor.error,
+        noise=floor.error if usable else None,
         noise_source=floor.source,
         shares=shares,
     )
+
+
+def verdict(
+    budget: ErrorBudget,
+    *,
+    named: bool,
+    predictable: bool,
+    better_law: bool,
+    complete: bool,
+    thresholds: Thresholds,
+) -> Verdict:
+    """Conclude from the shares of the error and the names, by the first row that holds.
+
+    | | names | no name |
+    | --- | --- | --- |
+    | another law does clearly better | unknown | unknown |
+    | much is left, and the search ended | unknown | unknown |
+    | much is left, and the search ran out of time | unfinished | unfinished |
+    | little is left | effects | none |
+
+    Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise
+    that was measured or stated: an estimated noise floor contains whatever the state does not tell.
+
+    Args:
+        budget: with its shares.
+        named: whether an effect is found or probable.
+        predictable: whether much of the residual is predictable, see `Remainder.unknown`.
+        better_law: see `clearly_better`.
+        complete: whether the search came to its own end.
+        thresholds: the share that is much, `form_error`.
+    """
+    shares, source = budget.shares, budget.noise_source
+    exceeds = budget.noise is not None and source is not NoiseSource.ESTIMATED and budget.named.low > budget.noise.high
+    left = shares.unnamed + (shares.unexplained or 0.0 if exceeds else 0.0)
+    if better_law:
+        return Verdict.UNKNOWN
+    if predictable or left > thresholds.form_error:
+        return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
+    return Verdict.EFFECTS if named else Verdict.NONE

@@ -16,7 +16,7 @@
 All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -27,7 +27,7 @@ from contactlearn.data.audit.model_checks import averaging_notes, find_model_out
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
-from contactlearn.diagnosis.error_budget import error_budget, error_limits, noise_floor
+from contactlearn.diagnosis.error_budget import error_budget, error_limits, noise_floor, verdict
 from contactlearn.diagnosis.events import (
     AuditFindings,
     CandidatesExcluded,
@@ -45,6 +45,7 @@ from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import (
+    Candidate,
     Diagnosis,
     ErrorBudget,
     ErrorLimits,
@@ -53,6 +54,7 @@ from contactlearn.diagnosis.result import (
     Formula,
     FrontierModel,
     LawFit,
+    Level,
     MissingEffect,
     PlausibleModel,
     Region,
@@ -64,9 +66,8 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
-from contactlearn.diagnosis.search.ladder import Ladder, calibrated, ladder
-from contactlearn.diagnosis.search.selection import Selection, select, validated
-from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
+from contactlearn.diagnosis.search.selection import Selection, select, smaller, validated
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
@@ -111,7 +112,15 @@ def diagnose_audited(
             search = drop_proxy_effects(question, search, generator, drift.found.block)
     comparison = compare_effects(question, search, generator)
     decomposition = decompose_error(question, search, comparison.ladder, generator)
-    return _result(question, search, comparison, decomposition, fits, (*findings, *search.notes), generator)
+    confidence = {one.effect: _confidence(one, decomposition) for one in comparison.ladder.missing}
+    probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
+    if len(probable) < len(confidence):
+        search = without_candidates(question, search, probable, confidence, generator)
+        comparison = compare_effects(question, search, generator)
+        decomposition = decompose_error(question, search, comparison.ladder, generator)
+    question.on_event(EffectsFound(effects=comparison.ladder.missing, regions=search.regions))
+    question.on_event(RemainderLearned(remainder=decomposition.learned.remainder))
+    return _result(question, search, comparison, decomposition, confidence, fits, (*findings, *search.notes), generator)
 
 
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
@@ -142,6 +151,8 @@ class SearchResult:
         limits: errors between which an effect can move the law.
         regions: regions in which the law fails.
         state_dependence: dependence of what remains on the state of each trial.
+        candidates: effects that were left out of the model.
+        error_with_candidates: mean held-out error of the model that has them; None without any.
     """
 
     selection: Selection
@@ -149,6 +160,29 @@ class SearchResult:
     limits: ErrorLimits
     regions: tuple[Region, ...]
     state_dependence: StateDependence | None = None
+    candidates: tuple[Candidate, ...] = ()
+    error_with_candidates: float | None = None
+
+    def reduced(self, selection: Selection, confidence: Mapping[EffectId, float]) -> "SearchResult":
+        """Choose a smaller model; effects that it lacks become candidates, those without a confidence as proxies."""
+        larger = self.selection
+        lacking = [effect for effect in larger.missing if effect not in selection.spec.effects]
+        candidates = tuple(
+            Candidate(
+                effect=effect,
+                equation=larger.present.fit.model.effects[effect.name].equation,
+                parameters=fitted_parameters(larger.present, effect.name),
+                error_reduction=larger.without(effect).mean_error - larger.present.mean_error,
+                confidence=confidence.get(effect),
+            )
+            for effect in lacking
+        )
+        return replace(
+            self,
+            selection=selection,
+            candidates=tuple(sorted((*self.candidates, *candidates), key=lambda one: -one.error_reduction)),
+            error_with_candidates=self.error_with_candidates or larger.present.mean_error,
+        )
 
 
 def search_effects(
@@ -234,16 +268,31 @@ def drop_proxy_effects(
     spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
-    smaller = selection.at(spec, thresholds.window, generator)
-    found = find_state_dependence(impacts, smaller.present.fit, smaller.present.fit, options, thresholds, block)
+    reduced = selection.at(spec, thresholds.window, generator)
+    found = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
     if found is None or not found.large:
         return tested
-    found = replace(found, superseded_effects=tuple(sorted(selection.spec.effects - spec.effects)))
+    search = replace(search.reduced(reduced, {}), state_dependence=found)
     if spec.law == selection.spec.law:
-        return replace(search, selection=smaller, state_dependence=found)
+        return search
     question.on_event(LawChanged(law=spec.law))
-    search = _with_limits_and_regions(question, smaller, search.notes, None, generator)
-    return replace(search, state_dependence=found)
+    other = _with_limits_and_regions(question, reduced, search.notes, None, generator)
+    return replace(search, limits=other.limits, regions=other.regions)
+
+
+def without_candidates(
+    question: Question,
+    search: SearchResult,
+    probable: Container[EffectId],
+    confidence: Mapping[EffectId, float],
+    generator: torch.Generator,
+) -> SearchResult:
+    """Choose the model of the probable effects alone; the others become candidates with their confidence."""
+    selection, model = search.selection, search.selection.chosen
+    for effect in selection.missing:
+        if effect not in probable:
+            model = smaller(selection.pool, model, effect)
+    return search.reduced(selection.at(model.spec, question.thresholds.window, generator), confidence)
 
 
 def _learn(
@@ -272,7 +321,6 @@ def compare_effects(question: Question, search: SearchResult, generator: torch.G
     """Order the effects by what they explain, and find what else could explain the same."""
     selection = search.selection
     rungs = ladder(selection, search.regions, generator)
-    question.on_event(EffectsFound(effects=tuple(rungs.missing), regions=search.regions))
     rivals = find_rivals(selection, question.thresholds, question.progress("rivals of the effects"))
     models = {
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
@@ -303,7 +351,6 @@ def decompose_error(
     serial = find_serial_dependence(impacts, fit, question.options, thresholds) if question.ordered else None
     remainder = replace(learned.remainder, serial_dependence=serial, state_dependence=search.state_dependence)
     learned = replace(learned, remainder=remainder)
-    question.on_event(RemainderLearned(remainder=remainder))
     found = ()
     if remainder.large:
         try:
@@ -325,6 +372,7 @@ def decompose_error(
         named=rungs.rungs[-1].error,
         flexible=held_out_interval(learned.error, generator),
         floor=floor,
+        with_candidates=search.error_with_candidates,
     )
     return ErrorDecomposition(learned=learned, formulas=found, budget=budget)
 
@@ -337,6 +385,7 @@ def _result(
     search: SearchResult,
     comparison: EffectComparison,
     decomposition: ErrorDecomposition,
+    confidence: Mapping[EffectId, float],
     laws: Sequence[LawFit],
     findings: Sequence[Finding],
     generator: torch.Generator,
@@ -345,11 +394,20 @@ def _result(
     selection, thresholds, budget = search.selection, question.thresholds, decomposition.budget
     impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
     choices, missing = _choices(question, selection, comparison)
-    missing = tuple(replace(one, confidence=_confidence(one, decomposition)) for one in missing)
+    missing = tuple(
+        replace(one, confidence=sure, level=Level.of(sure)) for one in missing for sure in [confidence[one.effect]]
+    )
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     findings = (*findings, *([outliers] if outliers is not None else []))
     laws = _law_fits(question, search, laws, bool(missing))
-    physics = _physics(missing, decomposition, laws, selection.complete, thresholds)
+    physics = verdict(
+        budget,
+        named=bool(missing),
+        predictable=remainder.unknown,
+        better_law=clearly_better(laws, budget.named.mean, thresholds) is not None,
+        complete=selection.complete,
+        thresholds=thresholds,
+    )
     return Diagnosis(
         verdict=Verdict.BAD_DATA if any(finding.mistake for finding in findings) else physics,
         physics=physics,
@@ -359,10 +417,11 @@ def _result(
         findings=findings,
         laws=laws,
         missing=missing,
+        candidates=search.candidates,
         ladder=(
             *comparison.ladder.rungs,
             Rung(kind=RungKind.PROCESSES, error=budget.flexible),
-            Rung(kind=RungKind.NOISE, error=budget.noise),
+            *([] if budget.noise is None else [Rung(kind=RungKind.NOISE, error=budget.noise)]),
         ),
         budget=budget,
         regions=search.regions,
@@ -378,6 +437,7 @@ def _result(
         shapeless=tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None),
         unwanted=_unwanted(selection, missing),
         frontier=_frontier(selection, generator),
+        hidden=_hidden(selection, generator),
         complete=selection.complete,
         thresholds=thresholds,
         record=Record(
@@ -398,24 +458,6 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
     if missing:
         fits = [replace(fit, error_with_effects=selection.error_around(question.laws[fit.name])) for fit in fits]
     return tuple(fits)
-
-
-def _physics(
-    missing: Sequence[MissingEffect],
-    decomposition: ErrorDecomposition,
-    laws: Sequence[LawFit],
-    complete: bool,
-    thresholds: Thresholds,
-) -> Verdict:
-    """Return the verdict about the corrected measurements.
-
-    A predictable remainder is unknown physics only to a complete search.
-    """
-    if clearly_better(laws, decomposition.budget.named.mean, thresholds) is not None:
-        return Verdict.UNKNOWN
-    if decomposition.learned.remainder.unknown:
-        return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
-    return Verdict.EFFECTS if missing else Verdict.NONE
 
 
 def _choices(
@@ -466,3 +508,16 @@ def _frontier(selection: Selection, generator: torch.Generator) -> tuple[Frontie
             error = held_out_interval(validated(pool, selection.folds, best).error, generator)
             found.append(FrontierModel(law=best.spec.law, effects=tuple(sorted(best.spec.effects)), error=error))
     return tuple(found)
+
+
+def _hidden(selection: Selection, generator: torch.Generator) -> float | None:
+    """Bound the share of the error that one more effect removes, by the best model of the pool with one more."""
+    chosen, pool = selection.spec.effects, selection.pool
+    larger = [
+        one for one in pool.models.values() if chosen < one.spec.effects and len(one.spec.effects) == len(chosen) + 1
+    ]
+    if not larger:
+        return None
+    best = validated(pool, selection.folds, pool.best(larger))
+    gain = held_out_interval(selection.present.error - best.error, generator)
+    return max(0.0, gain.high) / selection.present.mean_error if selection.present.mean_error else 0.0

@@ -169,7 +169,8 @@ class ComparedRun:
             budget = self.result.diagnosis.budget
             if budget is None:
                 return {}
-            return {"named": budget.named, "law": budget.base, "noise": budget.noise, IRB: budget.bound}
+            floor = {} if budget.noise is None else {"noise": budget.noise}
+            return {"named": budget.named, "law": budget.base, **floor, IRB: budget.bound}
         return {printable(name): one for name, one in self.result.errors.items()}
 
     def error(self, metric: str, model: str | None = None) -> Interval | None:
@@ -247,7 +248,7 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, DiagnosisRun) and (budget := result.diagnosis.budget) is not None:
         rungs = (one.error for one in result.diagnosis.ladder)
-        errors = (budget.named, budget.base, budget.noise, budget.bound, *rungs)
+        errors = (budget.named, budget.base, budget.bound, *rungs)
         if not all(0 <= x < _HIGHEST for error in errors for x in error):
             raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {_HIGHEST:g}")
     return result

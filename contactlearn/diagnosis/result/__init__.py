@@ -19,12 +19,14 @@ from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result.effects import (
+    Candidate,
     Choices,
     Drop,
     Experiment,
     FittedParameter,
     FrontierModel,
     Improvement,
+    Level,
     MissingEffect,
     PlausibleModel,
     Region,
@@ -52,11 +54,11 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.laws import Law, find
 
 __all__ = [
-    "Answer", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop", "ErrorBudget",
-    "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding", "FittedParameter",
-    "Formula", "FrontierModel", "Improvement", "LaggedVariable", "LawFit", "Limit", "MissingEffect", "NoiseSource",
-    "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind", "Sample", "Separation",
-    "SerialDependence", "StateDependence", "VariableShare", "Verdict", "WrenchComponent",
+    "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop",
+    "ErrorBudget", "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding",
+    "FittedParameter", "Formula", "FrontierModel", "Improvement", "LaggedVariable", "LawFit", "Level", "Limit",
+    "MissingEffect", "NoiseSource", "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind",
+    "Sample", "Separation", "SerialDependence", "StateDependence", "VariableShare", "Verdict", "WrenchComponent",
 ]  # fmt: skip
 
 
@@ -128,24 +130,37 @@ class ErrorLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorShares:
-    """Shares of the law's error: noise, explained by effects, unexplained; and the bound's excess over noise."""
+    """Shares of the law's error, and the bound's excess over noise.
 
-    noise: float
+    Effects of the model explain a share, and candidates one that is unnamed so far.  What remains is noise or
+    unexplained, both None where the noise floor is unknown.
+    """
+
+    noise: float | None
     explained: float
-    unexplained: float
-    beyond_rigid: float
+    unnamed: float
+    unexplained: float | None
+    beyond_rigid: float | None
+
+    @property
+    def left(self) -> float:
+        """The share that no effect of the model explains and that is no noise, as far as that is known."""
+        return self.unnamed + (self.unexplained or 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorBudget:
-    """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone."""
+    """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone.
+
+    `noise` is None where it could not be estimated: processes clearly undercut the estimate.
+    """
 
     base: Interval
     ceiling: Interval
     bound: Interval
     named: Interval
     flexible: Interval
-    noise: Interval
+    noise: Interval | None
     noise_source: NoiseSource
     shares: ErrorShares
 
@@ -162,7 +177,8 @@ class Diagnosis:
         given: effects that were in the model from the start.
         findings: of the audit.
         laws: every law that was compared.
-        missing: effects by their error reduction, the largest first.
+        missing: effects that are at least probable, by their error reduction, the largest first.
+        candidates: effects that explain a part of the error under uncertain names, likewise.
         ladder: law, effect after effect, processes on the residual, noise.
         budget: the error of the law in parts.
         regions: where the law fails, the surest first.
@@ -176,6 +192,8 @@ class Diagnosis:
         shapeless: candidates that were not compared, because they need the body's shape and it is not stated.
         unwanted: candidates of one's own that were tested, and are in no plausible model and no rival.
         frontier: the best model with each number of effects, from none on.
+        hidden: share of the error that another effect of the catalogue could remove, the upper end of the 95 % interval
+            of the best one more; None where none was fitted.
         complete: whether the search came to its own end; if not, its time was up.
         sample: the trials of a large table that all this is about, and the test on all others; None where all are.
         thresholds: limits of every decision.
@@ -190,6 +208,7 @@ class Diagnosis:
     given: tuple[EffectId, ...] = ()
     laws: tuple[LawFit, ...] = ()
     missing: tuple[MissingEffect, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     ladder: tuple[Rung, ...] = ()
     budget: ErrorBudget | None = None
     regions: tuple[Region, ...] = ()
@@ -202,6 +221,7 @@ class Diagnosis:
     shapeless: tuple[EffectId, ...] = ()
     unwanted: tuple[EffectId, ...] = ()
     frontier: tuple[FrontierModel, ...] = ()
+    hidden: float | None = None
     complete: bool = True
     sample: Sample | None = None
     thresholds: Thresholds = field(default_factory=Thresholds)

@@ -21,6 +21,19 @@ class Verdict(StrEnum):
     BAD_DATA = "bad_data"
 
 
+class Level(StrEnum):
+    """Certainty of a name, by the probability that it is right: found ≥ 0.9, probable ≥ 0.5, else a candidate."""
+
+    FOUND = "found"
+    PROBABLE = "probable"
+    CANDIDATE = "candidate"
+
+    @classmethod
+    def of(cls, probability: float) -> "Level":
+        """Return the level of a probability."""
+        return cls.FOUND if probability >= 0.9 else cls.PROBABLE if probability >= 0.5 else cls.CANDIDATE
+
+
 # --- Regions ---------------------------------------------------------------------------------------
 
 
@@ -194,6 +207,7 @@ class MissingEffect:
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
         confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
+        level: found or probable, by the confidence.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.
@@ -208,11 +222,32 @@ class MissingEffect:
     error_reduction: float
     share: float
     confidence: float
+    level: Level
     inadmissible_before: float
     inadmissible_after: float
     reduction_on_all_trials: Interval | None = None
     improvements: tuple[Improvement, ...] = ()
     rivals: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An effect that explains a part of the error under a name that is too uncertain for the model.
+
+    Args:
+        effect: its identity.
+        equation: its formula with symbols.
+        parameters: fitted together with the missing effects and all candidates.
+        error_reduction: mean error without it, the others refitted, less that with it.
+        confidence: probability that the name is right, below 0.5; None of a proxy effect, without which Gaussian
+            processes predict what remains as well.
+    """
+
+    effect: EffectId
+    equation: str
+    parameters: tuple[FittedParameter, ...]
+    error_reduction: float
+    confidence: float | None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 
 
@@ -105,7 +104,6 @@ class StateDependence:
         large: whether that share is so high that something unknown must be missing.
         form_of: an effect of the model with the same coefficient as a function of the same variable, whose form is
             then wrong; the dependence is not unknown.
-        superseded_effects: proxy effects: those of a larger model that predicts no better.
     """
 
     coefficient: Coefficient | None
@@ -114,7 +112,6 @@ class StateDependence:
     share: Interval
     large: bool
     form_of: str | None = None
-    superseded_effects: tuple[EffectId, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.regions import improvement_by_region
-from contactlearn.diagnosis.result.effects import FittedParameter, MissingEffect, Region, Rung, RungKind
+from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, smaller
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
@@ -59,12 +59,13 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
         MissingEffect(
             effect=effect,
             equation=final.fit.model.effects[effect.name].equation,
-            parameters=_parameters(final, effect.name),
+            parameters=fitted_parameters(final, effect.name),
             error_before=errors[k],
             error_after=errors[k + 1],
             error_reduction=reductions[effect],
             share=inclusion(selection.plausible, effect),
             confidence=inclusion(selection.plausible, effect),
+            level=Level.of(inclusion(selection.plausible, effect)),
             inadmissible_before=outside[k],
             inadmissible_after=outside[k + 1],
             improvements=improvement_by_region(regions, _filled(models[k].error), _filled(models[k + 1].error)),
@@ -83,8 +84,8 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
     return torch.where(error.isfinite(), error, error.nanmean())
 
 
-def _parameters(fitted: ValidatedFit, name: str) -> tuple[FittedParameter, ...]:
-    """The parameters of one effect of a model."""
+def fitted_parameters(fitted: ValidatedFit, name: str) -> tuple[FittedParameter, ...]:
+    """Return the parameters of one effect of a model."""
     fit = fitted.fit
     return tuple(
         FittedParameter(

@@ -131,7 +131,7 @@ def frontier_figure(found: Diagnosis) -> Figure:
     chosen = len(found.missing)
     if chosen in sizes:
         axes.plot(chosen, means[sizes.index(chosen)], color=st.CONTRAST[1], marker="o", linestyle="", label="Chosen")
-    if found.budget is not None:
+    if found.budget is not None and found.budget.noise is not None:
         axes.axhline(found.budget.noise.mean, color=st.DARK, linestyle=":", label="Noise floor")
     axes.set_xticks(sizes)
     axes.set_ylim(bottom=0)

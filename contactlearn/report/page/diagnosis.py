@@ -157,7 +157,7 @@ def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
 def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
     """The entries of the budget, from the law down, without repeating the law where no effect is missing."""
     words = budget_labels(base_label(found), budget.noise_source)
-    shown = ("base", "named", "ceiling", "flexible", "bound", "noise")
+    shown = ("base", "named", "ceiling", "flexible", "bound", *(() if budget.noise is None else ("noise",)))
     shown = shown if found.missing else [key for key in shown if key not in ("named", "flexible")]
     rows = [{"name": words[key], **bounded(getattr(budget, key))} for key in shown]
     return {"budget": rows, "shares": phrase("shares", budget)}

@@ -25,6 +25,7 @@ from contactlearn.diagnosis.result import (
     Formula,
     FrontierModel,
     LaggedVariable,
+    Level,
     Limit,
     MissingEffect,
     NoiseSource,
@@ -119,7 +120,7 @@ def confidence(missing: MissingEffect) -> str:
 def misfit(found: Diagnosis) -> str:
     """Question stated noise that does not agree with the residual; empty where it does, or is not stated."""
     budget, left = found.budget, found.remainder
-    if budget is None or left is None or budget.noise_source is not NoiseSource.STATED:
+    if budget is None or budget.noise is None or left is None or budget.noise_source is not NoiseSource.STATED:
         return ""
     limit = found.thresholds.stated_noise_ratio
     ratio = budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0
@@ -235,6 +236,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "LIMITS": _LIMITS,
         "LAGGED_QUANTITIES": _LAGGED_QUANTITIES,
         "LaggedVariable": LaggedVariable,
+        "Level": Level,
         "VERDICTS": _VERDICTS,
         "Verdict": Verdict,
         "error_after": _error_after,
