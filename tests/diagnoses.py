@@ -35,7 +35,7 @@ def provenance_of(impacts: Impacts, command: str = "", **config) -> Provenance:
 
 def made_up(size: int, *effects: EffectId) -> result.Diagnosis:
     """A diagnosis with these effects, of which as many as may be are in play, and predictions nothing compresses."""
-    shares = result.ErrorShares(noise=1.7, explained=0.0, unnamed=0.0, unexplained=0.0, beyond_rigid=0.0)
+    shares = result.ErrorShares(noise=1.0, explained=0.0, unnamed=0.0, unexplained=0.0, beyond_rigid=0.0)
     errors = dict.fromkeys(("base", "ceiling", "bound", "named", "flexible", "noise"), ERROR)
     rungs = (result.Rung(kind=result.RungKind.EFFECT, error=ERROR, effect=effect) for effect in effects)
     record = record_of(size, *effects)
