@@ -393,10 +393,7 @@ def _result(
     """Assemble the diagnosis."""
     selection, thresholds, budget = search.selection, question.thresholds, decomposition.budget
     impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
-    choices, missing = _choices(question, selection, comparison)
-    missing = tuple(
-        replace(one, confidence=sure, level=Level.of(sure)) for one in missing for sure in [confidence[one.effect]]
-    )
+    choices, missing = _choices(question, selection, comparison, confidence)
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     findings = (*findings, *([outliers] if outliers is not None else []))
     laws = _law_fits(question, search, laws, bool(missing))
@@ -461,9 +458,9 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
 
 
 def _choices(
-    question: Question, selection: Selection, comparison: EffectComparison
+    question: Question, selection: Selection, comparison: EffectComparison, confidence: Mapping[EffectId, float]
 ) -> tuple[FittedChoices, tuple[MissingEffect, ...]]:
-    """Fit every subset of the missing effects, and add rivals and reductions on all trials to these."""
+    """Fit every subset of the missing effects; add rivals, reductions on all trials and confidences to these."""
     impacts, generator = selection.impacts, torch.Generator().manual_seed(0)
     missing = comparison.ladder.missing
     choices = fit_choices(
@@ -477,6 +474,8 @@ def _choices(
     complete = tuple(
         replace(
             one,
+            confidence=confidence[one.effect],
+            level=Level.of(confidence[one.effect]),
             rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
             reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
         )
