@@ -164,6 +164,12 @@ class ErrorBudget:
     noise_source: NoiseSource
     shares: ErrorShares
 
+    @property
+    def rungs(self) -> tuple[Rung, ...]:
+        """The last rungs of the ladder: processes and, where it is known, noise."""
+        noise = () if self.noise is None else (Rung(kind=RungKind.NOISE, error=self.noise),)
+        return Rung(kind=RungKind.PROCESSES, error=self.flexible), *noise
+
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
