@@ -393,7 +393,6 @@ def _result(
     impacts, model, remainder = selection.impacts, selection.present.fit.model, decomposition.learned.remainder
     choices, missing = _choices(question, selection, comparison, confidence)
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
-    findings = (*findings, *([outliers] if outliers is not None else []))
     laws = _law_fits(question, search, laws, bool(missing))
     physics = verdict(
         budget,
@@ -409,7 +408,7 @@ def _result(
         law=selection.law.name,
         variant=selection.law.variant,
         given=tuple(EffectId(name, effect.form) for name, effect in question.given.items()),
-        findings=findings,
+        findings=findings if outliers is None else (*findings, outliers),
         laws=laws,
         missing=missing,
         candidates=search.candidates,
