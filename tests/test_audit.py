@@ -96,7 +96,7 @@ def test_indistinguishable_corrections_are_listed():
     (finding,) = audit(corrupt(drops("disc"), "mirrored_theta"))
     assert finding.alternatives == (("mirrored_theta",), ("mirrored_omega",))
     assert finding.sentence.endswith("these data cannot distinguish it from mirrored_theta; mirrored_omega")
-    (finding,) = audit(corrupt(drops(known=False), "mirrored_theta"))
+    finding, _ = audit(corrupt(drops(known=False), "mirrored_theta"))
     assert finding.alternatives == (("mirrored_omega",),)  # no shape shows θ
     (finding,) = audit(corrupt(drops(), "mirrored_theta"))
     assert finding.alternatives == ()

@@ -96,6 +96,8 @@ def test_the_headline_names_rivals_and_doubts(found):
     assert text.headline(unstated).endswith("may be a proxy for shape error or surface tilt, which need it.")
     noted = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
     assert text.headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
+    outline = replace(noted, correction="traced_shape", mistake=False)
+    assert text.headline(replace(found, findings=(outline,))).endswith(" was taken from the contact points.")
     doubted = replace(noted, correction=None)
     assert text.headline(replace(found, findings=(doubted,))).endswith(" The audit questions the data.")
     assert text.headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(

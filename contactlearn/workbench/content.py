@@ -51,11 +51,11 @@ _OPTIONS = {
 
 
 def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) -> list[Component]:
-    """Return the mistakes in the data, with buttons that correct them and take corrections back.
+    """Return the mistakes and an unstated shape of the data, with buttons that correct them and take corrections back.
 
     Data that could not be loaded (`loaded=False`) are loaded corrected.
     """
-    wrong = [one for one in found if one.mistake]
+    wrong = [one for one in found if one.mistake or one.correction]
     names = [one.correction for one in wrong if one.correction]
     shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
     if names:

@@ -6,8 +6,8 @@
 A finding of the audit names the correction that undoes the mistake.  A correction is made only on request,
 and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
 units are factors.  Estimates of the apparatus are transformed with the axes, and dropped where they make no sense in
-others.  Three are estimated from the data: the factor on the moment of inertia, and which trials are
-duplicates or gross outliers.
+others.  Four are estimated from the data: the factor on the moment of inertia, the shape, and which trials
+are duplicates or gross outliers.
 
 Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
 Trials that gain energy have no correction: to drop them is to choose by the outcome, which biases every ε.
@@ -25,6 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.moments import Columns, torque
+from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import outliers, repeated
 from contactlearn.mechanics.apparatus import Apparatus
@@ -240,6 +241,11 @@ CORRECTIONS = {
     ),
     "ordered_by_time": Correction(
         "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True
+    ),
+    "traced_shape": Correction(
+        "data.shape is not stated, and the contact points trace a disc, an ellipse or a polygon",
+        lambda impacts, _: with_traced_shape(impacts),
+        needs_all_trials=True,
     ),
 }
 """By name; the order is that in which several are applied where the audit proposes them together."""

@@ -9,6 +9,7 @@
     energy_gained             more trials than noise explains gain energy
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
     scale_off                 gravity in free flight is not 9.81 m/s²
+    traced_shape              data.shape is not stated, and the contact points trace it: a note
     apparatus                 estimates from recordings without any impact: a note
     impossible_speeds         faster than anything in a laboratory
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
@@ -28,6 +29,7 @@ import torch
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
 from contactlearn.data.audit.conventions import compare, convention_findings, impossible_findings
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
@@ -69,7 +71,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]
     found = [*corrected, closing, *findings, *of_trials]
-    return (*(one for one in found if one.name != "consistent" or len(found) == 1), *notes)
+    return (*(one for one in found if one.name != "consistent" or len(found) == 1), *outline_notes(sound), *notes)
 
 
 def _not_recommended(finding: Finding) -> Finding:
@@ -79,7 +81,7 @@ def _not_recommended(finding: Finding) -> Finding:
 
 
 def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
-    """Find the mistakes in the measurements from a few hundred of them, spread evenly; notes are left out.
+    """Find the mistakes in the measurements from a few hundred of them, spread evenly; mere notes are left out.
 
     Repeated trials and their order are looked at in all of them.
     """
@@ -87,7 +89,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
-    return tuple(finding for finding in found if finding.mistake)
+    return tuple(finding for finding in found if finding.mistake or finding.correction)
 
 
 def _subsample(impacts: Impacts) -> Impacts:
