@@ -287,11 +287,11 @@ def test_a_correction_of_the_audit_is_applied_and_taken_back(models, page, tmp_p
     correct = action(1, "correct", getattr(button, "data-of"))
     address, history, *_ = page.act([correct], None, turned.address, None)
     corrected = Session.read(address)
-    assert corrected.corrections == ("mirrored_x",)
+    assert corrected.corrections == ("mirrored_x", "traced_shape")
     assert corrected.effects == turned.effects
     assert models.fitted(corrected).error.mean < 0.1 * models.fitted(turned).error.mean
-    assert "data.correct=[mirrored_x]" in commands.words_of(corrected)
-    assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x"]
+    assert "data.correct=[mirrored_x,traced_shape]" in commands.words_of(corrected)
+    assert OmegaConf.create(commands.experiment(corrected)).data.correct == ["mirrored_x", "traced_shape"]
     (button,) = _buttons(page.findings("drawn", address)[1])
     for back in (getattr(button, "data-action"), "undo"):
         assert page.act([action(2, back)], 1, address, history)[0] == turned.address
@@ -309,7 +309,7 @@ def test_data_that_break_a_rule_are_offered_corrected(models, tmp_path):
         models.split(session)
     (button,) = _buttons(files.corrections(session))
     corrected = Session.read(getattr(button, "data-of"))
-    assert corrected.corrections == ("mirrored_y",)
+    assert corrected.corrections == ("mirrored_y", "traced_shape")
     assert len(models.split(corrected).impacts) == 160
 
 

@@ -232,7 +232,8 @@ def require_shape(effect: str, impacts: Impacts) -> None:
     if impacts.shape is None:
         raise DataError(
             f"effect {effect} moves the contact point, so it needs the body's shape, and {impacts.source} has "
-            "none; say it with data.shape={kind: ellipse, semi_axes: [a, b]}"
+            "none; say it with data.shape={kind: ellipse, semi_axes: [a, b]}, or take the one that the contact points "
+            "trace, data.correct=[traced_shape]"
         )
 
 
