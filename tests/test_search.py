@@ -13,9 +13,9 @@ from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.effects import EffectId, find_effect
+from contactlearn.effects import EffectId, columns, find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.joint import FitOptions, linearise
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.models.contact_model import ContactModel
@@ -52,6 +52,20 @@ def spec(*effects, law="wang_mason"):
     return Spec(law, frozenset(effects))
 
 
+def test_derivatives_in_effects_that_vanish_are_their_own():
+    impacts = planted(30)
+    effects = {name: find_effect(name)().prepare(impacts) for name in ("surface_tilt", "inertia_error", "spin_damping")}
+    others = [(key, effect.prepare(impacts)) for key, effect in all_candidates().items() if key.name not in effects]
+    vanishing = {str(key): effect.vanished() for key, effect in others if effect.parameters}
+    own = torch.tensor((0.12, 0.55, 0.01, 0.02, 0.1), dtype=torch.float64)
+    theta = torch.cat((own, *(columns(*effect.values) for effect in vanishing.values())))
+    law, scatter = find("wang_mason"), torch.eye(3, dtype=torch.float64)
+    found = linearise(law, effects, impacts, theta, scatter, vanishing=vanishing)
+    expected = linearise(law, {**effects, **vanishing}, impacts, theta, scatter)
+    assert torch.equal(found.residual, expected.residual)
+    torch.testing.assert_close(found.slope, expected.slope, rtol=1e-9, atol=1e-9)
+
+
 def test_a_small_effect_gains_what_its_linearisation_predicts():
     impacts = planted(300, inertia_error={"kappa": 0.012}, contact_patch={"c": 0.00006})
     pool = pooled(impacts, SPIN, INERTIA, PATCH)
@@ -64,8 +78,8 @@ def test_a_small_effect_gains_what_its_linearisation_predicts():
         fitted = pool.fitted(spec(effect))
         predicted = (losses[0] - loss).item()
         assert predicted == pytest.approx((base.fit.loss - fitted.fit.loss).item() * len(impacts), rel=0.3, abs=2.0)
-        step = quadratic.values(one, values)[effect]
-        assert step == pytest.approx(fitted.values[effect], rel=0.3, abs=3 * fitted.fit.standard_errors[-1].item())
+        step, error = quadratic.values(one, values)[effect], pool.polished(spec(effect)).fit.standard_errors[-1].item()
+        assert step == pytest.approx(fitted.values[effect], rel=0.3, abs=3 * error)
     impacts = planted(300, inertia_error={"kappa": 0.015}, spin_damping={"c": 0.1})
     pool = pooled(impacts, SPIN, INERTIA)
     both = pool.fitted(spec(SPIN, INERTIA))

@@ -12,7 +12,7 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -113,6 +113,18 @@ class State:
         return self.v_pre[..., 2]
 
     @cached_property
+    def constant(self) -> "State":
+        """The same state without derivatives."""
+        return self.replace(**{f.name: _detached(getattr(self, f.name)) for f in fields(self)})
+
+    def plus(self, changed: "State") -> "State":
+        """Return the state with the difference of a changed one to its `constant` added to it."""
+        pairs = {f.name: (getattr(self.constant, f.name), getattr(changed, f.name)) for f in fields(self)}
+        return self.replace(
+            **{name: _plus(getattr(self, name), *pair) for name, pair in pairs.items() if pair[0] is not pair[1]}
+        )
+
+    @cached_property
     def W(self) -> Float[Tensor, "... n 2 2"]:
         """Inverse effective inertia at the contact [..., N, 2, 2], 1/kg."""
         return rigid_body.inverse_inertia(self.mass, self.inertia, self.r)
@@ -194,3 +206,17 @@ def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | fl
     lowest = (torch.stack((-theta.sin(), -theta.cos()), -1) @ corners.T).argmax(-1)
     centre = rigid_body.rotate(centres[lowest], theta)
     return columns(radius * centre[..., 0], radius * (centre[..., 1] - 1))
+
+
+def _detached(value: Any) -> Any:
+    """A field without derivatives."""
+    if isinstance(value, tuple):
+        return tuple(_detached(part) for part in value)
+    return value.detach() if isinstance(value, Tensor) else value
+
+
+def _plus(value: Any, before: Any, after: Any) -> Any:
+    """A field with a change added to it."""
+    if isinstance(value, tuple):
+        return tuple(_plus(*parts) for parts in zip(value, before, after, strict=True))
+    return after if value is None else value + (after - before)

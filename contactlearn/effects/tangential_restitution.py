@@ -149,17 +149,23 @@ def _integrate_springs(
     dt = 0.5 * math.pi / _STEPS / (1 - w_tn.square() / (w_tt * w_nn)).sqrt()  # of a contact that sticks
     implicit = _IMPLICIT * dt
     recall = resilience / (resilience * implicit + (1 - resilience) * 0.5 * math.pi)
-    give = compliance * w_nn
-    depth = deepest = stretch = P_t = P_n = torch.zeros_like(v_n)
+    give = recall * compliance * w_nn
+    held = give + implicit * w_tt
+    by_stretch, by_slip, by_load = -dt * recall / held, -dt / held, -implicit * w_tn / held  # of what holds the contact
+    kept, softer, scale = 1 - dt * recall, 1 - stiffer, dt / w_nn
+    depth = -0.5 * dt * v_n  # in the middle of a step, as the forces
+    deepest = stretch = torch.zeros_like(v_n)
+    tangential, normal = list[Tensor](), list[Tensor]()  # impulses of each step
     for _ in range(2 * _STEPS + 2):
-        middle = depth - 0.5 * dt * v_n
-        deepest = torch.maximum(deepest, middle)
-        back = deepest - stiffer * (deepest - middle)
-        normal = torch.minimum(middle, back).clamp_min(0) / w_nn
-        holding = -(recall * stretch + v_t + implicit * w_tn * normal) / (recall * give + implicit * w_tt)
-        tangential = torch.minimum(torch.maximum(holding, -mu * normal), mu * normal)
-        stretch = stretch - dt * recall * (stretch + give * tangential)
-        v_t, v_n = v_t + dt * (w_tt * tangential + w_tn * normal), v_n + dt * (w_tn * tangential + w_nn * normal)
-        depth = middle - 0.5 * dt * v_n
-        P_t, P_n = P_t + dt * tangential, P_n + dt * normal
-    return P_t, P_n
+        deepest = torch.maximum(deepest, depth)
+        P_n = torch.addcmul(depth, softer, deepest - depth).clamp_min(0) * scale
+        holding = torch.addcmul(torch.addcmul(by_stretch * stretch, by_slip, v_t), by_load, P_n)
+        limit = mu * P_n
+        P_t = torch.minimum(torch.maximum(holding, -limit), limit)
+        stretch = torch.addcmul(kept * stretch, give, P_t, value=-1)
+        v_t = torch.addcmul(torch.addcmul(v_t, w_tt, P_t), w_tn, P_n)
+        v_n = torch.addcmul(torch.addcmul(v_n, w_tn, P_t), w_nn, P_n)
+        depth = torch.addcmul(depth, dt, v_n, value=-1)
+        tangential.append(P_t)
+        normal.append(P_n)
+    return torch.stack(tangential).sum(0), torch.stack(normal).sum(0)

@@ -1,7 +1,7 @@
 """Friction depends on how fast the contact slips."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -12,7 +12,7 @@ from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import SLIP, Argument, CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
 
-_SIMPSON = (1, 4, 2, 4, 1)
+_SIMPSON = torch.tensor((1, 4, 2, 4, 1))
 _ROUNDS = 3  # of the end of the slip and the mean friction up to it
 _LEAST_BRAKING = 0.05  # as by this μ on a level path
 
@@ -48,7 +48,7 @@ class ViscousFriction(VelocityDependentFriction):
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: self.c * slip, state, mu, eps), eps
+        return mu + _mean(lambda slip: self.c * slip, state, mu, eps, self.values), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class StribeckFriction(VelocityDependentFriction):
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps), eps
+        return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps, self.values), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
     # at first, and later if the contact sticks
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(self.change, state, mu, eps), eps
+        return mu + _mean(self.change, state, mu, eps, self.values), eps
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +87,23 @@ class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDepende
 
 
 def _mean(
-    change: Callable[[Tensor], Tensor], state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]
+    change: Callable[[Tensor], Tensor],
+    state: State,
+    mu: Float[Tensor, "..."],
+    eps: Float[Tensor, "..."],
+    parameters: Sequence[Float[Tensor, "..."]],
 ) -> Float[Tensor, "... n"]:
-    """Mean of a change of μ over the normal impulse of the slip, after Simpson; the end of the slip depends on it."""
-    first, mean = state.v_t.abs(), torch.zeros_like(state.v_t)
+    """Mean of a change of μ over the normal impulse of the slip, after Simpson; the end of the slip depends on it.
+
+    The parameters of the change broadcast against μ.
+    """
+    first, *_ = torch.broadcast_tensors(state.v_t.abs(), mu, *parameters)
+    mean, simpson, place = torch.zeros_like(first), *(part.to(first) for part in (_SIMPSON, torch.linspace(0, 1, 5)))
+    simpson, place = (part.view(-1, *[1] * first.ndim) for part in (simpson, place))
     for _ in range(_ROUNDS):
         last = final_slip(state, mu + mean, eps)
-        changes = torch.stack([change(last + (first - last) * k / 4) for k in range(5)])
-        weights = torch.stack(
-            [part / _floored_braking(state, mu + one) for part, one in zip(_SIMPSON, changes, strict=True)]
-        )
+        changes = change(last + (first - last) * place)
+        weights = simpson / _floored_braking(state, mu + changes)
         mean = (weights * changes).sum(0) / weights.sum(0)
     return mean
 

@@ -117,7 +117,7 @@ class CrossValidation:
             fit: of it to all trials, where the fits of the folds start.
             scatter: in which the losses are measured; if None, that of the model's own residual.
         """
-        options = replace(self.options, tolerance=_TOLERANCE)
+        options = replace(self.options, tolerance=_TOLERANCE, standard_errors=False)
         held = identify_jointly(
             self.law, effects, self.impacts, self.folds.fitted, options=options, start=fit.values
         ).model.predict(self.impacts)
@@ -138,7 +138,7 @@ def held_out_error(
     start: Float[Tensor, " k"] | None = None,
 ) -> float:
     """Compute the mean held-out mass error of a law with effects, fitted from a start if one is given."""
-    options = replace(options, starts=2, tolerance=_TOLERANCE)
+    options = replace(options, starts=2, tolerance=_TOLERANCE, standard_errors=False)
     model = identify_jointly(law, effects, impacts, folds.fitted, options=options, start=start).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
 

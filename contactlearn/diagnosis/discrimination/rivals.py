@@ -17,12 +17,14 @@ separate them.  Forms of one effect are not reported as rivals of each other.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.result.effects import Rival
+from contactlearn.diagnosis.search.pool import Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, columns
@@ -78,10 +80,12 @@ def find_rivals(
     scatter = robust_covariance(residual)  # in which all models are compared
     chosen = validated(selection.pool, selection.folds, selection.chosen, scatter)
     for effect, candidate, collinearity in progress(tasks):
-        fitted = _replaced(selection, effect, candidate, collinearity.start, scatter)
+        spec = replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
+        fitted = _refitted(selection, spec, candidate, collinearity.start, scatter)
         gain, error = paired_gain(chosen, fitted)
         rival = Rival(effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error)
         if _as_good(chosen, fitted, rival, thresholds):
+            fitted = replace(fitted, fit=selection.pool.polished(spec).fit)  # with standard errors
             found[effect].append(FittedRival(rival=rival, fitted=fitted))
     return {effect: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for effect, some in found.items()}
 
@@ -98,7 +102,7 @@ def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Colline
     whole = _about(selection, present.effects, present.fit.values)
     added = {f"{key}/": e.vanished() for key, e in among.items()}
     start = torch.cat((values, *(columns(*e.values) for e in added.values())))
-    less = _about(selection, {**others, **added}, start)
+    less = _about(selection, others, start, added)
     root = whole.weight.sqrt()[:, None]
     change = (root * (less.residual - whole.residual)).flatten()
     slope = (root[..., None] * -less.slope).flatten(0, 1).nan_to_num(0.0, 0.0, 0.0)  # of the prediction
@@ -136,23 +140,28 @@ def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds
     return rival.loss_difference <= thresholds.chance_sigmas * rival.standard_error
 
 
-def _replaced(
+def _refitted(
     selection: Selection,
-    effect: EffectId,
+    spec: Spec,
     candidate: EffectId,
     start: Float[Tensor, " k"],
     scatter: Float[Tensor, "3 3"],
 ) -> ValidatedFit:
-    """The chosen model with a candidate in the place of one effect, refitted and validated on the same folds."""
-    pool, spec = selection.pool, replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
+    """A model with a candidate in the place of one of the chosen effects, validated on the same folds."""
+    pool = selection.pool
     own = start[-len(pool.candidates[candidate].parameters) :]
     pool.fitted(spec, pool.start(spec, selection.chosen, {candidate: own}))
     return validated(pool, selection.folds, pool.models[spec], scatter)
 
 
-def _about(selection: Selection, effects: Mapping[str, Effect], theta: Float[Tensor, " k"]) -> Linearisation:
-    scatter = selection.present.fit.scatter
-    return linearise(selection.law, effects, selection.impacts, theta, scatter, options=selection.pool.options)
+def _about(
+    selection: Selection,
+    effects: Mapping[str, Effect],
+    theta: Float[Tensor, " k"],
+    vanishing: Mapping[str, Effect] = MappingProxyType({}),
+) -> Linearisation:
+    scatter, options = selection.present.fit.scatter, selection.pool.options
+    return linearise(selection.law, effects, selection.impacts, theta, scatter, vanishing=vanishing, options=options)
 
 
 def _least_squares(slope: Float[Tensor, "m k"], change: Float[Tensor, " m"]) -> tuple[Tensor, Tensor]:

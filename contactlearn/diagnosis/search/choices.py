@@ -64,7 +64,10 @@ def fit_choices(
     """
     effects = tuple(effects)[:MOST]
     law, full = model.law, 2 ** len(effects) - 1
-    options, sample = replace(options, tolerance=_TOLERANCE), impacts[:: -(-len(impacts) // _FITTED)]
+    options, sample = (
+        replace(options, tolerance=_TOLERANCE, standard_errors=False),
+        impacts[:: -(-len(impacts) // _FITTED)],
+    )
     start = {full: torch.cat((columns(*law.coefficients), *(columns(*e.values) for e in model.effects.values())))}
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):

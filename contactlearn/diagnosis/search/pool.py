@@ -97,7 +97,7 @@ class Pool:
         """Return a model, fitted from a start, or by a search if there is none, unless it was fitted before."""
         if spec not in self.models:
             effects = self.effects(spec)
-            options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE)
+            options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
             fit = identify_jointly(self.laws[spec.law], effects, self.impacts, options=options, start=start)
             self.models[spec] = ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
         return self.models[spec]
@@ -105,7 +105,7 @@ class Pool:
     def adopt(self, law: str, model: ScoredFit) -> None:
         """Take the fit of a model for that of its effects around another law, which predicts the same at its values."""
         fit, spec = model.fit, model.spec.with_law(law)
-        same = assemble(self.laws[law], model.effects, fit.values, fit.covariance)
+        same = assemble(self.laws[law], model.effects, fit.values, fit.model.parameter_covariance)
         self.models[spec] = replace(model, spec=spec, fit=replace(fit, model=same))
 
     def polished(self, spec: Spec) -> ScoredFit:

@@ -92,14 +92,14 @@ class Quadratic:
             if key not in own and not effect.refines
             for place, point in enumerate(_vanishing_points(effect, impacts))
         }
-        everything = {**effects, **{f"{group.effect}/{group.place}": effect for group, effect in added.items()}}
+        vanishing = {f"{group.effect}/{group.place}": effect for group, effect in added.items()}
         start = [columns(*effect.values) for effect in added.values()]
         theta = torch.cat((fit.values, *start))
-        about = linearise(law, everything, impacts, theta, fit.scatter, options=options)
+        about = linearise(law, effects, impacts, theta, fit.scatter, vanishing=vanishing, options=options)
         slope = about.slope.nan_to_num(0.0, 0.0, 0.0)
         whole = torch.cat((slope, about.residual[..., None]), -1)
         products = torch.einsum("n,nip,njq->ijpq", about.weight, whole, whole)
-        parameters = named_parameters(everything, options.box, impacts)
+        parameters = named_parameters({**effects, **vanishing}, options.box, impacts)
         groups: dict[Group, list[int]] = {Group(None): [0, 1]}
         at = 2
         for name, effect in effects.items():

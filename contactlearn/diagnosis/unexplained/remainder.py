@@ -19,6 +19,7 @@ Sources: Rasmussen & Williams 2006, for the processes; Jansen 1999, for the indi
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import torch
@@ -89,12 +90,16 @@ class Processes:
         gps = ExactGPs(
             inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
         )
-        gps.fit()
+        gps.fit_folds()
         return cls(x, unit, inputs, outputs, gps)
+
+    @cached_property
+    def _mean(self) -> Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b 3 m"]]:
+        return self.gps.mean()
 
     def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b m d"] | None = None) -> Float[Tensor, "b m 3"]:
         """Predict the wrench of the rows, or of other inputs of theirs, in their units."""
-        mean = self.gps.mean(self.inputs.apply(self.x[rows] if x is None else x))
+        mean = self._mean(self.inputs.apply(self.x[rows] if x is None else x))
         return self.outputs.undo(mean.mT) * self.unit[rows]
 
 

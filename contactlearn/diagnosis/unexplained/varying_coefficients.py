@@ -35,18 +35,20 @@ _INFORMATIVE = 0.02  # of the mean information of a trial, below which it does n
 class VaryingCoefficientFit:
     """A fitted varying coefficient: its relative reduction of the held-out residual, and the processes of each fold.
 
-    `x` are the inputs of the trials held out, `unit` the unit of each output, `v_post` the held-out predictions.
+    `learned` is the mean of these, `x` are the inputs of the trials held out, `unit` the unit of each output, `v_post`
+    the held-out predictions.
     """
 
     share: Interval
     v_post: Float[Tensor, "n 3"]
     gps: "ExactGPs"
+    learned: Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b o m"]]
     x: Float[Tensor, "b m d"]
     unit: Float[Tensor, "b 1 o"]
 
     def at(self, x: Float[Tensor, "b m d"]) -> Float[Tensor, "b m o"]:
         """Predict the outputs in their units, up to a constant."""
-        return self.unit * self.gps.mean(x).mT
+        return self.unit * self.learned(x).mT
 
 
 @dataclass(frozen=True)
@@ -130,9 +132,10 @@ class VaryingCoefficientModel:
         ).sqrt()
         spread = spread.clamp_min(1e-300)
         gps = ExactGPs(x[rows], ((y[rows] - mean) / spread).mT, weight[rows].sqrt().mT)
-        gps.fit()
-        held = mean + spread * gps.mean(x[self.folds.held_out]).mT
+        gps.fit_folds()
+        learned = gps.mean()
+        held = mean + spread * learned(x[self.folds.held_out]).mT
         each = torch.zeros(len(self.folds.held_out), len(y), y.shape[1], dtype=y.dtype)
         each = each.scatter(1, self.folds.held_out[..., None].expand_as(held), held)
         value = torch.stack([self.folds.scores(part) for part in each.unbind(-1)], -1).nan_to_num(0.0)
-        return value, partial(VaryingCoefficientFit, gps=gps, x=x[self.folds.held_out], unit=spread)
+        return value, partial(VaryingCoefficientFit, gps=gps, learned=learned, x=x[self.folds.held_out], unit=spread)

@@ -8,7 +8,8 @@ the noise of the velocities is known, `errors_in_variables` estimates the states
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor
@@ -19,6 +20,7 @@ from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.inference.identification import errors_in_variables, robust
 from contactlearn.inference.identification.problem import JointProblem, effects_at, suited
 from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.vanishing import Vanishing
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.apparatus import Estimate, KnownParameter
 from contactlearn.mechanics.impacts import Impacts, require_impacts
@@ -74,6 +76,8 @@ class FitOptions:
     """Number of starts of the search, for each subset."""
     tolerance: float = robust.TOLERANCE
     """Decrease of the loss in nats a trial below which a step is no improvement; two in a row end the fit."""
+    standard_errors: bool = True
+    """Whether they are estimated, which takes as long as one more step; a search has no use for them."""
     thresholds: FitThresholds = FitThresholds()
     """Limits of the statements about the fit."""
 
@@ -112,7 +116,7 @@ class JointFit:
     model: ContactModel
     parameters: tuple[Parameter, ...] = field(repr=False)
     values: Tensor = field(repr=False)
-    covariance: Tensor = field(repr=False)
+    covariance: Tensor = field(repr=False)  # nan, as the effective trials, where the options leave it out
     scatter: Tensor = field(repr=False)  # robust covariance [..., 3, 3] of residuals: target's units², or white
     weight: Tensor = field(repr=False)  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
     effective_trials: Tensor = field(repr=False)  # [..., K] effective number of trials that inform each parameter
@@ -238,13 +242,17 @@ def identify_jointly(
     else:
         problem, found = errors_in_variables.solve(problem, noise, options.starts, start, options.tolerance)
     theta, scatter, loss, agreement, converged = found
-    covariance, weight, effective = robust.uncertainty(problem, theta, scatter)
+    weight = robust.trial_weights(problem, theta, scatter)
+    if options.standard_errors:
+        covariance, effective = robust.uncertainty(problem, theta, scatter)
+    else:
+        covariance, effective = torch.full_like(theta[..., None] * theta[..., None, :], torch.nan), theta * torch.nan
     back = (
         x.reshape(rows.shape[:-1] + x.shape[1:])
         for x in (theta, covariance, scatter, weight, effective, loss, agreement, converged)
     )
     theta, covariance, *others = back
-    model = assemble(law, effects, theta, covariance)
+    model = assemble(law, effects, theta, covariance if options.standard_errors else None)
     return JointFit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
 
 
@@ -263,10 +271,22 @@ def linearise(
     theta: Tensor,
     scatter: Tensor,
     *,
+    vanishing: Mapping[str, Effect] = MappingProxyType({}),
     options: FitOptions = FitOptions(),
 ) -> Linearisation:
-    """Linearise the residual of a law with effects about parameters [K]; the options are those of a fit."""
+    """Linearise the residual of a law with effects about parameters.
+
+    Args:
+        law: its own μ and ε are ignored.
+        effects: by name, prepared.
+        impacts: measurements.
+        theta: parameters [K] of law, effects and `vanishing`.
+        scatter: of the residual.
+        vanishing: further effects, at values at which they change nothing.
+        options: of a fit.
+    """
     rows = torch.arange(len(impacts), device=impacts.mass.device)[None]
+    effects = {**effects, **{name: cast(Effect, Vanishing(effect)) for name, effect in vanishing.items()}}
     parameters = named_parameters(effects, Box(), impacts)
     problem, noise = _observed(law, effects, impacts, rows, parameters, options)
     if noise is not None:

@@ -243,7 +243,12 @@ def _picked(x: Tensor, which: Tensor) -> Tensor:
     return x.gather(0, which[None, :, None].expand(1, *x.shape[1:]))[0]
 
 
-def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def trial_weights(problem: Problem, theta: Tensor, scatter: Tensor) -> Tensor:
+    """Compute the weights [B, n] of the trials, near 0 for gross outliers and 1 for those that are fitted exactly."""
+    return _NU / (_NU + _distance(problem.residual(theta[:, None]).nan_to_num(0.0, 0.0, 0.0), scatter))
+
+
+def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor]:
     """Estimate the covariance of the parameters.
 
     The variance in each direction is the larger of two estimates.  The sandwich allows for trials of unequal noise; the
@@ -251,8 +256,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     fit exactly.
 
     Returns:
-        Covariance [B, K, K], weights [B, n] of the trials, and the effective number of trials [B, K] that inform each
-        parameter.
+        Covariance [B, K, K], and the effective number of trials [B, K] that inform each parameter.
     """
     residual, slope = problem.linearised(theta)
     width = problem.high - problem.low
@@ -281,7 +285,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     # Information of each trial on each parameter, the others being free.
     information = weight[..., None] * (slope @ inverse[:, None]).square().sum(-2)
     trials = information.sum(1).square() / information.square().sum(1).clamp_min(1e-300)
-    return covariance, weight * (_NU / (_NU + 3)), trials
+    return covariance, trials
 
 
 def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:

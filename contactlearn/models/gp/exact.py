@@ -6,7 +6,7 @@ any others are GPyTorch's, see `training`.  Either is what GPyTorch's `ExactMarg
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -42,6 +42,8 @@ from contactlearn.models.gp.processes import (
 )
 from contactlearn.models.gp.training import losses, optimise
 from contactlearn.models.process_options import ITERATIONS, STARTS, ProcessOptions
+
+_SEARCHED = 200  # points of a fold on which the hyperparameters of all are searched for
 
 
 @cache
@@ -90,7 +92,7 @@ class ExactGPs(GaussianProcesses):
             starts = torch.stack([torch.tensor([start] * D + [0.0, math.log(FIRST_NOISE)]) for start in lengths])
             starts = starts.to(y).repeat_interleave(B, 0)
         else:
-            starts = like.hyperparameters().flatten(0, -2).log()
+            starts = like.hyperparameters().expand(*y.shape[:-1], -1).flatten(0, -2).log()
         prior = log_prior(D).to(y) if self.options.prior else None
 
         def objective(phi: Tensor, which: Tensor, curvature: bool) -> tuple[Tensor, Tensor, Tensor | None]:
@@ -104,6 +106,16 @@ class ExactGPs(GaussianProcesses):
                 starts=len(starts) // B, on_round=report,
             )  # fmt: skip
         return self._take(ends)
+
+    def fit_folds(self) -> None:
+        """Find the hyperparameters for folds of the same data, in random order, which are as good as alike.
+
+        Those of the first fold are searched for on a part of it, and all folds begin where that ends.
+        """
+        x, y, weight, *_ = self.data(slice(_SEARCHED))
+        first = ExactGPs(x[:1], y[:1], None if weight is None else weight[:1], self.options)
+        first.fit()
+        self.fit(first)
 
     def _take(self, ends: Minimum) -> Fit:
         """Set the hyperparameters to those of each process's best start."""
@@ -129,11 +141,16 @@ class ExactGPs(GaussianProcesses):
         return self.mean_module(x) + (half.mT @ rest)[..., 0], variance.clamp_min(0)
 
     @torch.no_grad()
-    def mean(self, x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more o n"]:
-        """Mean [..., O, N] alone, at standardised x [..., N, D], for a fraction of the time."""
-        x = for_each_output(x, self.train_targets.shape[:-1])
+    def mean(self) -> Callable[[Float[Tensor, "*batch n d"]], Float[Tensor, "*more o n"]]:
+        """Return the mean [..., O, N] as a function of standardised x [..., N, D], for a fraction of the time."""
         weights = torch.cholesky_solve(self.centred()[..., None], self._cholesky())
-        return self.mean_module(x) + (self._cross(x) @ weights)[..., 0]
+
+        @torch.no_grad()
+        def at(x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more o n"]:
+            x = for_each_output(x, self.train_targets.shape[:-1])
+            return self.mean_module(x) + (self._cross(x) @ weights)[..., 0]
+
+        return at
 
     @torch.no_grad()
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
