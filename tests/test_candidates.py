@@ -9,6 +9,7 @@ import torch
 from commands import run
 from observers import RecordingObserver
 
+from contactlearn.cli.config_files import with_diagnosed_model
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.diagnosis.events import CandidatesExcluded
@@ -76,14 +77,17 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     result = run_folder.read_result(tmp_path / "found" / "diagnosis.json")
     assert result.diagnosis.effects == ("mine",)
     assert not result.diagnosis.unwanted
-    assert "missing: mine" in printed
-    assert "verdict: " in printed
-    assert f"to use it: {result.use}\n" in printed
+    assert "found: mine" in printed
+    assert "missing: mine" not in printed  # a detail
+    assert "missing: mine" in (tmp_path / "found" / "diagnose.log").read_text()
+    assert f"use it: python train.py model={tmp_path / 'found'}\n" in printed
+    assert f"report: {tmp_path / 'found' / 'report.html'}\n" in printed
     assert (tmp_path / "found" / "figures" / "ladder.png").exists()
     command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command
+    assert with_diagnosed_model([f"model={tmp_path / 'found'}"], "evaluate") == command[2:]
     small = ("train.repetitions=2", "figures.repetitions=2", "bootstrap=50")
-    run(*command[1:], *small, f"hydra.run.dir={tmp_path / 'used'}")
+    run("evaluate.py", f"model={tmp_path / 'found'}", *small, f"hydra.run.dir={tmp_path / 'used'}")
     errors = json.loads((tmp_path / "used" / "results.json").read_text())["errors"]
     assert errors["wang_mason + mine"]["mass_error"]["high"] < errors["wang_mason"]["mass_error"]["low"]
     (c,) = result.diagnosis.missing[0].parameters

@@ -11,7 +11,7 @@ from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxi
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
-from contactlearn.report.text import search_notes
+from contactlearn.report.text import phrase
 from contactlearn.report.text.names import effect_label
 
 STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
@@ -46,6 +46,5 @@ def test_a_diagnosis_reports_excluded_candidates():
     assert found.remainder.state_dependence is not None
     (left_out,) = (one for one in found.candidates if one.confidence is None)
     assert left_out.effect.name == STAND_IN
-    (note,) = (note for note in search_notes(found) if note.startswith(f"Candidate: {effect_label(left_out.effect)}"))
-    assert "it may be a proxy" in note
+    assert phrase("candidate", left_out, found.budget).startswith(f"{effect_label(left_out.effect)} (a proxy?)")
     assert Diagnosis.from_json(found.to_json()) == found

@@ -12,7 +12,7 @@ import contactlearn
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis import result
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
-from contactlearn.effects import EffectId
+from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report import text
 from contactlearn.report.events import TerminalObserver, show_verdict
@@ -85,7 +85,7 @@ def test_the_headline_names_rivals_and_doubts(found):
 
     assert confused(0) == "Surface tilt (computed) and spin damping (after) are missing from Wang–Mason."
     assert confused(1).endswith(
-        "missing from Wang–Mason; these data cannot distinguish surface tilt (computed) from com offset."
+        "missing from Wang–Mason. These data cannot distinguish surface tilt (computed) from com offset."
     )
     assert confused(3).endswith("surface tilt (computed) from com offset, shape error or one other effect.")
     more = remainder(Interval(0.05, 0.02, 0.08))
@@ -210,10 +210,20 @@ def test_the_next_experiment_states_region_and_number():
         "(linear) in place of surface tilt (computed) and 0.4 σ from sampling delay in place of surface tilt "
         "(computed)."
     )
-    assert [text.phrase("needed_drops", one) for one in separations] == [
-        "About 4 drops like these distinguish surface tilt (computed) from side drag (linear).",
+    more = replace(separations[0], effect=SIX[1], rival=SIX[2]), replace(separations[0], rival=SIX[3])
+    many = replace(experiment, separations=(*separations, *more))
+    assert text.phrases("needed_drops", many) == [
+        "About 4 drops like these distinguish spin damping (after) from contact patch (linear) and surface tilt "
+        "(computed) from side drag (linear) or inertia error.",
         "No feasible drop distinguishes surface tilt (computed) from sampling delay.",
     ]
+    state = "θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s"
+    line = f"4 drops such as {state} distinguish 3 of the 4 pairs of effects; no feasible drop the others"
+    assert text.phrase("next_experiment", many) == line
+    settled = replace(experiment, separations=(replace(separations[0], drops_needed=1),))
+    assert text.phrase("next_experiment", settled) == f"1 drop such as {state} distinguishes these effects"
+    hopeless = replace(experiment, separations=separations[1:])
+    assert text.phrase("next_experiment", hopeless) == "no feasible drop distinguishes these effects"
 
 
 def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
@@ -228,7 +238,7 @@ def test_a_model_with_fewer_effects_that_does_nearly_as_well_is_named(found):
     assert near.simpler is near.frontier[1]
     message = "Mirtich + surface tilt (computed) has 5 % more error: spin damping (after) may only compensate for "
     assert plain(text.phrase("simpler", near)) == message + "imperfect functional forms of the others."
-    assert text.phrase("simpler", near) in text.search_notes(near)
+    assert text.phrase("simpler", near) in text.phrases("notes", near)
     none = with_frontier((0.109, ()), one, both)
     message = "Mirtich has 9 % more error: surface tilt (computed) and spin damping (after) contribute little."
     assert plain(text.phrase("simpler", none)) == message
@@ -254,11 +264,11 @@ def test_the_chosen_model_is_listed_first_whatever_its_share(found, capsys):
     effects = (EffectId("wind"),)
     best = result.FrontierModel(law="mirtich", effects=effects, error=Interval(0.105, 0.1, 0.11))
     likely = result.PlausibleModel(law="mirtich", effects=effects, share=1.0)
-    show_verdict(replace(found, given=(EffectId("kick"),), frontier=(best,), models=(likely,)), "")
+    show_verdict(replace(found, given=(EffectId("kick"),), frontier=(best,), models=(likely,)), "", verbose=True)
     assert capsys.readouterr().out.count(" Mirtich + kick + wind\n") == 2
-    assert "not selected" not in " ".join(text.search_notes(found))
+    assert "not selected" not in text.phrase("notes", found)
     rejected = replace(found, unwanted=(EffectId("kick"), EffectId("wind")))
-    assert "Tested, not selected: kick and wind." in text.search_notes(rejected)
+    assert "Tested, not selected: kick and wind." in text.phrases("notes", rejected)
 
 
 def test_a_law_that_does_better_alone_is_named_once(found, capsys):
@@ -273,11 +283,13 @@ def test_a_law_that_does_better_alone_is_named_once(found, capsys):
 
 
 def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
-    observer, finding = TerminalObserver(), Finding(name="grams", sentence="50% in grams", evidence=(), correction="g")
+    finding = Finding(name="grams", sentence="50% in grams", evidence=(), correction="g")
+    observer = TerminalObserver(verbose=True)
     observer(AuditFindings(findings=(finding,)))
     observer(RegionsFound(regions=()))
     observer(EffectsFound(effects=found.missing, regions=()))
-    show_verdict(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,)), "python evaluate.py")
+    left = replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,))
+    show_verdict(left, "python train.py", verbose=True)
     printed = capsys.readouterr().out
     assert "\u00a0" not in printed
     for message in (
@@ -287,10 +299,67 @@ def test_the_terminal_prints_the_sentences_of_the_page(found, capsys):
         f"missing: {text.phrase('missing_effect', found.missing[0])}",
         "residual: Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ.",
         "  0.1000  0.0900–0.1100  + surface tilt (computed)\n",
-        f"verdict: {text.headline(replace(found, remainder=remainder(Interval(0.4, 0.3, 0.5))))}",
-        "to use it: python evaluate.py",
+        f"verdict: {text.headline(left)}",
+        "use it: python train.py",
     ):
         assert message in printed
+
+
+def fitted(effect, *values, error=0.0132):
+    symbols = zip(catalogue()[effect.name][0]().parameters, values, strict=True)
+    parameters = (
+        result.FittedParameter(name=p.name, symbol=p.symbol, unit=p.unit, value=x, standard_error=error * abs(x))
+        for p, x in symbols
+    )
+    return replace(missing(effect), parameters=tuple(parameters))
+
+
+@pytest.mark.parametrize(("one", "message"), [
+    (fitted(EffectId("com_offset", "tracked"), 0.001527, -2e-4),
+     "the centre of mass lies 1.527 ± 0.020 mm from the tracked point along the body's x and −0.2000 ± 0.0026 mm along "
+     "its y"),
+    (fitted(TILT, 0.0398), "the floor is tilted by 2.280 ± 0.030°"),
+    (fitted(EffectId("sampling_delay"), -0.0075), "the pose was recorded −7.500 ± 0.099 ms before contact"),
+    (fitted(DRAG, 0.08), "the body loses 8.00 ± 0.11 % of its speed after contact"),
+    (fitted(EffectId("inertia_error"), 0.2), "the moment of inertia is 1.2214 ± 0.0032 times the stated one"),
+    (fitted(EffectId("location_dependent_friction"), 0.1, -0.2, 0.3, 0.0, 0.1),
+     "5 coefficients from c₂ = −0.2000 ± 0.0026 to c₃ = 0.3000 ± 0.0040"),
+    (replace(fitted(DRAG, 0.08), effect=EffectId("mine")), "c = 0.0800 ± 0.0011"),
+])  # fmt: skip
+def test_parameters_are_in_words_with_the_units_that_people_use(one, message):
+    assert plain(text.in_words(one)) == message
+
+
+def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, capsys):
+    """Even with three levels of names, rivals, laws that do as well, and the next experiment."""
+    rival = result.Rival(effect=DRAG, similarity=0.9, loss_difference=0.0, standard_error=0.1)
+    _, damping = found.missing
+    sure = replace(fitted(TILT, 0.0398), rivals=(rival,), confidence=0.97)
+    probable = replace(damping, confidence=0.62, level=result.Level.PROBABLE)
+    unsure = result.Candidate(effect=SIX[2], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
+    separation = result.Separation(effect=TILT, rival=DRAG, drops_needed=4)
+    drop = result.Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2,))
+    models = (result.PlausibleModel(law=law, effects=(TILT,), share=0.5) for law in ("wang_mason", "mirtich"))
+    shown = replace(
+        found, missing=(sure, probable), candidates=(unsure, replace(unsure, effect=SIX[3], confidence=None)),
+        experiment=result.Experiment(separations=(separation,) * 12, drops=(drop,) * 4), models=tuple(models),
+        equation="mirtich", remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,) * 3,
+    )  # fmt: skip
+    show_verdict(shown, "python train.py model=RUN")
+    assert capsys.readouterr().out.splitlines() == [
+        "verdict: Surface tilt (computed) is missing from Wang–Mason, and probably spin damping (after); no known "
+        "effect explains the predictable part of the residual.",
+        "error: 0.1000 → 0.1000, 0.0 % less; 170 % is noise and 0 % is unexplained",
+        "found: surface tilt (computed) (97 %): the floor is tilted by 2.280 ± 0.030°",
+        "probable: spin damping (after) (62 %)",
+        "candidates: contact patch (linear) (26 %) and inertia error (a proxy?)",
+        "cannot distinguish: surface tilt (computed) or side drag (linear); Wang–Mason (50 %) or Mirtich (50 %)",
+        "next experiment: 4 drops such as θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s distinguish these effects",
+        "use it: python train.py model=RUN",
+    ]
+    assert [level for level, _ in text.named_effects(shown)] == ["found", "probable", "candidate", "candidate"]
+    show_verdict(shown, "", verbose=True)
+    assert "candidate: contact patch (linear) (26 %) would remove 4 % of the error\n" in capsys.readouterr().out
 
 
 def test_every_phrase_has_its_macro():

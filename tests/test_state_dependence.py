@@ -194,7 +194,7 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
 def test_a_diagnosis_reports_unknown_state_dependence(sets, capsys):
     drops, _ = fitted(200, 1, **sets)
     found = diagnose(drops, "wang_mason", candidates=few("spin_damping", "side_drag"), laws=[laws.find("wang_mason")])
-    show_verdict(found, "")
+    show_verdict(found, "", verbose=True)
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if sets else Verdict.NONE)
     assert (found.remainder.state_dependence is not None) == bool(sets)

@@ -14,7 +14,9 @@ effect that is chosen, and all that other packages announce, is imported.
 """
 
 import ast
+import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -37,6 +39,9 @@ NAME = re.compile(r"\w[\w -]{0,59}")
 """A name of a user's that becomes the name of a file and of a chart."""
 DATA_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 """NAME of `data=NAME` and NAME.yaml."""
+_DIAGNOSIS = "diagnosis.json"
+_MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
+"""Settings that a diagnosis passes on."""
 _COMMANDS = ("train", "evaluate", "diagnose")
 _UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
 """Parts of an experiment that a command has no use for."""
@@ -85,6 +90,41 @@ def with_pluses(words: Sequence[str]) -> list[str]:
     No file declares these arguments, and Hydra takes a setting that no file declares only after a plus.
     """
     return [re.sub(r"^(?=model\.[^.=]+\.(kernel|mean|likelihood|optimiser)\.)", "++", word) for word in words]
+
+
+def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
+    """Return the words of a command with those of a diagnosis, its data, law and effects, in place of model=RUN.
+
+    Words of the command go first: data=… takes the place of the diagnosed data.  The file is data like any other, so it
+    may set nothing else, and no class.
+
+    Raises:
+        ContactLearnError: the folder RUN has no diagnosis, that of refused data, or one with a class of another package
+            that the command does not name.
+    """
+    value = next((word.removeprefix("model=") for word in words if word.startswith("model=")), "")
+    is_folder = bool(value) and ("/" in value or Path(value).is_dir())
+    if command == "diagnose" or value in choices("model") or not is_folder:
+        return list(words)
+    own = [word for word in words if word != f"model={value}"]
+    typed = {word.partition("=")[0].lstrip("+~") for word in own}
+    try:
+        content = json.loads(Path(value, _DIAGNOSIS).read_text(encoding="utf-8"))
+        said, law = shlex.split(content["use"]), content["diagnosis"]["law"]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        raise ContactLearnError(
+            f"model={value}: there is no diagnosis (no readable {_DIAGNOSIS}); give the folder of a run of diagnose.py"
+        ) from None
+    if law is None:
+        raise ContactLearnError(f"model={value}: its data were refused, so it has no model; see its report.html")
+    found = [(key[1], word) for word in said if (key := _MODEL_WORD.match(word)) and key[1] not in typed]
+    if foreign := next((word for _, word in found if "_target_" in word and word not in own), None):
+        raise ContactLearnError(
+            f"model={value}: a class of another package is only taken from the command line: add {foreign} to it, if "
+            "you trust that class"
+        )
+    model = [] if "model" in typed else [f"model={'analytical' if command == 'train' else '[]'}"]
+    return [*(word for _, word in found if word not in own), *model, *own]
 
 
 def check_choices(words: list[str], command: str) -> None:

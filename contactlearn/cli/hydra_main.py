@@ -10,7 +10,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from string import Template
 from textwrap import fill
@@ -31,6 +31,7 @@ from contactlearn.cli.config_files import (
     explain_error,
     groups,
     restrict_settings,
+    with_diagnosed_model,
     with_pluses,
 )
 from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
@@ -93,9 +94,9 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
 
     @functools.wraps(job)
     def run_command() -> None:
-        words = sys.argv[1:] = with_pluses(_without_training(sys.argv[1:], job.__name__))
-        flags = {word.partition("=")[0] for word in words if word.startswith("-")}
         with graceful_exit(), _one_message(job.__name__):
+            words = sys.argv[1:] = _completed(sys.argv[1:], job.__name__)
+            flags = {word.partition("=")[0] for word in words if word.startswith("-")}
             if not flags & {"--config-dir", "-cd"}:
                 check_choices(words, job.__name__)
             if flags and flags <= {"--help", "-h"}:
@@ -109,11 +110,15 @@ def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
     return run_command
 
 
-def _without_training(words: list[str], command: str) -> list[str]:
-    """The words of a command; with a checkpoint no model of the configuration is trained, unless words name one."""
+def _completed(words: Sequence[str], command: str) -> list[str]:
+    """The words of a command as Hydra takes them: those of a run for model=RUN, `verbose=true` for `--verbose`.
+
+    With a checkpoint no model of the configuration is trained, unless words name one.
+    """
+    words = ["verbose=true" if word == "--verbose" else word for word in with_diagnosed_model(words, command)]
     keys = _given(words)
     trains = command != "diagnose" and "model" not in keys
-    return [*words, "model=[]"] if "checkpoint" in keys and trains else words
+    return with_pluses([*words, "model=[]"] if "checkpoint" in keys and trains else words)
 
 
 def _refuse_default_data(words: list[str], flags: set[str]) -> None:
@@ -209,15 +214,14 @@ def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool
         ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
             file brought.
     """
-    overrides = with_pluses(overrides)
+    overrides = _completed(overrides, config_name)
     check_choices(overrides, config_name)
     with (
         defer_interrupts(),
         hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
         readable_errors(),
     ):
-        words = _without_training(overrides, config_name)
-        cfg = hydra.compose(config_name, words, return_hydra_config=return_hydra_config)
+        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
     restrict_settings(cfg, config_name, overrides)
     check_targets(cfg, overrides)
     return cfg

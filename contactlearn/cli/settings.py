@@ -333,11 +333,13 @@ class DiagnoseSettings:
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known.
         limits: of the proposed drops by variable, in m, rad, m/s, rad/s.
         seconds: time for the search, s.
+        verbose: whether everything is printed, and not the verdict alone.
     """
 
     source: SourceSettings
     seed: int
     seconds: float
+    verbose: bool
     law: Law | None
     laws: tuple[Law, ...]
     effects: Mapping[str, Effect]
@@ -362,6 +364,7 @@ class DiagnoseSettings:
             source=SourceSettings.from_values(config["data"]),
             seed=config["seed"],
             seconds=config["seconds"],
+            verbose=config["verbose"],
             law=law,
             laws=tuple(_named_laws(config, law, SEARCHED_LAWS).values()),
             effects=effects,
@@ -436,6 +439,7 @@ _RULES: Mapping[str, _Rule] = {
     "split_seed": _whole(0),
     "threads": _whole(1),
     "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
+    "verbose": (lambda x: isinstance(x, bool), "true or false"),
     "train.size": _whole_or_null("as many as there are"),
     "train.repetitions": _whole(1),
     "train.mu": _pair("[0, 1]"),

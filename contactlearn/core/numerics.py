@@ -121,7 +121,7 @@ def measured(value: float, standard_error: float | None, unit: str = "–") -> s
     else:
         decimals = max(0, 1 - math.floor(math.log10(standard_error)))
         text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
-    return text + (f" {unit}" if unit not in ("", "–") else "")
+    return text + ({"": "", "–": "", "°": unit}.get(unit, f" {unit}"))
 
 
 @contextmanager

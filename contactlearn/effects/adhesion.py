@@ -36,6 +36,7 @@ class AdhesionImpulse(Adhesion):
 
     form = "impulse"
     formula = "P_n ← P_n − c, at most the rebound"
+    in_words = "parting takes an impulse of {c}"
     c: Tensor | float = parameter("c", "N s", 0.0, 0.05)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -53,6 +54,7 @@ class WorkOfAdhesion(Adhesion):
 
     form = "work"
     formula = "v_n⁺ ← √(v_n⁺² − 2 w W_nn), by P_n"
+    in_words = "parting takes a work of {w}"
     w: Tensor | float = parameter("w", "J", 0.0, 0.1)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

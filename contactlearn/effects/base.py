@@ -12,6 +12,7 @@ An effect overrides one of these methods and declares its parameters as fields:
         \"\"\"(v_x, v_y) → (1 − c) (v_x, v_y) after contact.  It is not a lower restitution …\"\"\"
 
         formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺)"
+        in_words = "the body loses {c:%} of its speed after contact"
         c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
         def velocity(self, state, v_post): …
@@ -107,6 +108,11 @@ class Effect(ABC):
 
     formula: ClassVar[str]
     """Its equation, in the symbols of the documentation."""
+    in_words: ClassVar[str] = ""
+    """What its fitted values say, each parameter once by name: "the floor is tilted by {phi}".
+
+    A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
+    the factor e^κ.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""

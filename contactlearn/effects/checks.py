@@ -5,6 +5,7 @@ effect of the user's own, and a formula about itself on the user's measurements.
 """
 
 from collections.abc import Iterator
+from string import Formatter
 from typing import Any
 
 import torch
@@ -80,6 +81,9 @@ def _misdeclared(effect: Effect) -> Iterator[str]:
             yield f"must give its parameter {p.name} a unit, – for a number"
         if not p.low < p.high or any(v is not None and not p.low <= v <= p.high for v in (p.start, p.vanishing)):
             yield f"must give its parameter {p.name} low < high, and a start and a vanishing value between them"
+    named = sorted(name for _, name, _, _ in Formatter().parse(effect.in_words) if name is not None)
+    if effect.in_words and named != sorted(p.name for p in effect.parameters):
+        yield f"must name each of its parameters once in in_words, got {effect.in_words!r}"
 
 
 def _given(place: str, impacts: Impacts) -> tuple[Any, ...]:

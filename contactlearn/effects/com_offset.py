@@ -42,6 +42,7 @@ class ComOffsetTracked(ComOffset):
 
     form = "tracked"
     formula = "d = R(θ) (δ_a, δ_b); (r, v) ← (r − d, v + ω ẑ × d)"
+    in_words = "the centre of mass lies {delta_a} from the tracked point along the body's x and {delta_b} along its y"
     adds_energy = True
 
     def state(self, state: State) -> State:
@@ -60,6 +61,7 @@ class ComOffsetContact(ComOffset):
 
     form = "contact"
     formula = "d = R(θ) (δ_a, δ_b); r ← r − d"
+    in_words = "the centre of mass lies {delta_a} from the assumed one along the body's x and {delta_b} along its y"
 
     def state(self, state: State) -> State:
         return state.replace(r=state.r - self.shift(state))

@@ -18,6 +18,7 @@ class CornerRadius(Effect):
     """
 
     formula = "r ← r(θ) of the body with corners of radius ρ_c"
+    in_words = "the corners have a radius of {rho_c}"
     source = "calibration"
     needs_shape = True
     rho_c: Tensor | float = parameter("ρ_c", "m", 0.0, 0.01)

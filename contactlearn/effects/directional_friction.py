@@ -23,6 +23,7 @@ class DirectionalFriction(Effect):
     """
 
     source = "surface texture"
+    in_words = "μ is higher by {a:%} in slip to the right, and lower by as much to the left"
     mirror_symmetric = False
     adds_energy = True
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)

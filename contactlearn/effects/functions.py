@@ -114,6 +114,7 @@ class Spline(ABC):
     """
 
     formula: ClassVar[str]
+    in_words: ClassVar[str] = "the curve rises by {c1}, {c2} and {c3} between its knots"
     argument: ClassVar[Argument]
     """The quantity u among whose values the knots lie."""
     at_rest: ClassVar[bool] = False

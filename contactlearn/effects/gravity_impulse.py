@@ -18,6 +18,7 @@ class GravityImpulse(Effect):
     """
 
     formula = "v_y⁺ ← v_y⁺ − g Δt"
+    in_words = "gravity acts for {dt} more"
     source = "finite duration"
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 

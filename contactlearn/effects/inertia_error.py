@@ -17,6 +17,7 @@ class InertiaError(Effect):
     """
 
     formula = "I ← I e^κ"
+    in_words = "the moment of inertia is {kappa:exp} times the stated one"
     source = "calibration"
     adds_energy = True
     kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)

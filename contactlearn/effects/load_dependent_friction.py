@@ -31,6 +31,7 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
 
     form = "power"
     formula = "μ ← μ (|v_n|/v_ref)^p"
+    in_words = "μ goes with the approach speed to the power {p}"
     p: Tensor | float = parameter("p", "–", -2.0, 2.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

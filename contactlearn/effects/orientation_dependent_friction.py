@@ -27,6 +27,7 @@ class HarmonicFriction(AroundBody, OrientationDependentFriction):
 
     form = "harmonics"
     formula = "μ ← μ + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
+    in_words = "around the body μ changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class RoughSpot(SpotOnBody, OrientationDependentFriction):
 
     form = "spot"
     formula = "μ ← μ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
+    in_words = "μ is higher by {a} about θ = {theta_0}, within ±{w}"
 
 
 @dataclass(frozen=True, eq=False)

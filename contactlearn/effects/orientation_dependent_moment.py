@@ -44,6 +44,7 @@ class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
     formula = (
         "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
     )
+    in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
 
     form = "spot"
     formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
+    in_words = "the normal impulse acts {a} beside the contact point about θ = {theta_0}, within ±{w}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,7 @@ class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
 
     form = "harmonics"
     formula = "ε ← ε + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
+    in_words = "around the body ε changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,7 @@ class SoftSpot(SpotOnBody, OrientationDependentRestitution):
 
     form = "spot"
     formula = "ε ← ε − a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
+    in_words = "ε is lower by {a} about θ = {theta_0}, within ±{w}"
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         return value - self.change(state.theta)

@@ -18,6 +18,7 @@ class OrientationOffset(Effect):
     """
 
     formula = "θ ← θ + δ, r ← r(θ)"
+    in_words = "the orientation is the recorded one plus {delta}"
     source = "calibration"
     mirror_symmetric = False
     needs_shape = True

@@ -38,6 +38,8 @@ class RollingResistance(Effect):
 class _ConstantArm:
     """An arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
 
+    in_words = "the normal impulse acts {c} ahead of the contact point, as the body rolls"
+
     c: Tensor | float = parameter("c", "m", 0.0, 0.005)
     omega_s: float = 1.0
 

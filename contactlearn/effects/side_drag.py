@@ -35,6 +35,7 @@ class LinearSideDrag(SideDrag):
 
     form = "linear"
     formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺)"
+    in_words = "the body loses {c:%} of its speed after contact"
     c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -50,6 +51,7 @@ class QuadraticSideDrag(SideDrag):
 
     form = "quadratic"
     formula = "(v_x⁺, v_y⁺) ← (v_x⁺, v_y⁺)/(1 + k v⁺), v⁺ the speed"
+    in_words = "the body loses a share of {k} after contact"
     k: Tensor | float = parameter("k", "s/m", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

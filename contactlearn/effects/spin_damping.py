@@ -38,6 +38,7 @@ class SpinDampingAfter(SpinDamping):
 
     form = "after"
     formula = "τ ← τ − c I ω⁺"
+    in_words = "the spin falls by {c:%} after contact"
     c: Tensor | float = parameter("c", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -54,6 +55,7 @@ class QuadraticSpinDamping(SpinDamping):
 
     form = "quadratic"
     formula = "τ ← τ − I ω⁺ k |ω⁺|/(1 + k |ω⁺|)"
+    in_words = "the spin falls by a share of {k}"
     k: Tensor | float = parameter("k", "s/rad", 0.0, 0.2)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -72,6 +74,7 @@ class SpinDampingDuring(SpinDamping):
 
     form = "during"
     formula = "τ ← τ − b (I/m) ω̄ P_n while the contact lasts, ω̄ the mean of ω and ω⁺"
+    in_words = "the spin falls by a share of {b} of normal impulse per mass"
     b: Tensor | float = parameter("b", "s/m", 0.0, 0.3)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -88,6 +91,7 @@ class SpinDampingLasting(SpinDamping):
 
     form = "lasting"
     formula = "τ ← τ − d I ω̄ while the contact lasts, ω̄ the mean of ω and ω⁺"
+    in_words = "the spin falls by {d:%} during contact"
     d: Tensor | float = parameter("d", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:

@@ -29,6 +29,7 @@ class SurfaceTilt(Effect):
     """
 
     source = "calibration"
+    in_words = "the floor is tilted by {phi}"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
 

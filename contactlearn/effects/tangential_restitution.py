@@ -59,6 +59,7 @@ class SlipRebound(TangentialRestitution):
 
     form = "slip"
     formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
+    in_words = "a share {beta:%} of the slip returns"
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -82,6 +83,7 @@ class ImpulseRebound(TangentialRestitution):
 
     form = "impulse"
     formula = "P_t ← P_t + e_t P_t^c within the cone of restitution, P_t^c the impulse of compression where it sticks"
+    in_words = "a share {e_t:%} of the tangential impulse of compression returns"
     source = "Garwin 1969; Cross 2002"
     citations = ("garwin1969", "cross2002")
     e_t: Tensor | float = parameter("e_t", "–", 0.0, 1.0)
@@ -111,6 +113,7 @@ class SpringRebound(TangentialRestitution):
 
     form = "spring"
     formula = "F_t = −(k_n/c)(ξ + (1/s − 1) t_c dξ/dt) within the cone, beside what it is for s = 0"
+    in_words = "the tangential spring returns a share {s:%}, and yields {c} times as much as the normal one"
     source = "Maw, Barber & Fawcett 1976; Walton & Braun 1986; Stronge 1994"
     citations = ("maw1976", "walton1986", "stronge1994")
     refines = True

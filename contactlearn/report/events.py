@@ -38,30 +38,29 @@ from contactlearn.report.text import (
     base_label,
     error,
     formula_overrides,
-    headline,
     listed_models,
     listed_name,
     misfit,
     phrase,
     phrases,
     rung_label,
-    search_notes,
     searched_name,
     sentence,
     share_of_whole,
+    undecided,
 )
 
 _LONG = 5.0  # s after which a task is named where no bar is seen
 
 
 class TerminalObserver:
-    """Print the results among the events, and count long tasks on a display if there is one.
+    """Log the results among the events, and print them if `verbose`; count long tasks on a display if there is one.
 
     Without a terminal that can show bars, a task that takes long is named once.
     """
 
-    def __init__(self, display: Progress | None = None) -> None:
-        self._display, self._tasks = display, dict[str, TaskID]()
+    def __init__(self, display: Progress | None = None, *, verbose: bool = False) -> None:
+        self._display, self._tasks, self._verbose = display, dict[str, TaskID](), verbose
         self._began = dict[str, float]()
 
     def __call__(self, event: Event) -> None:
@@ -76,20 +75,21 @@ class TerminalObserver:
                 del self._began[event.task]
                 print_line(f"{event.task} …")
         for line in event_lines(event):
-            print_line(line)
+            print_line(line, shown=self._verbose)
 
 
 @contextmanager
-def progress(folder: Path | None = None, tracker: OnEvent = ignore) -> Generator[OnEvent]:
+def progress(folder: Path | None = None, tracker: OnEvent = ignore, *, verbose: bool = False) -> Generator[OnEvent]:
     """Show events on the terminal, with bars that disappear at the end.
 
     Args:
         folder: of the run, whose `progress.jsonl` the events are appended to; None writes no file.
         tracker: receives them too.
+        verbose: whether results among the events are printed, or only logged.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as display:
-        show = TerminalObserver(display)
+        show = TerminalObserver(display, verbose=verbose)
 
         def on_event(event: Event) -> None:
             show(event)
@@ -138,44 +138,60 @@ def _finding_line(kind: str, finding: Finding) -> str:
     return f"{kind}: {sentence(finding.sentence)} {phrase('correction_note', finding)}".rstrip()
 
 
-def show_verdict(found: Diagnosis, command: str) -> None:
-    """Print rivals, the next experiment, the residual, the ladder and the verdict.
+def show_verdict(found: Diagnosis, command: str, *, verbose: bool = False) -> None:
+    """Print the verdict, its size, names and parameters, what is undecided, and the next experiment.
 
     Args:
         found: the diagnosis.
-        command: that evaluates the model with the missing effects.
+        command: that trains the model with the missing effects.
+        verbose: whether the search, the residual and the model as an equation are printed before, or only logged.
     """
-    for model in found.frontier:
-        print_line(f"frontier: {_error_columns(model.error)}  {searched_name(found, model)}")
-    for model in listed_models(found):
-        print_line(f"model: {share_of_whole(model.share)}  {listed_name(found, model)}")
-    for note in search_notes(found):
-        print_line(f"note: {note}")
-    for missing in found.missing:
-        if missing.rivals:
-            print_line(f"rivals: {phrase('rivals', missing)}")
-    if found.experiment is not None:
-        for drop in found.experiment.drops:
-            print_line(f"next experiment: {phrase('drop', drop, found.experiment)}")
-        for separation in found.experiment.separations:
-            print_line(f"next experiment: {phrase('needed_drops', separation)}")
-    if found.remainder is not None:
-        print_line(f"residual: {' '.join(phrases('residual', found.remainder))}")
-    for formula in found.formulas:
-        print_line(f"formula: {phrase('formula_change', formula)}: {formula_overrides(formula)}")
-    for rung in found.ladder:
-        print_line(f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}")
-    if found.budget is not None:
-        print_line(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
-    if found.equation:
-        print_line(found.equation)
-    print_line(f"verdict: {headline(found)}")
-    if misfit(found):
-        print_line(f"note: {misfit(found)}")
-    if found.better_law is not None and found.physics is not Verdict.UNKNOWN:  # whose headline says it
-        print_line(f"note: {phrase('better_law', found)}")
+    for line in _detail_lines(found):
+        print_line(line, shown=verbose)
+    for line in _verdict_lines(found):
+        print_line(line)
     if found.missing:
-        print_line(f"to use it: {command}")
+        print_line(f"use it: {command}")
+
+
+def _verdict_lines(found: Diagnosis) -> list[str]:
+    """The verdict and what it rests on, a line each."""
+    lines = [f"verdict: {phrase('verdict', found)}"]
+    if found.ladder and found.budget is not None:
+        lines.append(f"error: {phrase('size', found)}")
+    lines += [_finding_line("audit", one) for one in found.findings if one.fatal or one.mistake or one.correction]
+    lines += [f"{one.level}: {phrase('named', one)}" for one in found.missing]
+    if found.candidates:
+        lines.append(f"candidates: {phrase('candidates', found.candidates)}")
+    if undecided(found):
+        lines.append(f"cannot distinguish: {undecided(found)}")
+    if found.experiment is not None:
+        lines.append(f"next experiment: {phrase('next_experiment', found.experiment)}")
+    if found.sample is not None:
+        lines.append(f"sample: {phrase('sample_support', found.sample)}")
+    if misfit(found):
+        lines.append(f"note: {misfit(found)}")
+    if found.better_law is not None and found.physics is not Verdict.UNKNOWN:  # whose headline says it
+        lines.append(f"note: {phrase('better_law', found)}")
+    return lines
+
+
+def _detail_lines(found: Diagnosis) -> list[str]:
+    """The search, candidates, the next experiment, the residual, the ladder, the budget and the model."""
+    lines = [f"frontier: {_error_columns(model.error)}  {searched_name(found, model)}" for model in found.frontier]
+    lines += [f"model: {share_of_whole(model.share)}  {listed_name(found, model)}" for model in listed_models(found)]
+    lines += [f"note: {note}" for note in phrases("notes", found)]
+    lines += [f"candidate: {phrase('candidate', one, found.budget)}" for one in found.candidates]
+    if found.experiment is not None:
+        lines += [f"next experiment: {phrase('drop', one, found.experiment)}" for one in found.experiment.drops]
+        lines += [f"next experiment: {text}" for text in phrases("needed_drops", found.experiment)]
+    if found.remainder is not None:
+        lines.append(f"residual: {' '.join(phrases('residual', found.remainder))}")
+    lines += [f"formula: {phrase('formula_change', one)}: {formula_overrides(one)}" for one in found.formulas]
+    lines += [f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}" for rung in found.ladder]
+    if found.budget is not None:
+        lines.append(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
+    return [*lines, found.equation] if found.equation else lines
 
 
 def _error_columns(x: Interval) -> str:

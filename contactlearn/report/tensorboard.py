@@ -168,12 +168,9 @@ class Tracker:
             self.scalars({f"limits/mass_error/{name}": error for name, error in names.items()})
         elif isinstance(event, EffectsFound):
             for missing in event.effects:
+                margins = [(one, Z_95 * one.standard_error) for one in missing.parameters]
                 tag = f"effect/{missing.effect.name}"
-                values = {f"{tag}/confidence": missing.confidence}
-                for one in missing.parameters:
-                    margin = Z_95 * one.standard_error
-                    values[f"{tag}/{one.name}"] = Interval(one.value, one.value - margin, one.value + margin)
-                self.scalars(values)
+                self.scalars({f"{tag}/{p.name}": Interval(p.value, p.value - x, p.value + x) for p, x in margins})
 
     def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
         """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""

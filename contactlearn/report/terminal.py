@@ -21,7 +21,7 @@ from contactlearn.core.signals import spelt
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import correct_setting, join_words, phrase, sentence
+from contactlearn.report.text import correct_setting, join_words, measured, phrase, sentence
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
@@ -45,10 +45,11 @@ _MOST = 20  # runs in the table of a sweep
 _WIDEST = 5  # settings in it
 
 
-def print_line(line: str) -> None:
-    """Print and log a line as it is: no markup, no folding of paths, plain spaces, nothing that steers a terminal."""
+def print_line(line: str, *, shown: bool = True) -> None:
+    """Log a line, and print it if it is shown: no markup, no folding, plain spaces, nothing that steers a terminal."""
     text = terminal_safe(line.replace("\u00a0", " "))
-    console.print(Text(text), soft_wrap=True)
+    if shown:
+        console.print(Text(text), soft_wrap=True)
     _log.info("%s", text)
 
 
@@ -212,24 +213,29 @@ def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequenc
 
 def show_folder(folder: Path) -> None:
     """Print the run's folder and the commands that show it."""
-    shown = _relative(folder)
+    shown = relative(folder)
     print_line(f"results  {shown}")
     if (folder / "report.html").exists():
         print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
     print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
 
 
+def show_report(folder: Path) -> None:
+    """Print the page of a run."""
+    print_line(f"report: {shlex.quote(str(relative(folder / 'report.html')))}")
+
+
 def show_checkpoint(path: Path, command: Sequence[str]) -> None:
     """Print the path of a trained model, and how to evaluate it on other data by the words of a command."""
-    shown = str(_relative(path))
+    shown = str(relative(path))
     print_line(f"model    {shown}")
     plain = re.fullmatch(r"[\w./-]+", shown, re.ASCII)
     value = shown if plain else json.dumps(shown, ensure_ascii=False)  # as Hydra's grammar wants it
     print_line(f"judge    {shlex.join([*command, f'checkpoint={value}'])} data=…")
 
 
-def _relative(path: Path) -> Path:
-    """A path from the working directory if it is below it."""
+def relative(path: Path) -> Path:
+    """Return a path from the working directory if it is below it."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
@@ -292,7 +298,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
 
 
 def _spread(mean: float, std: float | None) -> str:
-    return f"{mean:.3f}" if std is None else f"{mean:.3f} ± {std:.3f}"
+    return f"{mean:.3f}" if std is None else measured(mean, std)
 
 
 class _Table(Table):

@@ -25,10 +25,10 @@ from contactlearn.report.text import (
     label,
     law_label,
     listed_models,
+    named_effects,
     percent,
     phrase,
     phrases,
-    search_notes,
     searched_name,
     sentence,
     share_of_whole,
@@ -182,7 +182,7 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
         ]
         residual = [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
     if found.experiment is not None:
-        needed = (html.P(phrase("needed_drops", one)) for one in found.experiment.separations)
+        needed = map(html.P, phrases("needed_drops", found.experiment))
         drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
         experiment = [html.H4("The next experiment"), *needed, html.Ol(drops)]
     page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
@@ -194,9 +194,10 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
         html.H3("Result of the search"),
         html.P(headline(found), className="headline"),
         note("Of ", html.Code(folder), ": ", page, "."),
+        *items([[html.B(level), f" {text}"] for level, text in named_effects(found)]),
         *frontier,
         *items(plausible, "Models that these data cannot distinguish"),
-        *(html.P(text) for text in search_notes(found) if plausible),
+        *map(html.P, phrases("notes", found)),
         *residual,
         *experiment,
     ]

@@ -1,6 +1,7 @@
 """The command diagnose: prints each stage, writes diagnosis.json and its record, and draws figures and page."""
 
 import shlex
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict
 
@@ -24,7 +25,7 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import base_label, headline, rung_label
+from contactlearn.report.text import base_label, headline, named_effects, rung_label
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
@@ -40,11 +41,11 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
         _diagnose(settings, run, impacts, tracker)
     run.remove_partial_results()
-    terminal.show_folder(run.folder)
+    terminal.show_report(run.folder)
 
 
 def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: Tracker) -> None:
-    with progress(run.folder, tracker) as on_event:
+    with progress(run.folder, tracker, verbose=settings.verbose) as on_event:
         own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
         others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
@@ -68,7 +69,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     if found.record is not None:
         found.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)
-    show_verdict(found, command)
+    show_verdict(found, _short_command(run, command), verbose=settings.verbose)
     shown = (
         lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found, impacts))),
         lambda: write_page(run.folder, found, provenance, use=command if found.missing else ""),
@@ -87,6 +88,11 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         errors = found.budget.base, found.budget.named, found.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
         series = {_LADDER: [rung.error for rung in found.ladder]}
+        sure = {one.effect.name: one.confidence for one in (*found.missing, *found.candidates)}
+        scalars |= {f"effect/{name}/confidence": x for name, x in sure.items() if x is not None}
+    card = defaultdict[str, list[str]](list, {"Verdict": [headline(found)]})
+    for level, named in named_effects(found):
+        card[level.capitalize()].append(named)
     return RunRecord(
         trained_on=data.trials,
         metric=_METRIC,
@@ -97,7 +103,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         effects=list(dict.fromkeys((*settings.effects, *found.effects))),
         equations=[found.equation] if found.equation else [],
         errors={rung_label(rung, base_label(found)): rung.error for rung in found.ladder},
-        verdict={"Verdict": headline(found), "To use it": result.use},
+        verdict={name: "; ".join(texts) for name, texts in card.items()} | {"To use it": result.use},
     )
 
 
@@ -126,6 +132,12 @@ def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str
         elif form:
             words.append(f"effect.{name}.form={form}")
     return shlex.join([*words, "model=[]"])
+
+
+def _short_command(run: Run, command: str) -> str:
+    """The command that trains the found model by the folder of its run; it names the classes of other packages."""
+    classes = [word for word in shlex.split(command) if "_target_=" in word]
+    return shlex.join([*invocation("train"), f"model={terminal.relative(run.folder)}", *classes])
 
 
 def _named(name: str) -> bool:

@@ -1,9 +1,9 @@
 """Identity of a job: digests of the configuration, data files and code that its result depends on.
 
-Two jobs with the same digest give the same result, but for rounding.  `threads`, `workers` and `device` say how a job
-is computed, and are left out: `device=auto` may mean another one on the machine where a sweep goes on.  Data and
-trained models are known by the content of the files that a configuration names under `path` and `checkpoint`;
-simulated data by their settings; classes of other packages by the file that defines them.
+Two jobs with the same digest give the same result, but for rounding.  `threads`, `workers`, `device` and `verbose` say
+how a job is computed and shown, and are left out: `device=auto` may mean another one on the machine where a sweep goes
+on.  Data and trained models are known by the content of the files that a configuration names under `path` and
+`checkpoint`; simulated data by their settings; classes of other packages by the file that defines them.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from contactlearn.results.state import Done
 
 DIGITS = 12
 """Of a digest in the name of a folder."""
-_HOW = ("threads", "workers", "device")
+_HOW = ("threads", "workers", "device", "verbose")
 _CHANGING = re.compile(r"\$\{(?!oc\.)\w+:")  # a resolver that may give something else the next time
 _ENVIRONMENT = re.compile(r"\$\{oc\.env:(\w+)")
 

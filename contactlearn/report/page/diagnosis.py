@@ -14,7 +14,7 @@ from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, Error
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
 from contactlearn.report.figures.style import law_style
-from contactlearn.report.page.effects import effect_content, experiment_content, residual_content
+from contactlearn.report.page.effects import candidate_content, effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import packed, reproduced, write
 from contactlearn.report.page.trials import (
     EMBEDDED,
@@ -38,7 +38,6 @@ from contactlearn.report.text import (
     phrase,
     phrases,
     rung_label,
-    search_notes,
     searched_name,
     sentence,
     share_of_whole,
@@ -144,7 +143,7 @@ def _search(found: Diagnosis) -> dict[str, Any]:
     return {
         "frontier": [{"name": searched_name(found, m), **bounded(m.error)} for m in found.frontier],
         "plausible": [{"name": listed_name(found, m), "share": share_of_whole(m.share)} for m in listed_models(found)],
-        "search_notes": search_notes(found),
+        "search_notes": phrases("notes", found),
     }
 
 
@@ -191,6 +190,8 @@ def _effects(found: Diagnosis) -> dict[str, Any]:
             for missing, partial in zip(found.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),
+        "candidates": [candidate_content(one, found.budget) for one in found.candidates],
+        "proxy": phrase("proxy") if any(one.confidence is None for one in found.candidates) else "",
         "experiment": None if found.experiment is None else experiment_content(found.experiment),
         "residual": None if found.remainder is None else residual_content(found.remainder, found.formulas),
         "equation": found.equation,

@@ -4,7 +4,17 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from contactlearn.diagnosis.result import Experiment, FittedParameter, Formula, MissingEffect, Region, Remainder, Rival
+from contactlearn.diagnosis.result import (
+    Candidate,
+    ErrorBudget,
+    Experiment,
+    FittedParameter,
+    Formula,
+    MissingEffect,
+    Region,
+    Remainder,
+    Rival,
+)
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.figures.browser import as_plotly
@@ -14,8 +24,11 @@ from contactlearn.report.text import (
     WRENCH,
     confidence,
     effect_label,
+    fine_percent,
     formula_overrides,
+    in_words,
     measured,
+    percent,
     phrase,
     phrases,
     sentence,
@@ -46,7 +59,9 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
     return {
         "name": str(missing.effect),
         "label": effect_label(missing.effect),
+        "level": str(missing.level),
         "formula": missing.equation,
+        "in_words": sentence(in_words(missing)) if missing.parameters else "",
         "before": bounded(missing.error_before),
         "after": bounded(missing.error_after),
         "error_reduction": finely(missing.error_reduction),
@@ -57,6 +72,18 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "improvements": phrases("improvements", missing, regions),
         "rivals": [_rival(one) for one in missing.rivals],
         "curve": curve_content(partial),
+    }
+
+
+def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, Any]:
+    """Return a candidate with its parameters, the share of the error that it would remove, and its probability."""
+    base = budget.base.mean if budget is not None else 0.0
+    return {
+        "label": effect_label(one.effect),
+        "formula": one.equation,
+        "in_words": sentence(in_words(one)) if one.parameters else "",
+        "removes": fine_percent(one.error_reduction / base if base else 0.0),
+        "confidence": "a proxy?" if one.confidence is None else percent(one.confidence),
     }
 
 
@@ -101,9 +128,8 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
             {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
             for name, axis in axes.items()
         ],
-        "rivals": [
-            {"name": phrase("separation", one), "text": phrase("needed_drops", one)} for one in experiment.separations
-        ],
+        "rivals": [phrase("separation", one) for one in experiment.separations],
+        "needed": phrases("needed_drops", experiment),
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
             | {"body": drop.body, "differences": [digits(difference, 2) for difference in drop.differences]}

@@ -1,15 +1,23 @@
 """Number formats: errors, intervals, shares, comparisons; `numerics` has that of a value with its standard error."""
 
+import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
-from contactlearn.core.numerics import number
+from contactlearn.core.numerics import measured, number
+from contactlearn.diagnosis.result import FittedParameter
 from contactlearn.inference.evaluation.metrics import Interval
 
 _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal
 _ROUNDED = 0.005  # of a whole, below which a share rounds to 0 %
 _TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
+_SHOWN = {
+    "m": ("mm", 1e3), "rad": ("°", math.degrees(1)), "s": ("ms", 1e3), "J": ("mJ", 1e3), "N s": ("mN s", 1e3),
+    "1/rad": ("per rad", 1.0), "s/m": ("per m/s", 1.0), "s/rad": ("per rad/s", 1.0),
+}  # fmt: skip
+"""Units in sentences, and their number in an SI unit."""
 
 
 def error(x: float) -> str:
@@ -79,6 +87,20 @@ def p_value(p: float) -> str:
 def fix_spacing(text: str) -> str:
     """Write `78%` and `3e-5` in a text as 78 % and 3e−5."""
     return re.sub(r"(?<=\de)-(?=\d)", "−", re.sub(r"(?<=\d)%", "\u00a0%", text))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A fitted parameter as a sentence formats it, see `Effect.in_words`."""
+
+    found: FittedParameter
+
+    def __format__(self, how: str) -> str:
+        value, error = self.found.value, self.found.standard_error
+        if how == "exp":
+            return measured(math.exp(value), math.exp(value) * error)
+        unit, scale = ("%", 100.0) if how == "%" else _SHOWN.get(self.found.unit, (self.found.unit, 1.0))
+        return measured(scale * value, scale * error, unit)
 
 
 def _ends(x: Interval | Mapping[str, float]) -> tuple[float, float, float]:

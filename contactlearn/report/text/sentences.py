@@ -10,6 +10,7 @@ A macro is one sentence, or several; `phrase` and `phrases` render it by its nam
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -19,6 +20,7 @@ from jinja2.runtime import Macro
 
 from contactlearn.core.numerics import measured, number
 from contactlearn.diagnosis.result import (
+    Candidate,
     Diagnosis,
     Finding,
     FittedParameter,
@@ -33,11 +35,14 @@ from contactlearn.diagnosis.result import (
     RungKind,
     Verdict,
 )
+from contactlearn.effects import catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import names, numbers
+from contactlearn.report.text.names import join_words
 
 _MOST_MODELS = 5  # in the list of plausible models
+_MOST_LISTED = 4  # parameters of an effect without words
 _LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
 
 _VERDICTS = {
@@ -102,14 +107,20 @@ def summary(found: Diagnosis) -> list[str]:
     return phrases("summary", found)
 
 
-def search_notes(found: Diagnosis) -> list[str]:
-    """List confidences, proxies, rejected candidates, simpler models and equal laws, a sentence each."""
+def named_effects(found: Diagnosis) -> list[tuple[str, str]]:
+    """List what is missing with its level: effects found or probable, then candidates, a clause each."""
+    named = [(str(one.level), phrase("named", one)) for one in found.missing]
+    return named + [(str(Level.CANDIDATE), phrase("candidate", one, found.budget)) for one in found.candidates]
+
+
+def undecided(found: Diagnosis) -> str:
+    """List effects and laws that the data cannot distinguish; empty where there are none."""
     belief: dict[str, float] = {}
     for model in found.models:
         belief[model.law] = belief.get(model.law, 0.0) + model.share
     equal = {law: x for law, x in belief.items() if law == found.law or x >= _LEAST_SHARE}
     ranked = dict(sorted(equal.items(), key=lambda one: -one[1])) if found.law in equal else {}
-    return phrases("notes", found, ranked)
+    return "; ".join(phrases("undecided", found, ranked))
 
 
 def confidence(missing: MissingEffect) -> str:
@@ -150,6 +161,19 @@ def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
 def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
     """Whether a model is that of the verdict, which need not have the largest posterior share."""
     return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
+
+
+def in_words(found: MissingEffect | Candidate) -> str:
+    """Say what the fitted parameters mean; with their symbols where the effect has no words, or the range of many."""
+    kinds = {kind.id: kind for kind in catalogue().get(found.effect.name, ())}
+    words, values = kinds[found.effect].in_words if found.effect in kinds else "", found.parameters
+    with suppress(KeyError):  # parameters of another version
+        if words:
+            return words.format_map({one.name: numbers.Quantity(one) for one in values})
+    if len(values) > _MOST_LISTED:
+        low, high = (pick(values, key=lambda one: one.value) for pick in (min, max))
+        return f"{len(values)} coefficients from {fitted_value(low)} to {fitted_value(high)}"
+    return join_words(map(fitted_value, values))
 
 
 def fitted_value(found: FittedParameter) -> str:
@@ -212,6 +236,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "error": numbers.error,
         "fine_percent": numbers.fine_percent,
         "fold": _fold,
+        "in_words": in_words,
         "interval": numbers.interval,
         "label": names.label,
         "law": names.law_label,
@@ -221,7 +246,6 @@ def _modules() -> tuple[TemplateModule, ...]:
         "number": number,
         "of": lambda key, mapping: mapping[key],
         "p_value": numbers.p_value,
-        "parameter": fitted_value,
         "percent": numbers.percent,
         "sentence": names.sentence,
         "share": numbers.share_of_whole,
@@ -229,7 +253,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "shortened": names.shortened,
         "symbol": _symbol,
         "times": numbers.times,
-        "words": names.join_words,
+        "words": join_words,
     }
     templates.filters.update(filters)
     values: dict[str, Any] = {
