@@ -282,6 +282,8 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
 
 def test_ticking_an_effect_moves_numbers_map_and_curves(shown, content):
     into_view(shown, "map")
+    title = "document.querySelector('#map').data[0].marker.colorbar.title.text"
+    assert shown.execute_script(f"return {title}") == "Mass error of the ticked model"  # all boxes are ticked
     colors = "document.querySelector('#map').data[0].marker.color.slice(0, 5).join()"
     error, before = (
         shown.execute_script(f"return {what}") for what in ("document.querySelector('.ticked').textContent", colors)

@@ -169,11 +169,10 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
         lines.append(f"next experiment: {phrase('next_experiment', found.experiment)}")
     if found.sample is not None:
         lines.append(f"sample: {phrase('sample_support', found.sample)}")
-    if misfit(found):
-        lines.append(f"note: {misfit(found)}")
-    if found.better_law is not None and found.physics is not Verdict.UNKNOWN:  # whose headline says it
-        lines.append(f"note: {phrase('better_law', found)}")
-    return lines
+    notes = [phrase("unwanted", found), misfit(found)]
+    if found.physics is not Verdict.UNKNOWN:  # whose headline says it
+        notes.append(phrase("better_law", found))
+    return lines + [f"note: {note}" for note in notes if note]
 
 
 def _detail_lines(found: Diagnosis) -> list[str]:

@@ -64,7 +64,7 @@ const errorsOf = model => errors[model] ??= trials.name.map((_, i) => arrays.err
 
 // Error over two variables; the selected trial is ringed, if there is one, trials outside the region are faint.
 function drawMap(state, id = "map") {
-  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.mapped(), error = errorsOf(one);
+  const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.model, error = errorsOf(one);
   const most = share(errorsOf(page.yardstick), 0.97), region = page.regions?.[state.region];
   const inside = new Set(region?.rows), marked = region && !state.brush ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
   const spread = variable => variable.labels.length
@@ -75,7 +75,7 @@ function drawMap(state, id = "map") {
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
   const bar = {
-    title: {text: state.alone ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : page.comparison?.[0].label ?? "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
+    title: {text: page.switches && one === page.yardstick ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : page.comparison?.[0].label ?? "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
     ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
   };
   const points = trials.count > MOST_POINTS ? cells(at, error, most, region && inside, bar) : {

@@ -1,8 +1,6 @@
 // The choices of the reader, and all that depends on them.
 const state = {
   model: 0, trial: 0, region: -1, law: 0, across: 0, up: 0, dropAcross: 0, dropUp: 0,
-  alone: false,  // the map has the law alone, whatever is ticked
-  mapped: () => state.alone ? page.yardstick : state.model,
   ticked: name => {
     const bit = (page.switches ?? []).findIndex(one => one.name === name);
     return bit < 0 || Boolean(state.model >> bit & 1);
@@ -58,7 +56,7 @@ const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
   "whole-law": () => drawWhole("law"), "whole-named": () => drawWhole("named"),
   drops: () => drawDrops(state),
-  "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, alone: true, mapped: () => page.yardstick}, "telling-map"),
+  "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, model: page.yardstick}, "telling-map"),
 };
 for (const [id, figure] of Object.entries(page.figures ?? {})) drawn[id] = () => show(id, figure);
 page.effects?.forEach((_, k) => {
@@ -90,20 +88,11 @@ const watch = new IntersectionObserver(entries => {
 
 const ofModel = () => ["map", "picture", "impulse", ...Object.keys(drawn).filter(id => id.startsWith("curve-"))];
 
-function choose(number, section) {
+function choose(number) {
   state.model = number;
-  if (section?.id === "fails") mapOf("ticked");
   showModel();
   showTrial();
   redraw(...ofModel());
-}
-
-function mapOf(which) {
-  const list = get("errors-of");
-  if (!list) return;
-  list.value = which;
-  state.alone = which === "alone";
-  redraw("map");
 }
 
 function select(trial) {
@@ -126,12 +115,11 @@ function listen() {
   const on = (id, event, act) => get(id)?.addEventListener(event, act);
   for (const box of document.querySelectorAll("[data-bit]")) {
     box.addEventListener("change", () => choose(
-      box.checked ? state.model | 1 << box.dataset.bit : state.model & ~(1 << box.dataset.bit), box.closest("section")));
+      box.checked ? state.model | 1 << box.dataset.bit : state.model & ~(1 << box.dataset.bit)));
   }
   for (const button of document.querySelectorAll("[data-ticks]")) {
-    button.addEventListener("click", () => choose(button.dataset.ticks === "all" ? page.models.length - 1 : 0, button.closest("section")));
+    button.addEventListener("click", () => choose(button.dataset.ticks === "all" ? page.models.length - 1 : 0));
   }
-  on("errors-of", "change", event => mapOf(event.target.value));
   on("model", "change", event => choose(Number(event.target.value)));
   on("region", "change", event => { state.region = Number(event.target.value); redraw("map"); });
   on("law", "change", event => { state.law = Number(event.target.value); redraw("impulse"); });
@@ -220,7 +208,6 @@ async function start() {
   get("law").value = state.law;
   if (get("model")) get("model").value = state.model;
   state.trial = worst();
-  mapOf("alone");
   showModel();
   showTrial();
   listen();
