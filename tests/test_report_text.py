@@ -349,7 +349,7 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
     assert capsys.readouterr().out.splitlines() == [
         "verdict: Surface tilt (computed) is missing from Wang–Mason, and probably spin damping (after); no known "
         "effect explains the predictable part of the residual.",
-        "error: 0.1000 → 0.1000, 0.0 % less; 170 % is noise and 0 % is unexplained",
+        "error: 0.1000 → 0.1000, 0.0 % less; 100 % is noise and 0 % is unexplained",
         "found: surface tilt (computed) (97 %): the floor is tilted by 2.280 ± 0.030°",
         "probable: spin damping (after) (62 %)",
         "candidates: contact patch (linear) (26 %) and inertia error (a proxy?)",

@@ -125,7 +125,7 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[
         for name, mean, std in (("mu", fit.mu, fit.mu_std), ("eps", fit.eps, fit.eps_std)):
             published, published_std = reference[fit.law][name]
             sigma = math.nan if std is None else (std**2 + published_std**2) ** 0.5
-            cells += [_spread(published, published_std), _spread(mean, std)]
+            cells += [f"{published:g} ± {published_std:g}", _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
         table.add_row(fit.law, *cells)
     print_table(table)
