@@ -357,7 +357,7 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
         "next experiment: 4 drops such as θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s distinguish these effects",
         "use it: python train.py model=RUN",
     ]
-    assert [level for level, _ in text.named_effects(shown)] == ["found", "probable", "candidate", "candidate"]
+    assert [level for level, _ in text.names_by_level(shown)] == ["found", "probable", "candidate", "candidate"]
     show_verdict(shown, "", verbose=True)
     assert "candidate: contact patch (linear) (26 %) would remove 4 % of the error\n" in capsys.readouterr().out
 

@@ -25,7 +25,7 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import base_label, headline, named_effects, rung_label
+from contactlearn.report.text import base_label, headline, names_by_level, rung_label
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
@@ -91,7 +91,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         sure = {one.effect.name: one.confidence for one in (*found.missing, *found.candidates)}
         scalars |= {f"effect/{name}/confidence": x for name, x in sure.items() if x is not None}
     card = defaultdict[str, list[str]](list, {"Verdict": [headline(found)]})
-    for level, named in named_effects(found):
+    for level, named in names_by_level(found):
         card[level.capitalize()].append(named)
     return RunRecord(
         trained_on=data.trials,

@@ -107,7 +107,7 @@ def summary(found: Diagnosis) -> list[str]:
     return phrases("summary", found)
 
 
-def named_effects(found: Diagnosis) -> list[tuple[str, str]]:
+def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
     named = [(str(one.level), phrase("named", one)) for one in found.missing]
     return named + [(str(Level.CANDIDATE), phrase("candidate", one, found.budget)) for one in found.candidates]
