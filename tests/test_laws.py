@@ -7,6 +7,7 @@ import itertools
 import contacts
 import numpy as np
 import pytest
+import scipy
 import torch
 from contacts import DIFFER, DISTINCT, EVERY, VARIANTS, Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
@@ -338,6 +339,51 @@ def test_coulomb_path_against_integration(name, mode):
         assert name != "mirtich" or 100 < error[250].mean() / error[4000].mean() < 500
 
 
+def sprung(c: Contacts) -> list[float]:
+    """P of one contact with ε ≥ 0.05, from its motion in time with a rigid tangent until the force vanishes."""
+    (w_tt, w_tn), (_, w_nn) = c.W.tolist()
+    (v_t, v_n), mu, eps = c.v_c.tolist(), c.mu.item(), c.eps.item()
+
+    def loss(zeta: float) -> float:
+        angle = np.arccos(zeta) if zeta < 1 else np.arccosh(zeta)
+        return np.log(eps) + 2 * zeta * angle / np.sqrt(abs(1 - zeta**2))
+
+    zeta = scipy.optimize.brentq(loss, 1e-12, 5.0)
+    state, held = [0.0, v_t, v_n, 0.0, 0.0], float(np.clip(-w_tn / w_tt, -mu, mu))
+    for slope in (-np.sign(v_t) * mu, held):
+
+        def force(x: float, v_n: float) -> float:
+            return (x - 2 * zeta * v_n) / w_nn
+
+        def motion(_: float, s: np.ndarray, slope: float = slope) -> list[float]:
+            f = force(s[0], s[2])
+            t = slope * f
+            return [-s[2], w_tt * t + w_tn * f, w_tn * t + w_nn * f, t, f]
+
+        def separated(time: float, s: np.ndarray) -> float:
+            return force(s[0], s[2]) if time > 0 else 1.0
+
+        def gripped(_: float, s: np.ndarray) -> float:
+            return s[1] * np.sign(v_t)
+
+        separated.terminal, separated.direction = True, -1
+        gripped.terminal, gripped.direction = True, -1
+        events = (separated, gripped) if slope is not held else (separated,)
+        path = scipy.integrate.solve_ivp(motion, (0, 1e3), state, "DOP853", events=events, rtol=1e-10, atol=1e-13)
+        state = path.y[:, -1]
+        if len(path.t_events[0]):
+            break
+    return state[3:].tolist()
+
+
+def test_spring_and_dashpot_against_integration_in_time():
+    c = random_contacts(200, seed=6)
+    c = c[(c.eps > 0.05) & (c.eps < 1) & (c.v_c[:, 0] != 0) & (c.mu > 0)][:60]
+    expected = np.array([sprung(c[k]) for k in range(len(c.mu))])
+    assert relative_error(evaluate("spring_dashpot", c), expected).max() < 1e-8
+    assert not torch.allclose(evaluate("spring_dashpot", c), evaluate("mirtich", c), rtol=1e-2)
+
+
 def test_viscous_path_against_integration():
     c = random_contacts(400, seed=4)
     P = evaluate("mirtich", c, "fazeli2017")
@@ -507,7 +553,7 @@ def test_gradients_at_the_ends_are_one_sided(name, variant, end):
 
 def test_names():
     assert len(PAPER_LAWS) == 6
-    assert names() == (*PAPER_LAWS, "chatterjee_ruina", "wang_mason_newton")
+    assert names() == (*PAPER_LAWS, "chatterjee_ruina", "spring_dashpot", "wang_mason_newton")
     c = random_contacts(1, seed=0)
     with pytest.raises(UnknownNameError, match=r"unknown law 'mirtic', did you mean 'mirtich'\?"):
         impulse("mirtic", *c)
