@@ -148,12 +148,14 @@ def _waves(z: Tensor) -> tuple[Tensor, Tensor]:
     """Return cosh √z and sinh(√z)/√z, for z < 0 cos √−z and sin(√−z)/√−z."""
     near, grows = z.abs() < _SMALL, z > 0
     root = torch.where(near, 1.0, z.abs()).sqrt()
-    up, around = torch.where(grows, root, 0.0), torch.where(grows, 0.0, root)
+    cosine, sine = root.cos(), root.sin()
+    if grows.any():
+        up = torch.where(grows, root, 0.0)
+        cosine, sine = torch.where(grows, up.cosh(), cosine), torch.where(grows, up.sinh(), sine)
     small = torch.where(near, z, 0.0)
-    cosine = 1 + small / 2 * (1 + small / 12 * (1 + small / 30 * (1 + small / 56)))
-    sine = 1 + small / 6 * (1 + small / 20 * (1 + small / 42 * (1 + small / 72)))
-    far = torch.where(grows, up.cosh(), around.cos()), torch.where(grows, up.sinh(), around.sin()) / root
-    return torch.where(near, cosine, far[0]), torch.where(near, sine, far[1])
+    near_cosine = 1 + small / 2 * (1 + small / 12 * (1 + small / 30 * (1 + small / 56)))
+    near_sine = 1 + small / 6 * (1 + small / 20 * (1 + small / 42 * (1 + small / 72)))
+    return torch.where(near, near_cosine, cosine), torch.where(near, near_sine, sine / root)
 
 
 def _cotangent(s: Tensor) -> Tensor:
