@@ -338,7 +338,7 @@ def test_the_audit_alone(tmp_path):
         assert "wrong" not in printed
     twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
     printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]")
-    assert "to correct it: data.correct=[grams,mirrored_theta] on any command" in printed
+    assert "to correct it: data.correct=[grams,mirrored_theta,traced_shape] on any command" in printed
     assert "synthetic drops (wang_mason, seed 0): 30" in run("contactlearn", "audit", "data=synthetic", "data.size=30")
     assert "too few" in run("contactlearn", "audit", "data=synthetic", "data.size=5")
     assert [entry.name for entry in tmp_path.iterdir()] == ["own.csv"]

@@ -243,7 +243,7 @@ CORRECTIONS = {
         "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True
     ),
     "traced_shape": Correction(
-        "data.shape is not stated, and the contact points trace a disc, an ellipse or a polygon",
+        "the shape is not stated, and the contact points trace it",
         lambda impacts, _: with_traced_shape(impacts),
         needs_all_trials=True,
     ),
