@@ -118,6 +118,7 @@ SPOILT = {
     "gross_outliers": wild,
     "energy_gained": driven,
     "contact_point_off_shape": lambda d: d.replace(q=d.q + torch.tensor((0, 0, 0.5)), validate=False),
+    "traced_shape": lambda d: d.replace(shape=None),
     "out_of_order": out_of_order,
     "impossible": shuffled,
 }  # fmt: skip

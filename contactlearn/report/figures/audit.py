@@ -23,8 +23,9 @@ from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import ENERGY_GAIN, gross_outliers, outliers
-from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.bodies import contact_points, shapes_among
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.report.figures import style as st
 from contactlearn.report.text import sentence
 
@@ -215,6 +216,15 @@ def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, th
     legend_below(figure, panels[0])
 
 
+def _outline(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+    axes = st.name_axes(figure.subplots(), "Along the body's x (mm)", "Along the body's y (mm)")
+    dots(axes, *rotate(after.r, -after.q[:, 2]).mT * st.MILLI, label="Contact point")
+    for shape in shapes_among(after.shape).values():
+        axes.plot(*st.array(shape.outline().mT * st.MILLI), color=_RED, linewidth=0.8, label="Outline")
+    axes.set_aspect("equal", "datalim")
+    legend_below(figure, axes)
+
+
 def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     numbers, first = torch.cat((before.r, before.q, before.v_pre, before.v_post), -1), {}
     rows = torch.arange(1, len(before) + 1)
@@ -243,6 +253,7 @@ _EVIDENCE = {
     "gross_outliers": (_outliers, st.PAGE, 2.0),
     "energy_gained": (_energy, st.COLUMN, 2.5),
     "contact_point_off_shape": (_shape, st.PAGE, 2.8),
+    "traced_shape": (_outline, st.COLUMN, 2.7),
     "duplicated_trials": (_duplicates, st.COLUMN, 2.7),
     "out_of_order": (_order, st.COLUMN, 2.7),
 }
