@@ -11,7 +11,7 @@ from repetitions import crossed, repeated
 from contactlearn.data.audit.conventions import compare, contradictions
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
-from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.moments import balance, drag_factor
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import mujoco, synthetic
@@ -345,7 +345,8 @@ def test_clean_simulated_drops(kind, hidden):
 
 def test_published_drops_are_mirrored(ellipse_drops):
     frame, moments, outlier = audit(ellipse_drops)
-    assert corrections((frame, outlier)) == ["mirrored_x", "drop_outliers"]
+    assert [one.correction for one in (frame, outlier)] == ["mirrored_x", "drop_outliers"]
+    assert not outlier.mistake  # one of 1718
     assert (moments.name, moments.mistake) == ("moment_balance_open", False)
     assert [moments.value(key) for key in ("a_measured", "b_measured")] == pytest.approx([1.2, 1.14], abs=0.02)
     assert "does not close, and none of the known mistakes explains it" in moments.sentence
@@ -358,8 +359,7 @@ def test_published_drops_are_mirrored(ellipse_drops):
     assert evidence["better_in"] > 0.9
     assert frame.alternatives == ()
     assert outlier.value("trials") == 1
-    (outlier,) = mistakes(audit(correct(ellipse_drops, ["mirrored_x"])))
-    assert outlier.correction == "drop_outliers"
+    assert "drop_outliers" in [one.correction for one in audit(correct(ellipse_drops, ["mirrored_x"]))]
     assert mistakes(audit(correct(ellipse_drops, ["mirrored_x", "drop_outliers"]))) == []
     assert corrections(audit(ellipse_drops.replace(inertia=0.8 * ellipse_drops.inertia)))[0] == "mirrored_x"
     assert corrections(audit(ellipse_drops.replace(shape=None)))[0] == "mirrored_x"
@@ -375,6 +375,16 @@ def test_balance_is_robust_and_honest():
         assert abs(fit.a - 1) < 4 * fit.a_error < NOISE
         assert abs(fit.b - 1) < 4 * fit.b_error < 4 * NOISE
     assert math.isinf(balance(drops("disc")).a_error)
+
+
+def test_a_drag_after_contact_is_no_mistake():
+    """Velocities that fell between contact and measurement open the balance, as far as the effect reaches."""
+    clean = drops(size=400, spin_noise=0.1, velocity_noise=0.002)
+    for left, mistake in ((0.55, False), (0.3, True)):
+        slowed = clean.replace(v_post=clean.v_post * torch.tensor((left, left, 1.0)), validate=False)
+        assert drag_factor(slowed) == pytest.approx(1 / left, rel=0.01)
+        (found,) = audit(slowed)
+        assert (found.name, found.mistake) == ("moment_balance_open", mistake)
 
 
 def test_contradictions_are_shares_without_unit():

@@ -7,7 +7,8 @@ import pytest
 from diagnoses import made_up, remainder
 
 from contactlearn.diagnosis.error_budget import NoiseFloor, error_budget, verdict
-from contactlearn.diagnosis.result import ErrorLimits, Level, NoiseSource, Verdict, clearly_better
+from contactlearn.diagnosis.result import ErrorLimits, Finding, Level, NoiseSource, Verdict, clearly_better
+from contactlearn.diagnosis.stages import trust_balance
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
@@ -82,3 +83,14 @@ def test_a_verdict_without_names_says_what_could_be_hidden():
     found = replace(made_up(12), missing=(), physics=Verdict.NONE, hidden=0.031)
     assert headline(found).replace("\u00a0", " ").endswith("one that removes up to 3 % of its error could be hidden.")
     assert "hidden" not in headline(replace(found, remainder=remainder(Interval(0.05, 0.02, 0.08))))
+
+
+def test_effects_that_are_found_explain_an_open_balance():
+    opened = Finding(name="moment_balance_open", sentence="it does not close", evidence=())
+    found = replace(made_up(12, *NAMES), verdict=Verdict.BAD_DATA, findings=(opened,))
+    sure = trust_balance(found)
+    assert (sure.verdict, sure.findings[0].mistake) == (Verdict.EFFECTS, False)
+    unsure = replace(found, missing=tuple(replace(one, level=Level.PROBABLE) for one in found.missing))
+    assert trust_balance(unsure) is unsure
+    other = replace(found, findings=(opened, replace(opened, name="contradictions")))
+    assert trust_balance(other).verdict is Verdict.BAD_DATA

@@ -118,7 +118,8 @@ def diagnose_audited(
         decomposition = decompose_error(question, search, comparison.ladder, generator)
     question.on_event(EffectsFound(effects=comparison.ladder.missing, regions=search.regions))
     question.on_event(RemainderLearned(remainder=decomposition.learned.remainder))
-    return _result(question, search, comparison, decomposition, confidence, fits, (*findings, *search.notes), generator)
+    findings = (*findings, *search.notes)
+    return trust_balance(_result(question, search, comparison, decomposition, confidence, fits, findings, generator))
 
 
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
@@ -438,6 +439,20 @@ def _result(
             residuals=tuple(partial_residuals(model, impacts, one.effect.name) for one in missing),
         ),
     )
+
+
+def trust_balance(found: Diagnosis) -> Diagnosis:
+    """Turn an open moment balance into a note where effects that were found explain the data."""
+    if found.physics is not Verdict.EFFECTS or any(one.level is not Level.FOUND for one in found.missing):
+        return found
+    findings = tuple(
+        replace(one, mistake=False, sentence=f"{one.sentence}; the effects that were found explain it")
+        if one.name == "moment_balance_open" and one.mistake
+        else one
+        for one in found.findings
+    )
+    mistaken = any(one.mistake for one in findings)
+    return replace(found, findings=findings, verdict=Verdict.BAD_DATA if mistaken else found.physics)
 
 
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:

@@ -2,9 +2,11 @@
 
 import math
 
+import torch
+
 from contactlearn.data.audit.conventions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS
-from contactlearn.data.audit.moments import MUST, Balance, balance, inertia_text, torque, wrong_inertia
+from contactlearn.data.audit.moments import MUST, Balance, balance, drag_factor, inertia_text, torque, wrong_inertia
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.impacts import Impacts
@@ -12,6 +14,7 @@ from contactlearn.mechanics.impacts import Impacts
 _INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
 _INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
 _INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
+_DRAG = 2.0  # factor on the velocities after contact up to which a drag is the effect `side_drag`
 _TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
 
 
@@ -37,7 +40,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     """Report an open moment balance of the corrected impacts, or contradictions that nothing corrects.
 
     A small imbalance is a note, since effects may explain it: another inertia, a moment at the contact.  An imbalance
-    that an inertia within the reach of an effect would close is a note as well.
+    that an inertia or a drag within the reach of an effect would close is a note as well.
 
     Args:
         impacts: as the other findings would correct them.
@@ -45,9 +48,8 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
         thresholds: limits of the imbalance and of the contradictions.
         explained: whether other findings account for the contradictions, which are then not reported again.
     """
-    fit, balanced, factor = balance(impacts).judged, impacts, torque(impacts).inertia_factor.item()
-    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):  # within the reach of an effect
-        balanced = impacts.replace(inertia=factor * impacts.inertia)
+    fit = balance(impacts).judged
+    balanced = min(_within_reach(impacts, thresholds), key=lambda some: balance(some).judged.imbalance)
     answers = contradictions(balanced)
     means = {question: answer.mean().item() for question, answer in answers.items()}
     if not fit.terms:
@@ -61,7 +63,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
     sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {MUST} gives {fit}"
     if opened and not doubted:
-        sentence += "; a wrong inertia, or an effect with a moment at the contact, would have this effect"
+        sentence += "; a wrong inertia, a drag after contact, or a moment at the contact would have this effect"
     if contradictory:
         sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
     evidence = evidence_of(
@@ -72,6 +74,18 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     )
     name = "moment_balance_open" if opened else "contradictions"
     return Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)
+
+
+def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts]:
+    """List the impacts as measured, and as they balance best with another inertia, and without drag after contact."""
+    found, factor = [impacts], torque(impacts).inertia_factor.item()
+    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):
+        found.append(impacts.replace(inertia=factor * impacts.inertia))
+    gain = drag_factor(impacts)
+    if 1 < gain < _DRAG:
+        faster = torch.tensor((gain, gain, 1.0), dtype=torch.float64)
+        found.append(impacts.replace(v_post=impacts.v_post * faster, validate=False))
+    return found
 
 
 def _consistent_note(fit: Balance, limit: float) -> Finding:

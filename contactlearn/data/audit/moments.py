@@ -119,6 +119,13 @@ def torque(impacts: Impacts | Columns) -> Torque:
     return Torque(dv[..., 2], normal, tangential, dv[..., :2].norm(dim=-1) / gyration.sqrt())
 
 
+def drag_factor(impacts: Impacts) -> float:
+    """Compute the factor on v_x and v_y after contact at which the moments balance, by least absolute deviations."""
+    ratio = impacts.r * (impacts.mass / impacts.inertia)[:, None]
+    before, after = (ratio[:, 0] * v[:, 1] - ratio[:, 1] * v[:, 0] for v in (impacts.v_pre, impacts.v_post))
+    return _slope(impacts.v_post[:, 2] - impacts.v_pre[:, 2] + before, after).item()
+
+
 def _slope(y: Float[Tensor, "*batch n"], x: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch"]:
     """Slope of y over x by least absolute deviations: the median of y/x, weighted by |x|; nan where x is 0."""
     ratio, order = torch.where(x == 0, 0.0, y / x).sort(-1)

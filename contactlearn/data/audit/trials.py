@@ -30,6 +30,7 @@ _COMMON = 0.1  # share of an object's trials with a gross mass from which on it 
 _APPARATUS_SIGMAS = 3.0  # standard errors by which the scale must be off, too
 _SECONDS_A_TRIAL = 0.5  # that a trial takes at least: times that span less are no clock of the session
 _RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
+_STRAY = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _LISTED = 5  # values that a sentence names
 
 
@@ -179,7 +180,10 @@ def _outlier_findings(
         *((reason, n, "trials") for reason, n in reasons.items()),
     )
     correction = "drop_outliers" if few else None
-    return [Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)]
+    mistake = share > _STRAY
+    return [
+        Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction, mistake=mistake)
+    ]
 
 
 def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> dict[str, Bool[Tensor, " n"]]:
