@@ -386,7 +386,7 @@ def _result(
     decomposition: ErrorDecomposition,
     confidence: Mapping[EffectId, float],
     laws: Sequence[LawFit],
-    findings: Sequence[Finding],
+    findings: tuple[Finding, ...],
     generator: torch.Generator,
 ) -> Diagnosis:
     """Assemble the diagnosis."""

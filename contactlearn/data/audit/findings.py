@@ -81,7 +81,7 @@ def _not_recommended(finding: Finding) -> Finding:
 
 
 def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
-    """Find the mistakes in the measurements from a few hundred of them, spread evenly; notes that correct nothing are left out.
+    """Find the mistakes in a few hundred of the measurements, spread evenly; notes that correct nothing are left out.
 
     Repeated trials and their order are looked at in all of them.
     """
