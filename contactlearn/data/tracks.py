@@ -105,7 +105,7 @@ def track_options(
     body: str | None = None,
     drag: float | None = None,
     fewest: int = 8,
-    contact_time: float = 5e-4,
+    contact_time: float = 3e-3,
     workers: int = 1,
 ) -> TrackOptions:
     """Return the options of a search as a configuration states them.
@@ -231,12 +231,13 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
     frame, shown = found.frame, len(found.contacts) + floor.rests
+    lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
         gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        delay=Estimate(value=0.0, error=max(options.flight.contact_time / math.sqrt(12), _INSTANT)),
+        delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
     )
 
 

@@ -9,7 +9,8 @@ recording skips m frames at contact without a gap in its time stamps, whatever f
 later than it states: each m is tried, and its probability follows from how well the flights then meet.
 
 The history of the impulse is not resolved: where friction and normal force act at different times the flights miss each
-other by the difference of their velocities in a part of the contact's duration, which `contact_time` allows for.
+other by the difference of their velocities in a part of the contact's duration, which is allowed for.  A contact lasts
+as long as frames about its instant are in neither flight.
 
 before the first flight, after the last   a hand, a body at rest, rolling or sliding, or frames that are too few
 between two flights                       one contact if both meet at an instant; otherwise
@@ -35,6 +36,7 @@ from contactlearn.data.recordings.flights import (
     apart,
     find_flights,
     fit,
+    mended,
     same_flight,
 )
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
@@ -42,6 +44,7 @@ from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Track, turn
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
+_BRIEF = 5e-4  # s, of a contact without a frame; a longer one is seen at 1000 frames a second
 _QUARTER = 0.25  # of the contact's duration: by so much the instants of two coordinates differ
 _ROUNDS = 3
 
@@ -57,6 +60,7 @@ class Meeting:
         apart: squared distance in standard deviations, the contact's duration allowed for.
         distance: in m, of the two poses, without θ.
         gain: derivative [3] of the instant in the distance p⁻ − p⁺.
+        lasting: s about the instant in which frames are in no flight.
     """
 
     time: float
@@ -65,9 +69,12 @@ class Meeting:
     apart: float
     distance: float
     gain: Float[Array, "3"]
+    lasting: float
 
 
-def meeting(before: Flight, after: Flight, window: tuple[float, float], step: float, options: FlightOptions) -> Meeting:
+def meeting(
+    before: Flight, after: Flight, window: tuple[float, float], step: float, most_missing: int, lasting: float
+) -> Meeting:
     """Find where two flights meet.
 
     Args:
@@ -75,9 +82,10 @@ def meeting(before: Flight, after: Flight, window: tuple[float, float], step: fl
         after: flight after contact.
         window: times in s of the last frame before contact and of the first after it.
         step: time between two frames in s.
-        options: of the search.
+        most_missing: frames that may be missing.
+        lasting: duration of the contact in s.
     """
-    skipped: Array = np.arange(options.most_missing + 1.0) * step
+    skipped: Array = np.arange(most_missing + 1.0) * step
     low, high = window[0], window[1] + skipped
     time = (low + high) / 2
     information, gain = np.ones_like(time), np.zeros((len(time), 3))
@@ -87,11 +95,11 @@ def meeting(before: Flight, after: Flight, window: tuple[float, float], step: fl
         gain = -change / S / information[:, None]
         time = np.clip(time + (gain * d).sum(1), low - 2 * step, high + 2 * step)
     d, S, change = _apart(before, after, time, skipped)
-    S = S + (_QUARTER * options.contact_time * change) ** 2
+    S = S + (_QUARTER * lasting * change) ** 2
     loose = (change**2 / S).sum(1)
     d = d - change * ((change * d / S).sum(1) / loose)[:, None]  # at the nearest point, in units of the softer scatter
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
-    apart = (d**2 / S).sum(1) + (outside / (information**-0.5 + options.contact_time / 2)) ** 2
+    apart = (d**2 / S).sum(1) + (outside / (information**-0.5 + lasting / 2)) ** 2
     weight = -(apart + np.log(loose) + np.log(S).sum(1)) / 2 + skipped / step * np.log(_SKIPS)
     share = np.exp(weight - weight.max())
     best = int(share.argmax())
@@ -102,6 +110,7 @@ def meeting(before: Flight, after: Flight, window: tuple[float, float], step: fl
         apart=float(apart[best]),
         distance=float(np.hypot(d[best, 0], d[best, 1])),
         gain=gain[best],
+        lasting=lasting,
     )
 
 
@@ -118,7 +127,6 @@ def cut(
     flights: Sequence[Flight],
     meetings: Sequence[Meeting | None],
     found: Flights,
-    options: FlightOptions,
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
 
@@ -129,7 +137,6 @@ def cut(
         flights: in their order.
         meetings: of each with the next, where one contact may be between them.
         found: noise of a frame, and width of a window.
-        options: of the search.
     """
     sigma = found.sigma
     fitted: list[Flight] = []
@@ -137,9 +144,9 @@ def cut(
     for flight, start, end in zip(flights, ends, ends[1:], strict=False):
         when, kept = track.time[flight.frames], np.ones(len(flight.frames), dtype=np.bool_)
         if start is not None:
-            kept &= when >= start.time - start.missing * track.step + options.contact_time
+            kept &= when >= start.time - start.missing * track.step + start.lasting
         if end is not None:
-            kept &= when <= end.time - options.contact_time
+            kept &= when <= end.time - end.lasting
         frames = flight.frames[kept]
         if len(frames) < 4:
             frames = flight.frames
@@ -165,7 +172,8 @@ def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
         return frames
     fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]
     total = np.array([((one.residual / sigma) ** 2).sum() for one in fits])
-    gain = total[0] - total - 6 * np.arange(most + 1)
+    scatter = max(1.0, total[-1] / (3 * len(fits[-1].frames) - 6))
+    gain = (total[0] - total) / scatter - 6 * np.arange(most + 1)
     return frames[: len(frames) - int(gain.argmax())]
 
 
@@ -174,10 +182,18 @@ def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
     return after.first - before.last - 1 <= 2 * options.most_missing + 2
 
 
-def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> Meeting:
-    """Find where two flights of a track meet."""
+def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[Meeting, int]:
+    """Find where two flights of a track meet, and how many frames are in neither though the contact does not last."""
     window = (float(track.time[before.last]), float(track.time[after.first]))
-    return meeting(before, after, window, track.step, options)
+    between = np.arange(before.last + 1, after.first)
+    times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
+    met = meeting(before, after, window, track.step, options.most_missing, brief)
+    away = np.minimum(np.abs(times - met.time), np.abs(times + met.missing * track.step - met.time))
+    within = away <= options.contact_time
+    lasting = float(away[within].max(initial=brief))
+    if lasting > brief:
+        met = meeting(before, after, window, track.step, options.most_missing, lasting)
+    return met, int((~within).sum())
 
 
 def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int) -> Hit:
@@ -195,8 +211,8 @@ def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight],
     moving = (1 - trust) * a[3:] + trust * b[3:]
     jacobian = np.zeros((10, 12))
     jacobian[:3, 3:6] = jacobian[3:6, 9:12] = np.eye(3)
-    jacobian[:3] += np.outer(before.acceleration(a[3:]), instant)
-    jacobian[3:6] += np.outer(after.acceleration(b[3:]), instant)
+    jacobian[:3] += np.outer(before.acceleration(found.time), instant)
+    jacobian[3:6] += np.outer(after.acceleration(found.time - found.missing * track.step), instant)
     jacobian[6:9, :3], jacobian[6:9, 6:9] = np.diag(1 - trust), np.diag(trust)
     jacobian[6:9] += np.outer(moving, instant)
     jacobian[9] = instant
@@ -213,6 +229,7 @@ def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight],
         certainty=found.certainty,
         lost=lost,
         apart=found.apart,
+        lasting=found.lasting,
         flight=place,
     )
 
@@ -225,6 +242,7 @@ def find_contacts(
     track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
 ) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
+    track = mended(track, options, limits.excess)
     found = find_flights(track, options, limits)
     flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
@@ -233,7 +251,7 @@ def find_contacts(
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
-    flights = cut(track, flights, meetings, found, options)
+    flights = cut(track, flights, meetings, found)
     known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
     known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):
@@ -255,15 +273,8 @@ def _one_contact(
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    met = meet(track, before, after, options)
-    return met if met.apart <= limits.meets and _neither(track, before, after, met, options) <= 1 else None
-
-
-def _neither(track: Track, before: Flight, after: Flight, met: Meeting, options: FlightOptions) -> int:
-    """Frames in neither flight that are further from a contact than its duration."""
-    between = slice(before.last + 1, after.first)
-    far = np.abs(track.time[between] - met.time) > options.contact_time
-    return int((track.seen[between] & far).sum())
+    met, neither = meet(track, before, after, options)
+    return met if met.apart <= limits.meets and neither <= 1 else None
 
 
 def _between(
@@ -279,12 +290,10 @@ def _between(
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
-    met = meet(track, before, after, options)
-    change, _ = apart(before, after, met.time)
-    errors = before.covariance[3:, 3:] + after.covariance[3:, 3:]
-    moved = float(change[3:] @ np.linalg.solve(errors, change[3:]))
+    met, neither = meet(track, before, after, options)
+    change, errors = apart(before, after, met.time)
+    moved = float(change[3:] @ np.linalg.solve(errors[3:, 3:], change[3:]))
     lost = int((~track.seen[first + 1 : last]).sum())
-    neither = _neither(track, before, after, met, options)
     few = _too_few((before, after), known, found, options)
     jump = 1e3 * float(np.hypot(*change[:2]))
     late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, met.time, n * track.step))

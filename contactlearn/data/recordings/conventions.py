@@ -23,7 +23,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
-from contactlearn.data.recordings.flights import frame_noise, window_blocks, windows
+from contactlearn.data.recordings.flights import SMOOTH, frame_noise, own_accelerations, window_blocks, windows
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Mask, Recording, mean_step
@@ -180,14 +180,13 @@ def _motions(recording: Recording, number: int) -> _Motions:
 
 def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> _Motions:
     """Windows that hold one motion; their block is their first frame."""
-    fits = windows(time, pose, frames, 2, None)
-    share = ((fits.residual / sigma) ** 2).sum(1)[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
+    fits = windows(time, pose, frames, SMOOTH, sigma)
+    share = fits.misfit[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
     good = sliding_window_view(np.pad(good, _EDGE, mode="edge"), 2 * _EDGE + 1).all(-1)
-    errors = 2 * sigma / np.sqrt(np.maximum(fits.information, 1e-30))
     return _Motions(
-        acceleration=2 * fits.leading[good, :width],
-        error=np.linalg.norm(errors[good, :width], axis=1),
+        acceleration=fits.acceleration[good, :width],
+        error=np.linalg.norm(fits.error[good, :width], axis=1),
         velocity=_velocities(time, pose[:, :width], frames)[good],
         block=np.flatnonzero(good).astype(np.float64),
     )
@@ -271,7 +270,7 @@ def find_frame(
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
     right, downward = frame.axes[:2] @ gravity.vector * scale
     leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * scale
-    return replace(
+    frame = replace(
         frame,
         angle=ANGLES[stated.angle or "rad"],
         sense=SENSES[stated.sense or "as_read"],
@@ -281,6 +280,7 @@ def find_frame(
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
+    return replace(frame, own=own_accelerations(map(frame.track, recordings), frame.air))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

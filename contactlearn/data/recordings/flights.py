@@ -1,11 +1,13 @@
 """Free flights of a track: robust fits with covariance, and the runs of windows that one flight explains.
 
-    x = x₀ + v_x s(τ) + g_x b(τ)      v = v e^{−cτ} + g s(τ)        s(τ) = (1 − e^{−cτ})/c → τ
-    y = y₀ + v_y s(τ) + g_y b(τ)                                    b(τ) = (τ − s(τ))/c → τ²/2
-    θ = θ₀ + ω τ                                                    as the drag c → 0
+    x = x₀ + v_x s(τ) + (g_x + a_x) b(τ) + j_x τ³/6      v = v e^{−cτ} + (g + a) s(τ) + j τ²/2
+    y = y₀ + v_y s(τ) + (g_y + a_y) b(τ) + j_y τ³/6      s(τ) = (1 − e^{−cτ})/c → τ
+    θ = θ₀ + ω τ + a_θ τ²/2 + j_θ τ³/6                   b(τ) = (τ − s(τ))/c → τ²/2 as the drag c → 0
 
-with τ from a reference instant, gravity (g_x, g_y) and a linear drag c that are known.  Each coordinate is then linear
-in two numbers, so that any number of windows is fitted at once in closed form.
+with τ from a reference instant, gravity (g_x, g_y) and a linear drag c that all flights share.  Plates, wind or a spin
+that slows give each flight an acceleration a of its own, which may change at a rate j: both are normal about 0, with
+the standard deviations that all flights show (empirical Bayes, Efron & Morris 1973).  Each coordinate is then linear in
+four numbers with a prior on two, so that any number of windows is fitted at once in closed form.
 
 Contacts are where flights end: change-point detection by ballistic fits.  In a window of w frames a free flight is six
 numbers, and the squared residual in units of the noise follows χ² with 3 (w − 2) degrees of freedom; a contact inside
@@ -16,7 +18,7 @@ Source of the idea: detection of impacts from tracked poses of free flights by t
 changes between piecewise fits Bai & Perron 1998.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,17 +32,30 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 
 Indices = NDArray[np.intp]
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
+_SPREAD = 1.4826  # standard deviation over median size, of normal residuals
 _ROUNDS = 4
 _BLOCK = 2048  # windows, some tens of MB
 _NOTHING = 1e-30  # s², of a window without frames
 
 
+Own = tuple[tuple[float, float, float], tuple[float, float, float]]
+STEADY: Own = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Air:
-    """Accelerations of free flight: gravity (g_x, g_y) in m/s² and a linear drag in 1/s."""
+    """Accelerations of free flight.
+
+    Args:
+        gravity: (g_x, g_y) in m/s².
+        drag: linear drag in 1/s.
+        own: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
+            at which it changes, in m/s³, m/s³ and rad/s³.
+    """
 
     gravity: tuple[float, float] = (0.0, -GRAVITY)
     drag: float = 0.0
+    own: Own = STEADY
 
     def basis(self, tau: Array) -> tuple[Array, Array]:
         """s(τ) and b(τ) of the module's table, in s and s²."""
@@ -52,15 +67,26 @@ class Air:
         s = -np.expm1(-c * tau) / c
         return s, (tau - s) / c
 
-    def fallen(self, tau: Array) -> Float[Array, "... 3"]:
-        """Part of the pose [..., 3] that gravity makes."""
-        return self.basis(tau)[1][..., None] * np.array((*self.gravity, 0.0))
-
-    def slopes(self, tau: Array) -> Float[Array, "... 3"]:
-        """Derivative of the pose in the velocity at the reference."""
-        slopes = np.empty((*tau.shape, 3))
-        slopes[..., :2], slopes[..., 2] = self.basis(tau)[0][..., None], tau
+    def slopes(self, tau: Array) -> Float[Array, "... 3 4"]:
+        """Derivatives of the pose in pose and velocity at the reference, an acceleration and its change."""
+        slopes = np.empty((*tau.shape, 3, 4))
+        slopes[..., 0], slopes[..., 3] = 1.0, tau[..., None] ** 3 / 6
+        s, b = self.basis(tau)
+        slopes[..., :2, 1], slopes[..., :2, 2] = s[..., None], b[..., None]
+        slopes[..., 2, 1], slopes[..., 2, 2] = tau, tau**2 / 2
         return slopes
+
+    def rates(self, tau: Array) -> Float[Array, "... 3 4"]:
+        """Derivatives of the velocity in the same."""
+        rates = np.zeros((*tau.shape, 3, 4))
+        rates[..., 3] = tau[..., None] ** 2 / 2
+        rates[..., :2, 1], rates[..., :2, 2] = np.exp(-self.drag * tau)[..., None], self.basis(tau)[0][..., None]
+        rates[..., 2, 1], rates[..., 2, 2] = 1.0, tau
+        return rates
+
+    def pull(self) -> Float[Array, "3"]:
+        """Acceleration (g_x, g_y, 0) of a body that is still."""
+        return np.array((*self.gravity, 0.0))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -70,16 +96,16 @@ class Flight:
     Args:
         frames: of the track that it was fitted to.
         reference: instant in s at which its state is given.
-        state: (x, y, θ, v_x, v_y, ω) at the reference.
-        covariance: of the state.
+        state: pose, velocity, own acceleration and its change at the reference, (x, y, θ) each.
+        covariance: of the state, of each coordinate.
         residual: of the frames, (x, y, θ) each.
         air: gravity and drag.
     """
 
     frames: Int[Indices, " n"]
     reference: float
-    state: Float[Array, "6"]
-    covariance: Float[Array, "6 6"]
+    state: Float[Array, "4 3"]
+    covariance: Float[Array, "3 4 4"]
     residual: Float[Array, "n 3"]
     air: Air
 
@@ -93,40 +119,37 @@ class Flight:
         """Last frame."""
         return int(self.frames[-1])
 
+    @property
+    def _pulled(self) -> Float[Array, "4 3"]:
+        """The state with the whole acceleration, shared and own."""
+        return self.state + np.array((0.0, 0.0, 1.0, 0.0))[:, None] * self.air.pull()
+
     def poses(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
         """Poses at instants."""
-        tau = np.asarray(time) - self.reference
-        return self.state[:3] + self.state[3:] * self.air.slopes(tau) + self.air.fallen(tau)
+        return np.einsum("...kj,jk->...k", self.air.slopes(np.asarray(time) - self.reference), self._pulled)
 
     def spread(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
         """Standard deviations of the poses at instants, of the fit alone."""
-        s = self.air.slopes(np.asarray(time) - self.reference)
-        variance = self.covariance.diagonal()
-        pp, pv, vv = variance[:3], self.covariance[range(3), range(3, 6)], variance[3:]
-        return np.sqrt(pp + 2 * pv * s + vv * s**2)
+        slopes = self.air.slopes(np.asarray(time) - self.reference)
+        return np.sqrt(np.einsum("...ki,kij,...kj->...k", slopes, self.covariance, slopes))
 
     def velocities(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
         """Velocities (v_x, v_y, ω) at instants."""
-        tau = np.asarray(time) - self.reference
-        fall = self.air.basis(tau)[0][..., None] * np.array((*self.air.gravity, 0.0))
-        if self.air.drag == 0:
-            return self.state[3:] + fall
-        return self.state[3:] * np.exp(-np.array((self.air.drag, self.air.drag, 0.0)) * tau[..., None]) + fall
+        return np.einsum("...kj,jk->...k", self.air.rates(np.asarray(time) - self.reference), self._pulled)
 
     def at(self, time: float) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
-        """State at an instant, and its covariance."""
-        tau, c = np.asarray(time - self.reference), self.air.drag
-        decay = np.array((np.exp(-c * tau), np.exp(-c * tau), 1.0))
-        move = np.eye(6)
-        move[range(3), range(3, 6)] = self.air.slopes(tau)
-        move[range(3, 6), range(3, 6)] = decay
-        fall = np.append(np.asarray(self.air.gravity) * float(self.air.basis(tau)[0]), 0.0)
-        state = move @ self.state + np.concatenate((self.air.fallen(tau), fall))
-        return state, move @ self.covariance @ move.T
+        """Pose and velocity at an instant, and their covariance."""
+        tau, errors = np.asarray(time - self.reference), np.zeros((2, 3, 2, 3))
+        move = np.stack((self.air.slopes(tau), self.air.rates(tau)), 1)
+        state = np.einsum("kmj,jk->mk", move, self._pulled).ravel()
+        errors[:, range(3), :, range(3)] = move @ self.covariance @ move.transpose(0, 2, 1)
+        return state, errors.reshape(6, 6)
 
-    def acceleration(self, velocity: Float[Array, "3"]) -> Float[Array, "3"]:
-        """Acceleration at a velocity (v_x, v_y, ω)."""
-        return np.append(np.asarray(self.air.gravity) - self.air.drag * velocity[:2], 0.0)
+    def acceleration(self, time: float) -> Float[Array, "3"]:
+        """Acceleration at an instant."""
+        slowing = self.air.drag * self.velocities(np.asarray(time)) * (1, 1, 0)
+        own = self.state[2] + self.state[3] * (time - self.reference)
+        return self.air.pull() + own - slowing
 
 
 def fit(
@@ -154,7 +177,8 @@ def fit(
     for _ in range(_ROUNDS):
         apart = pose[frames] - flight.poses(time[frames])
         apart[:, 2] = turn(apart[:, 2])
-        kept = frames[np.max(np.abs(apart) / sigma, 1) <= _REJECTED]
+        scale = np.maximum(sigma, _SPREAD * np.median(np.abs(flight.residual), axis=0))
+        kept = frames[np.max(np.abs(apart) / scale, 1) <= _REJECTED]
         if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
         flight = _flight(time, pose, kept, sigma, air, reference)
@@ -162,48 +186,46 @@ def fit(
 
 
 def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, reference: float) -> Flight:
-    state, inverse, residual = _least_squares(time[frames] - reference, pose[frames], air)
-    covariance = np.zeros((6, 6))
-    for k in range(3):
-        covariance[k::3, k::3] = sigma[k] ** 2 * inverse[k]
-    return Flight(frames=frames, reference=reference, state=state, covariance=covariance, residual=residual, air=air)
-
-
-def _least_squares(tau: Array, pose: Array, air: Air) -> tuple[Array, Array, Array]:
-    """State [6], inverse normal matrices [3, 2, 2] and residual [n, 3]; θ is brought to one turn."""
-    slopes = air.slopes(tau)
-    y = pose - air.fallen(tau)
-    count, mean = len(tau), slopes.mean(0)
-    spread = ((slopes - mean) ** 2).sum(0)
-    rough = np.median(np.diff(y[:, 2]) / np.diff(tau)) if count > 1 else 0.0
-    middle = count // 2
+    """Least squares with priors, in whose units own accelerations are; θ is brought to one turn."""
+    tau, middle = time[frames] - reference, len(frames) // 2
+    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, 3)), air.own)).T
+    y = pose[frames] - slopes[..., 2] * air.pull()
+    rough = np.median(np.diff(y[:, 2]) / np.diff(tau))
     line = y[middle, 2] + rough * (tau - tau[middle])
     y[:, 2] = line + turn(y[:, 2] - line)
-    rate = ((slopes - mean) * y).sum(0) / spread
-    place = y.mean(0) - rate * mean
-    inverse = np.empty((3, 2, 2))
-    inverse[:, 0, 0], inverse[:, 1, 1] = 1 / count + mean**2 / spread, 1 / spread
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -mean / spread
-    return np.concatenate((place, rate)), inverse, y - place - rate * slopes
+    design = slopes * units
+    across = design / sigma[:, None] ** 2
+    inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
+    found = np.einsum("kij,tkj,tk->ki", inverse, across, y)
+    return Flight(
+        frames=frames,
+        reference=reference,
+        state=(found * units).T,
+        covariance=inverse * units[:, :, None] * units[:, None],
+        residual=y - np.einsum("tki,ki->tk", design, found),
+        air=air,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Windows:
-    """Line fits of all windows of w frames of a track, one after each other start.
+    """Flights fitted to all windows of w frames of a track, one after each other start.
 
     Args:
         count: seen frames [S] of each window.
-        residual: of its frames, [S, w, 3]; 0 where a frame was lost.
+        misfit: squared residual [S, 3] in standard deviations; own accelerations count as their prior allows.
+        residual: of its frames, in the same, [S, w, 3]; 0 where a frame was lost.
         leverage: of its frames, [S, w, 3].
-        leading: coefficient [S, 3] of the highest power of time.
-        information: variance of a frame over that of the leading coefficient, [S, 3].
+        acceleration: own one, [S, 3].
+        error: of it, without a prior, [S, 3].
     """
 
     count: Int[Indices, " s"]
+    misfit: Float[Array, "s 3"]
     residual: Float[Array, "s w 3"]
     leverage: Float[Array, "s w 3"]
-    leading: Float[Array, "s 3"]
-    information: Float[Array, "s 3"]
+    acceleration: Float[Array, "s 3"]
+    error: Float[Array, "s 3"]
 
 
 def window_blocks(frames: int, width: int) -> Iterator[slice]:
@@ -212,42 +234,54 @@ def window_blocks(frames: int, width: int) -> Iterator[slice]:
         yield slice(start, min(start + _BLOCK + width - 1, frames))
 
 
-def windows(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int, degree: int, air: Air | None) -> Windows:
-    """Fit polynomials to all windows of `width` frames.
+SMOOTH = Air(gravity=(0.0, 0.0), own=((np.inf, np.inf, np.inf), STEADY[1]))
+"""Anything whose acceleration is steady."""
+
+
+def windows(
+    time: Float[Array, " t"],
+    pose: Float[Array, "t 3"],
+    width: int,
+    air: Air,
+    sigma: Float[Array, "3"],
+    late: float = 0.0,
+) -> Windows:
+    """Fit flights to all windows of `width` frames.
 
     Args:
         time: of the frames in s.
         pose: not a number where a frame was lost; θ continuous.
         width: of the windows in frames.
-        degree: 1 for free flights in known air, 2 for anything smooth.
-        air: gravity and drag of a free flight; None for nothing of the kind.
+        air: gravity, drag and own accelerations; their change is too small to be seen in a window.
+        sigma: standard deviations of a frame's (x, y, θ).
+        late: s by which the second half of each window is later than its time stamps.
     """
-    when = sliding_window_view(time, width)
+    when = sliding_window_view(time, width) + late * (np.arange(width) >= width // 2)
     seen = sliding_window_view(finite(pose), width)
-    tau = when - when[:, width // 2, None]
+    slopes = air.slopes(when - when[:, width // 2, None])[..., :3] * seen[..., None, None]
     y = np.moveaxis(sliding_window_view(pose, width, axis=0), 1, -1)
-    y = np.where(seen[..., None], y, 0.0)
-    slopes = np.stack((tau,) * 3, -1)
-    if air is not None:
-        slopes = air.slopes(tau)
-        y = y - air.fallen(tau) * seen[..., None]
-    basis = [seen[..., None] * np.ones(3)]
-    residual, leverage = y, np.zeros_like(y)
+    residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
+    leverage, line, columns = np.zeros_like(residual), residual, [*np.moveaxis(slopes, -1, 0)]
     factor = size = np.zeros(())
-    for power in range(degree + 1):  # Gram and Schmidt, one power after the other
-        column = basis[0] if power == 0 else basis[0] * slopes**power
-        for other in basis[:power]:
+    for power, column in enumerate(columns):  # Gram and Schmidt
+        for other in columns[:power]:
             column = column - other * (column * other).sum(1, keepdims=True) / np.maximum(
                 (other**2).sum(1, keepdims=True), _NOTHING
             )
-        size = (column**2).sum(1, keepdims=True)
-        factor = (column * residual).sum(1, keepdims=True) / np.maximum(size, _NOTHING)
+        columns[power], line = column, residual
+        size = np.maximum((column**2).sum(1, keepdims=True), _NOTHING)
+        prior = (sigma / np.maximum(air.own[0], _NOTHING)) ** 2 if power == 2 else 0.0
+        factor = (column * residual).sum(1, keepdims=True) / (size + prior)
         residual = residual - column * factor
-        leverage = leverage + column**2 / np.maximum(size, _NOTHING)
-        if power:
-            basis.append(column)
-    count = seen.sum(1)
-    return Windows(count=count, residual=residual, leverage=leverage, leading=factor[:, 0], information=size[:, 0])
+        leverage = leverage + column**2 / (size + prior)
+    return Windows(
+        count=seen.sum(1),
+        misfit=(line * residual).sum(1) / sigma**2,
+        residual=residual / sigma,
+        leverage=leverage,
+        acceleration=factor[:, 0],
+        error=sigma / np.sqrt(size[:, 0]),
+    )
 
 
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
@@ -255,6 +289,8 @@ _WIDEST = 80  # frames
 _REST_POWER = 150.0  # χ² that a body at rest makes in the shortest window of a flight; 150 to 750 decide alike
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
+_STILL = 0.1  # of the way of a fast window
+_SIDE = 3  # frames before and after a skip
 _MARGIN = 3  # frames of a window on each side of a bad one
 
 
@@ -265,14 +301,13 @@ class FlightOptions:
     Args:
         air: gravity and drag of free flight.
         fewest: frames of a flight, at least.
-        contact_time: duration of a contact in s: frames nearer to its instant are in no flight, and flights may miss
-            each other by the difference of their velocities times a quarter of it.
+        contact_time: longest contact in s.  One lasts as long as frames about its instant are in neither flight.
         most_missing: frames that may be missing at contact.
     """
 
     air: Air = Air()
     fewest: int = 8
-    contact_time: float = 5e-4
+    contact_time: float = 3e-3
     most_missing: int = 3
 
 
@@ -314,19 +349,80 @@ def find_flights(
     )
 
 
+_OWN = ((1.0, 1.0, 30.0), (10.0, 10.0, 300.0))  # a tenth of gravity in 0.1 s, before flights have shown theirs
+_SHOWN = 8  # flights that show the own accelerations of all
+_MEDIAN = 0.455  # of χ² with one degree of freedom
+
+
+def own_accelerations(tracks: Iterable[Track], air: Air) -> Own:
+    """Standard deviations of own accelerations, as the flights of some tracks show them.
+
+    Of each flight the likelihood of its own acceleration is normal, with information J and score h.  Under a variance D
+    its mean m = (J + 1/D)⁻¹ h has the variance D − (J + 1/D)⁻¹: D is where the median of m² is as large as it should
+    be, so that a few stretches which are no flights do not count.
+    """
+    options = FlightOptions(air=replace(air, own=_OWN))
+    long = [f for track in tracks for found in [find_flights(track, options)] for f in found.flights
+            if len(f.frames) >= 2 * found.width]  # fmt: skip
+    if len(long) < _SHOWN:
+        return STEADY
+    D = np.array(_OWN).T ** 2
+    inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
+    J, h = (
+        inverse - np.apply_along_axis(np.diag, -1, 1 / D),
+        inverse @ np.stack([f.state[2:].T for f in long])[..., None],
+    )
+    for _ in range(60):
+        posterior = np.linalg.inv(J + np.apply_along_axis(np.diag, -1, 1 / D))
+        variance = np.einsum("fkij,fkji,ki->fki", posterior, J, D)
+        m = (posterior @ h)[..., 0]
+        D = D * np.clip(np.median(m**2 / np.maximum(variance, 1e-300), axis=0) / _MEDIAN, 0.25, 2.0)
+    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = np.sqrt(D).T.tolist()
+    return (a_x, a_y, a_θ), (j_x, j_y, j_θ)
+
+
+def mended(track: Track, options: FlightOptions, excess: float) -> Track:
+    """Return the track with time stamps that show the frames which it skips in flight without a gap in them.
+
+    Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
+    """
+    time = track.time.copy()
+    if len(time) < 2 * _SIDE:
+        return track
+    sigma = frame_noise(time, track.pose, options.fewest)
+    for _ in range(_ROUNDS):
+        apart = np.stack(
+            [
+                windows(time, track.pose, 2 * _SIDE, options.air, sigma, n * track.step).misfit.sum(1)
+                for n in range(options.most_missing + 1)
+            ]
+        )
+        best = apart.argmin(0)
+        sure = (apart.min(0) <= _limit(np.array(6 * _SIDE - 6), excess)) & (apart[0] - apart.min(0) > _SAME)
+        if not sure.any():
+            break
+        time[_SIDE:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_SIDE - 1)))
+    return replace(track, time=time)
+
+
 def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int) -> Float[Array, "3"]:
-    """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas."""
+    """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas.
+
+    Windows in which the body is still do not count: a tracker is better there.
+    """
     if len(time) < width:
         return _LEAST_NOISE
-    counts, squares = list[Indices](), list[Array]()
+    counts, squares, moves = list[Indices](), list[Array](), list[Array]()
     for block in window_blocks(len(time), width):
-        fits = windows(time[block], pose[block], width, 2, None)
+        fits = windows(time[block], pose[block], width, SMOOTH, np.ones(3))
         counts.append(fits.count)
-        squares.append((fits.residual**2).sum(1))
-    count = np.concatenate(counts)
+        squares.append(fits.misfit)
+        moves.append(np.linalg.norm(pose[block][width - 1 :, :2] - pose[block][: -width + 1, :2], axis=1))
+    count, move = np.concatenate(counts), np.nan_to_num(np.concatenate(moves))
     enough = count > 4
     if not enough.any():
         return _LEAST_NOISE
+    enough &= move >= _STILL * np.quantile(move[enough], 0.95)
     freedom = count[enough] - 3
     share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
@@ -345,18 +441,17 @@ def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array, excess
     """Windows that are flights, and frames without which others would be."""
     good, votes = list[Mask](), np.zeros(len(time), dtype=np.intp)
     for block in window_blocks(len(time), width):
-        fits = windows(time[block], pose[block], width, 1, air)
-        flies, worst = _worst(fits, sigma, excess)
+        fits = windows(time[block], pose[block], width, air, sigma)
+        flies, worst = _worst(fits, excess)
         good.append(flies)
         votes[block] += np.bincount(worst, minlength=block.stop - block.start)
     return np.concatenate(good), votes >= 2
 
 
-def _worst(fits: Windows, sigma: Array, excess: float) -> tuple[Mask, Indices]:
+def _worst(fits: Windows, excess: float) -> tuple[Mask, Indices]:
     """Windows that are flights, and of each of the others that would be one without a frame, this frame."""
     width = fits.residual.shape[1]
-    each = (fits.residual / sigma) ** 2
-    total, freedom = each.sum((1, 2)), 3 * (fits.count - 2)
+    each, total, freedom = fits.residual**2, fits.misfit.sum(1), 3 * (fits.count - 2)
     enough = fits.count >= max(5, 0.7 * width)
     good = enough & (total <= _limit(freedom, excess))
     taken = (each / np.maximum(1 - fits.leverage, 1e-3)).sum(2)
@@ -391,20 +486,21 @@ def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Ai
     return fit(time, pose, frames, sigma, air) if len(frames) >= 4 else None
 
 
-def apart(one: Flight, other: Flight, time: float, late: float = 0.0) -> tuple[Float[Array, "6"], float]:
-    """Difference of two flights' states at an instant, and its squared size in standard deviations.
+def apart(one: Flight, other: Flight, time: float, late: float = 0.0) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
+    """Difference of two flights' states at an instant, and its covariance.
 
     The clock of the other flight may be late, in s.
     """
     (a, A), (b, B) = one.at(time), other.at(time - late)
     difference = b - a
     difference[2] = turn(difference[2])
-    return difference, float(difference @ np.linalg.solve(A + B, difference))
+    return difference, A + B
 
 
 def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
     """Whether two flights agree at an instant as one flight does."""
-    return apart(one, other, time, late)[1] <= _SAME
+    difference, covariance = apart(one, other, time, late)
+    return float(difference @ np.linalg.solve(covariance, difference)) <= _SAME
 
 
 def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int) -> list[Flight]:
@@ -431,9 +527,11 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         near = edge + side * np.arange(1, 2 * reach + 1)
         near = near[(near >= 0) & (near < len(track))]
         near = near[track.seen[near]]
-        away = track.pose[near] - flight.poses(track.time[near])
+        ends_with = flight.frames[-2 * reach :] if side > 0 else flight.frames[: 2 * reach]
+        end = fit(track.time, track.pose, ends_with, sigma, flight.air)  # of a long one the acceleration may change
+        away = track.pose[near] - end.poses(track.time[near])
         away[:, 2] = turn(away[:, 2])
-        scaled = np.abs(away) / np.hypot(sigma, flight.spread(track.time[near]))
+        scaled = np.abs(away) / np.hypot(sigma, end.spread(track.time[near]))
         continues = scaled.max(1, initial=0.0) <= _CONTINUED
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.data.recordings.flights import Air
+from contactlearn.data.recordings.flights import STEADY, Air, Own
 from contactlearn.data.recordings.track import Array, Recording, Track, continuous
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -100,6 +100,7 @@ class Frame:
         body: in space, the body's own axes: the one that gives θ, and the one that it turns about.
         gravity: in the plane, (g_x, g_y) in m/s², and its error.
         drag: linear drag of the air in 1/s, and its error.
+        own: standard deviations of the own accelerations of flights, as in `Air`.
         clues: of every convention.
     """
 
@@ -113,13 +114,14 @@ class Frame:
     gravity_error: float = 0.0
     drag: float = 0.0
     drag_error: float = 0.0
+    own: Own = STEADY
     clues: tuple[Clue, ...] = ()
 
     @property
     def air(self) -> Air:
         """Free flight with 9.81 m/s² in the measured direction."""
-        size = np.hypot(*self.gravity)
-        return Air(gravity=(self.gravity[0] / size * GRAVITY, self.gravity[1] / size * GRAVITY), drag=self.drag)
+        size = np.hypot(*self.gravity) / GRAVITY
+        return Air(gravity=(self.gravity[0] / size, self.gravity[1] / size), drag=self.drag, own=self.own)
 
     @property
     def lean(self) -> Estimate:

@@ -74,6 +74,7 @@ class Hit:
         certainty: probability that this is their number.
         lost: frames at contact that are marked as lost.
         apart: squared distance of the two flights at that instant in standard deviations; 2 is expected.
+        lasting: s about its instant in which frames are in no flight.
         flight: place of the flight before contact among those of its track; the one after contact is the next.
     """
 
@@ -88,6 +89,7 @@ class Hit:
     certainty: float
     lost: int
     apart: float
+    lasting: float
     flight: int
 
     @property

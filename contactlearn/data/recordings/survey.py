@@ -153,7 +153,7 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
     found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
-    return replace(found, rests=find_rests(track, lies, found.sigma))
+    return replace(found, rests=find_rests(found.track, lies, found.sigma))
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
