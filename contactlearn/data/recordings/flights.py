@@ -26,13 +26,13 @@ from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Array, Mask, Track, finite, turn
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 Indices = NDArray[np.intp]
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
-_SPREAD = 1.4826  # standard deviation over median size, of normal residuals
 _ROUNDS = 4
 _BLOCK = 2048  # windows, some tens of MB
 _NOTHING = 1e-30  # s², of a window without frames
@@ -177,7 +177,7 @@ def fit(
     for _ in range(_ROUNDS):
         apart = pose[frames] - flight.poses(time[frames])
         apart[:, 2] = turn(apart[:, 2])
-        scale = np.maximum(sigma, _SPREAD * np.median(np.abs(flight.residual), axis=0))
+        scale = np.maximum(sigma, MAD_SCALE * np.median(np.abs(flight.residual), axis=0))
         kept = frames[np.max(np.abs(apart) / scale, 1) <= _REJECTED]
         if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
