@@ -154,6 +154,18 @@ def test_effects_that_together_stand_for_one_are_not_named():
     assert _pruned(pool, folds, many, Thresholds()) is simple
 
 
+def test_a_spring_and_dashpot_are_tried_where_rigid_laws_do_no_better():
+    """Without them restitution that depends on the configuration is named for the rebound that friction changes."""
+    lever = EffectId("configuration_dependent_restitution", "linear")
+    for planted_law, found in (("spring_dashpot", spec(law="spring_dashpot")), ("mirtich", spec(law="mirtich"))):
+        impacts = synthetic.load(size=200, law=planted_law, mu=0.3, eps=0.4, velocity_noise=0.01, spin_noise=0.5)
+        pool = pooled(impacts, lever, laws=("mirtich",))
+        pool.laws["spring_dashpot"] = find("spring_dashpot")
+        Search(pool, 1).run()
+        assert pool.best().spec == found
+        assert any(model.spec.law == "spring_dashpot" for model in pool.models.values()) == (found.law != "mirtich")
+
+
 def test_springs_are_tried_where_another_rebound_is_found():
     """Where they vanish their slope says little: the search never begins with them."""
     impacts, _ = hidden_effects.draw(103, effects=["tangential_restitution"], size=300)

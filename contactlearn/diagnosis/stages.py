@@ -62,7 +62,7 @@ from contactlearn.diagnosis.result import (
     Verdict,
     clearly_better,
 )
-from contactlearn.diagnosis.search.candidates import usable, user_candidates
+from contactlearn.diagnosis.search.candidates import fitted_first, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
 from contactlearn.diagnosis.search.selection import Selection, select, smaller, validated
@@ -125,7 +125,8 @@ def diagnose_audited(
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
     """Compute the held-out error of each law with the given effects, and its coefficients without any."""
     found = []
-    for law in track(question.laws.values(), "laws", question.on_event):
+    for name in track(fitted_first(question.laws), "laws", question.on_event):
+        law = question.laws[name]
         alone = _fit_alone(question, law, impacts)
         start = None if question.given else torch.stack(alone.coefficients)
         found.append(LawFit.of(alone, held_out_error(law, question.given, impacts, folds, question.options, start)))
@@ -458,6 +459,8 @@ def trust_balance(found: Diagnosis) -> Diagnosis:
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:
     """Refit the laws alone where velocities were averaged, and add their errors with the missing effects."""
     selection = search.selection
+    if all(fit.name != selection.law.name for fit in fits):
+        fits = [*fits, LawFit.of(selection.base.fit.model.law, selection.base.mean_error)]
     if search.notes:
         fits = [LawFit.of(_fit_alone(question, question.laws[fit.name], selection.impacts), fit.error) for fit in fits]
     if missing:

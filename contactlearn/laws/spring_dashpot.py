@@ -38,6 +38,7 @@ class SpringDashpot(Law):
 
     label: ClassVar[str] = "Spring–dashpot"
     citations: ClassVar[tuple[str, ...]] = ("tsuji1992", "antypov2011")
+    refines: ClassVar[bool] = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -18,7 +18,7 @@ from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import resolve
 
-SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton")
+SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
 """Names of the laws that a diagnosis compares."""
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
@@ -29,8 +29,13 @@ def all_candidates() -> dict[EffectId, Effect]:
 
 
 def all_laws() -> list[Law]:
-    """Return the textbook laws of the paper, and Routh's path with Newton's restitution, which it leaves out."""
+    """Return the textbook laws of the paper, and Routh's path with two kinds of restitution that it leaves out."""
     return [find(name) for name in SEARCHED_LAWS]
+
+
+def fitted_first(laws: Mapping[str, Law]) -> list[str]:
+    """Return the names of the laws with which a search begins: all that refine no others, or all if there are none."""
+    return [name for name, law in laws.items() if not law.refines] or list(laws)
 
 
 def user_candidates(candidates: Iterable[EffectId]) -> tuple[EffectId, ...]:

@@ -35,6 +35,8 @@ _IDENTICAL = 1e-6  # nats between laws that predict the same
 _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
 _FEW = 2  # effects up to which other forms are tried around several laws, beyond them around the best alone
+_SHIFTS = (0.0, *(sign * 0.005 * k for k in range(1, 7) for sign in (-1, 1)))
+"""Changes of ε at which a law that refines others is tried."""
 _TRIED = 32  # values of the parameters of a form that refines
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
@@ -87,6 +89,7 @@ class Search:
             Whether the search came to its own end.
         """
         fruitless, size = 0, 0
+        self._transfer(self.models(0)[0])
         for size in progress(range(1, self.most_effects + 1)):
             best = self.pool.best().score
             self._grow(size)
@@ -167,17 +170,24 @@ class Search:
                     self.pool.fitted(spec, tried[scores.index(min(scores))])
 
     def _transfer(self, model: ScoredFit) -> None:
-        """Fit the effects of a model around the other laws that are not hopeless at its own parameters."""
+        """Fit the effects of a model around the other laws that are not hopeless at its own parameters.
+
+        A law that refines others must do better than the model at one of a few ε.
+        """
         own = self.pool.score_at(model.spec, model.fit.values)
-        for law in self.pool.laws:
-            spec = model.spec.with_law(law)
+        for name, law in self.pool.laws.items():
+            spec = model.spec.with_law(name)
             if spec in self.pool.models:
                 continue
-            score = self.pool.score_at(spec, model.fit.values)
-            if abs(score - own) < _IDENTICAL:
-                self.pool.adopt(law, model)
-            elif score < own + HOPELESS * len(self.pool.impacts):
-                self.pool.fitted(spec, model.fit.values)
+            shifts = _SHIFTS if law.refines else (0.0,)
+            tried = model.fit.values.repeat(len(shifts), 1)
+            tried[:, 1] += torch.tensor(shifts, dtype=torch.float64)
+            scores = self.pool.scores_at(spec, tried)
+            best = min(range(len(shifts)), key=scores.__getitem__)
+            if abs(scores[0] - own) < _IDENTICAL:
+                self.pool.adopt(name, model)
+            elif scores[best] < own + (0.0 if law.refines else HOPELESS * len(self.pool.impacts)):
+                self.pool.fitted(spec, tried[best])
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""

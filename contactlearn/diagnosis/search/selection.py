@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -205,7 +206,7 @@ def select(
     prepared = {key: effect.prepare(impacts) for key, effect in candidates.items()}
     prepared = {key: effect for key, effect in prepared.items() if effect.parameters}
     pool = Pool(laws, impacts, prepared, given, options)
-    for law in pool.laws:
+    for law in fitted_first(pool.laws):
         pool.fitted(Spec(law), starts.get(law))
     complete = _searched(pool, _MOST_EFFECTS, time.monotonic() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
@@ -229,6 +230,7 @@ def _chosen(
 ) -> Selection:
     """The selection of a model, with its neighbours."""
     model = pool.models[spec]
+    pool.fitted(Spec(spec.law))  # a law that refines others may not have been fitted alone
     Search(pool, len(spec.effects)).exchange_all(model, model.score + window, _RIVAL_FITS)
     return Selection(
         pool=pool,
@@ -254,7 +256,7 @@ def _searched(
         return Search(pool, most, end).run(progress)
     rows = torch.randperm(trials, generator=generator)[:_SEARCHED].sort().values
     part = Pool(pool.laws, pool.impacts[rows], pool.candidates, pool.given, pool.options)
-    for law in pool.laws:
+    for law in fitted_first(pool.laws):
         part.fitted(Spec(law), pool.models[Spec(law)].fit.values)
     search, whole = Search(part, most, end), Search(pool, most, end)
     complete = search.run(progress)
@@ -276,7 +278,7 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
 
     @cache
     def error_of(law: str) -> float:
-        return validated(pool, folds, pool.models[Spec(law)]).mean_error
+        return validated(pool, folds, pool.fitted(Spec(law))).mean_error
 
     whole = validated(pool, folds, model)
     while model.spec.effects:
