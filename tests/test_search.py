@@ -155,10 +155,10 @@ def test_effects_that_together_stand_for_one_are_not_named():
 
 
 def test_a_spring_and_dashpot_are_tried_where_rigid_laws_do_no_better():
-    """Without them restitution that depends on the configuration is named for the rebound that friction changes."""
+    """Else their rebound, which friction changes, is named restitution that depends on the configuration."""
     lever = EffectId("configuration_dependent_restitution", "linear")
     for planted_law, found in (("spring_dashpot", spec(law="spring_dashpot")), ("mirtich", spec(law="mirtich"))):
-        impacts = synthetic.load(size=200, law=planted_law, mu=0.3, eps=0.4, velocity_noise=0.01, spin_noise=0.5)
+        impacts = synthetic.load(size=200, law=planted_law, mu=0.3, eps=0.4, velocity_noise=0.003, spin_noise=0.1)
         pool = pooled(impacts, lever, laws=("mirtich",))
         pool.laws["spring_dashpot"] = find("spring_dashpot")
         Search(pool, 1).run()

@@ -187,7 +187,7 @@ class Search:
             if abs(scores[0] - own) < _IDENTICAL:
                 self.pool.adopt(name, model)
             elif scores[best] < own + (0.0 if law.refines else HOPELESS * len(self.pool.impacts)):
-                self.pool.fitted(spec, tried[best])
+                self.pool.fitted(spec, tried[best] if spec.effects or not law.refines else None)
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""
