@@ -93,7 +93,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         rivals=[[rival.effect.name for rival in one.rivals] for one in missing],
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         models=[[one.name for one in model.effects] for model in found.models] if found.models else None,
-        corrections=list(map(str, found.corrections)),
+        corrections=[one.correction for one in found.findings if one.mistake and one.correction],
         findings=[str(one.name) for one in found.findings],
         variables=[one.symbol for one in learnt],
         serial_dependence=None

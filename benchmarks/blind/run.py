@@ -1,11 +1,12 @@
 """Diagnose the sets of a suite, and report how often the diagnosis is right.
 
     python benchmarks/blind/run.py --suite author_a --answers a.jsonl [--half learn] [--groups nothing single]
-        [--only 06 16] [--limit 20] [--workers 2] [--seconds 60] [--table | --reveal]
+        [--only 06 16] [--limit 20] [--workers 2] [--seconds 60] [--shapeless] [--table | --reveal]
 
 Every finished set is a line of the file of answers, and an interrupted run resumes from there.  --table prints the
 tables of such a file without diagnosing anything; --reveal prints the ground truth of the chosen sets.  --limit takes
-sets evenly from all groups.  Wrong answers of the half "report" are not listed.
+sets evenly from all groups.  --shapeless withholds the outlines of simulated bodies.  Wrong answers of the half
+"report" are not listed.
 """
 
 import argparse
@@ -101,6 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--limit", type=int, help="so many sets, evenly from all groups")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=60.0, help="limit of each diagnosis")
+    parser.add_argument("--shapeless", action="store_true", help="do not state the shapes")
     parser.add_argument("--table", action="store_true", help="only print the tables of the answers")
     parser.add_argument("--reveal", action="store_true", help="only print the ground truth")
     options = parser.parse_args(arguments)
@@ -112,6 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         truth = read_suite(options.suite)["sets"]
         print(json.dumps({one.name: truth[one.name] for one in sets}, indent=1, ensure_ascii=False))
         return
+    if options.shapeless:
+        sets = [replace(one, shape=None) for one in sets]
     answers = (
         read(options.answers) if options.table else ask_all(sets, options.answers, options.workers, options.seconds)
     )

@@ -7,8 +7,8 @@ In the axes of the body a contact point is p = R(−θ) r, computed or seen, and
     polygon     one of a few corners
 
 The simplest of these is the shape of the body if nearly all r are its lowest points at θ, or those above a floor that
-leans by one angle, for which a contact point that was seen moves.  Contact points that were seen with noise or after a
-late frame, or in the axes of a wrong orientation or centre of mass, trace none of them.  A deviation within the
+leans by one angle, for which a contact point that was seen moves.  Noise may displace them from a disc or an ellipse by
+a few percent, but nothing that follows θ, as a wrong shape, orientation or centre of mass does.  A deviation within the
 tolerance does not matter: effects use how far the contact point moves along the outline, and never the outline alone.
 """
 
@@ -27,7 +27,10 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, Shape, contact_point
 
-_TOLERANCE = 0.005  # of |r|, in nearly all trials: below what any effect of the catalogue does to r
+_TOLERANCE = 0.005  # of |r|: below what any effect of the catalogue does to r
+_NOISE = 0.03  # the same of deviations from a disc or an ellipse that do not follow θ; with 5 %, a 16-gon would pass
+_HARMONICS = torch.arange(1, 9)  # of θ, which deviations may follow
+_BETTER = 1.25  # ratio of deviations from which on the floor leans
 _NEARLY_ALL = 0.95  # of the trials: the others may be outliers, or land so flat that either corner is lowest
 _FEWEST = 10  # orientations, to within 0.01 rad; and two for each number of the shape
 _SPREAD = 0.02  # least eigenvalue of the normalised design of 1/a² and 1/b²; 0.25 if the points go all around evenly
@@ -52,7 +55,8 @@ class Outline(NamedTuple):
             case other:
                 text = f"a polygon of {len(other.outline()) - 1} corners"
         floor = f" on a floor that leans by about {math.degrees(self.lean):.2g}°" if self.lean else ""
-        return f"{text} to within {max(1e6 * self.off, 0.01):.2g} µm{floor}"
+        size = f"{1e3 * self.off:.2g} mm" if self.off > 1e-4 else f"{max(1e6 * self.off, 0.01):.2g} µm"
+        return f"{text} to within {size}{floor}"
 
 
 def outline_notes(impacts: Impacts) -> list[Finding]:
@@ -101,13 +105,30 @@ def _traced(impacts: Impacts) -> Outline | None:
     orientations = len((theta.remainder(2 * math.pi) / 0.01).round().unique())
     for shape, numbers in _candidates(rotate(r, -theta)):
         lowest = rotate(contact_point(shape, theta - _LEANS[:, None]), _LEANS[:, None])
-        off = (r - lowest).norm(dim=-1)
-        farthest = (off / r.norm(dim=-1)).quantile(_NEARLY_ALL, -1)
-        level = len(_LEANS) // 2
-        best = level if farthest[level] <= _TOLERANCE else int(farthest.argmin())
-        if farthest[best] <= _TOLERANCE and orientations >= max(_FEWEST, 2 * numbers):
-            return Outline(shape, off[best].median().item(), _LEANS[best].item())
+        off = (r - lowest) / r.norm(dim=-1, keepdim=True)
+        farthest = off.norm(dim=-1).quantile(_NEARLY_ALL, -1)
+        level, best = len(_LEANS) // 2, int(farthest.argmin())
+        best = level if farthest[level] <= _BETTER * farthest[best] else best
+        exact = farthest[best] <= _TOLERANCE
+        noisy = not isinstance(shape, Polygon) and farthest[best] <= _NOISE
+        if orientations < max(_FEWEST, 2 * numbers) or not (exact or noisy):
+            continue
+        near = off[best].norm(dim=-1) <= farthest[best]
+        if exact or _following(theta[near], off[best][near]) <= _TOLERANCE:
+            return Outline(shape, (r - lowest[best]).norm(dim=-1).median().item(), _LEANS[best].item())
     return None
+
+
+def _following(theta: Float[Tensor, " n"], off: Float[Tensor, "n 2"]) -> float:
+    """Root mean square of the part of deviations that follows θ, without the share of noise; infinite of few trials."""
+    waves = theta[:, None] * _HARMONICS
+    design = torch.cat((torch.ones_like(off[:, :1]), waves.cos(), waves.sin()), -1)
+    free = len(off) - design.shape[-1]
+    if free < design.shape[-1]:
+        return math.inf
+    part = design @ torch.linalg.lstsq(design, off).solution
+    noise = (off - part).square().sum() / free
+    return math.sqrt(max(0.0, (part.square().sum() - design.shape[-1] * noise).item()) / len(off))
 
 
 def _candidates(points: Float[Tensor, "n 2"]) -> Iterator[tuple[Shape, int]]:
