@@ -168,6 +168,10 @@ def test_the_statement_of_consistency_has_the_coefficients():
     assert (note.name, note.mistake, note.correction) == ("consistent", False, None)
     assert [note.value(key) for key in ("a_measured", "b_measured")] == pytest.approx([1, 1], abs=NOISE)
     assert "the moment balance closes: I Δω = a r_x P_n − b r_y P_t gives a = +" in note.sentence
+    # An inertia that is 3 % off: little, but more than the errors of the coefficients.
+    (near,) = audit(drops(size=300).replace(inertia=1.03 * drops(size=300).inertia))
+    assert near.name == "consistent"
+    assert "closes" not in near.sentence
     (note,) = audit(drops("disc", size=12, mu=0.0))
     assert note.sentence.endswith("the moment balance cannot be judged: the moments in these data are negligible")
     # A wind after contact: nothing is wrong in columns or units, and still the balance is not that of the contact.

@@ -1,14 +1,18 @@
 """A file that somebody shared is data: what it names is not imported or called unless the command line names it too."""
 
+import json
 import sys
 from pathlib import Path
 
 import pytest
 
 from contactlearn.cli import hydra_main
+from contactlearn.cli.config_files import with_diagnosed_model
 from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.laws import find
 
 SMALL = ["model=[]", "data.size=30", "train.size=10", "train.repetitions=2", "laws=[whittaker]"]
 MODULE = """
@@ -89,3 +93,44 @@ def test_results_that_name_a_module_do_not_import_it(shared):
     known, unknown = code_version(("brought.inner",)), code_version(("brought.other",))
     assert known.rpartition("=")[2] != unknown.rpartition("=")[2] == "unknown"
     assert not (shared / "brought" / "imported").exists()
+
+
+def diagnosed(folder: Path, use: str, law: str | None = "mirtich") -> str:
+    """The word for the model of a diagnosis whose file has this command and this law."""
+    (folder / "diagnosis.json").write_text(json.dumps({"use": use, "diagnosis": {"law": law}}))
+    return f"model={folder}"
+
+
+def test_the_model_of_a_diagnosis_is_its_data_law_and_effects(tmp_path):
+    """And nothing else that its file says: no folder to write to, no code of Hydra's."""
+    said = "python evaluate.py data=mystery data.seed=7 law=mirtich 'effect=[side_drag]' effect.side_drag.form=linear"
+    word = diagnosed(tmp_path, f"{said} hydra.run.dir=/x hydra/launcher=joblib +hydra.callbacks.x=1 seed=3 'model=[]'")
+    data, model = ["data=mystery", "data.seed=7"], ["law=mirtich", "effect=[side_drag]", "effect.side_drag.form=linear"]
+    assert with_diagnosed_model([word, "test=0.5"], "train") == [*data, *model, "model=analytical", "test=0.5"]
+    assert with_diagnosed_model([word], "evaluate") == [*data, *model, "model=[]"]
+    others = ["data=synthetic", "model=x1_wrench"]
+    assert with_diagnosed_model([word, *others], "train") == [*model, *others]
+    settings = TrainSettings.from_config(compose("train", [word, "data.seed=8"]))
+    assert (settings.law, [*settings.effects], settings.recipe) == (find("mirtich"), ["side_drag"], None)
+    assert settings.split.source.options["seed"] == 8
+    assert with_diagnosed_model(["model=x1_wrench,x2_impulse", "-m"], "train") == ["model=x1_wrench,x2_impulse", "-m"]
+
+
+def test_a_class_in_the_file_of_a_diagnosis_is_not_imported(shared):
+    word, own = diagnosed(shared, "python evaluate.py +effect.mine._target_=brought.Mine"), "+effect.mine._target_="
+    with pytest.raises(ContactLearnError, match=rf"add \{own}brought.Mine to it, if you trust that class"):
+        compose("train", [word])
+    assert not (shared / "imported").exists()
+    assert with_diagnosed_model([word, f"{own}brought.Mine"], "evaluate") == ["model=[]", f"{own}brought.Mine"]
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (None, "there is no diagnosis"), ("{", "there is no diagnosis"), ("[]", "there is no diagnosis"),
+    ('{"use": 1, "diagnosis": {"law": "mirtich"}}', "there is no diagnosis"),
+    ('{"use": "", "diagnosis": {"law": null}}', "its data were refused, so it has no model"),
+])  # fmt: skip
+def test_a_model_that_is_no_diagnosis_is_refused(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "diagnosis.json").write_text(content)
+    with pytest.raises(ContactLearnError, match=message):
+        compose("evaluate", [f"model={tmp_path}"])

@@ -55,7 +55,7 @@ def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
 def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
     given = ("fit.noise=[0.01,0.01,0.5]", "+limits.v_y=[-3,-1]")
     printed = run("diagnose.py", "data.size=40", "seconds=1", *CHOSEN, *given, f"hydra.run.dir={tmp_path / 'run'}")
-    assert "bumpy_floor" in printed
+    assert "Bumpy floor" in printed
     found = results(tmp_path / "run", "diagnosis.json")
     assert found["diagnosis"]["law"] == "bumpy_floor"
     assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
@@ -100,6 +100,7 @@ def test_variants_and_options():
     ]
     train = TrainSettings.from_config(compose("train", ["law=mirtich", "variant=fazeli2017"]))
     assert type(train.law).__name__ == "MirtichFazeli2017"
-    diagnosed = DiagnoseSettings.from_config(compose("diagnose", []))
+    diagnosed = DiagnoseSettings.from_config(compose("diagnose", ["--verbose"]))
     names = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
     assert (diagnosed.law, [one.name for one in diagnosed.laws]) == (None, [*names])
+    assert diagnosed.verbose

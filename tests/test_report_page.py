@@ -12,7 +12,7 @@ from evaluations import evaluation_of, learning_curve
 
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Diagnosis, Record, Verdict
+from contactlearn.diagnosis.result import Candidate, Diagnosis, Record, Verdict
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
@@ -78,6 +78,7 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content, page, tmp_path):
     alone = mass_error(impacts, found.record.base.predict(impacts)).mean().item()
     assert content["models"][0]["mean"] == pytest.approx(alone, rel=1e-2)
     assert f"{found.ladder[0].error.mean:.4f}" in " ".join(content["verdict"]["sentences"])
+    assert [one["level"] for one in content["effects"]] == [str(one.level) for one in found.missing]
     # Rounding for JSON moves no fourth decimal.
     assert f"{finely(0.1811496):.4f}" == "0.1811"
     text = render(content)
@@ -141,6 +142,12 @@ def test_a_large_page_is_small_enough():
     assert len(text.encode()) < 6e6
     whole = made_up(60, EffectId("contact_patch", "linear"))
     assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
+    unsure = Candidate(effect=SIX[4], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
+    proxy = replace(unsure, effect=SIX[5], confidence=None)
+    text = render(of_diagnosis(replace(whole, candidates=(unsure, proxy)), about(whole.record.impacts)))
+    assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>4\u00a0%</td>' in text
+    assert '<th scope="row">sampling delay</th><td>a proxy?</td>' in text
+    assert "A proxy is an effect without which" in text
     # Nothing is called the law alone that is not.
     whole = made_up(60, *SIX, EffectId("adhesion", "work"))
     content = of_diagnosis(whole, about(whole.record.impacts))

@@ -159,7 +159,9 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
     lines = [f"verdict: {phrase('verdict', found)}"]
     if found.ladder and found.budget is not None:
         lines.append(f"error: {phrase('size', found)}")
-    lines += [_finding_line("audit", one) for one in found.findings if one.fatal or one.mistake or one.correction]
+    if found.corrections:
+        lines.append(f"audit: {phrase('corrected', found.corrections)}")
+    lines += [f"audit: {sentence(one.sentence)}" for one in found.findings if one.mistake and not one.correction]
     lines += [f"{one.level}: {phrase('named', one)}" for one in found.missing]
     if found.candidates:
         lines.append(f"candidates: {phrase('candidates', found.candidates)}")

@@ -88,8 +88,12 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         errors = found.budget.base, found.budget.named, found.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
         series = {_LADDER: [rung.error for rung in found.ladder]}
-        sure = {one.effect.name: one.confidence for one in (*found.missing, *found.candidates)}
-        scalars |= {f"effect/{name}/confidence": x for name, x in sure.items() if x is not None}
+        scalars |= {f"effect/{one.effect.name}/confidence": one.confidence for one in found.missing}
+        scalars |= {
+            f"candidate/{one.effect.name}/confidence": one.confidence
+            for one in found.candidates
+            if one.confidence is not None
+        }
     card = defaultdict[str, list[str]](list, {"Verdict": [headline(found)]})
     for level, named in names_by_level(found):
         card[level.capitalize()].append(named)

@@ -58,7 +58,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     opened = fit.imbalance > thresholds.open_balance
     contradictory = total > thresholds.consistent and not explained
     if not opened and not contradictory:
-        return _consistent_note(fit, thresholds.open_balance)
+        return _consistent_note(fit)
     doubted = contradictory or balance(balanced).judged.imbalance > thresholds.doubted_balance
     rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
     sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {MUST} gives {fit}"
@@ -88,13 +88,16 @@ def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts
     return found
 
 
-def _consistent_note(fit: Balance, limit: float) -> Finding:
-    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured."""
+def _consistent_note(fit: Balance) -> Finding:
+    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured.
+
+    It closes only where the interval of each coefficient has 1 in it.
+    """
     if not fit.terms:
         closes = "cannot be judged: the moments in these data are negligible"
     elif fit.tested > _TESTED:
         closes = "is weakly tested by these data"
-    elif any(low > 1 + limit or high < 1 - limit for _, low, high in fit.terms.values()):
+    elif any(low > 1 or high < 1 for _, low, high in fit.terms.values()):
         closes = (
             "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
             "velocities, a wrong inertia, or something after contact)"

@@ -31,7 +31,6 @@ from contactlearn.report.text import (
     base_label,
     capitalize_first,
     effect_label,
-    headline,
     label,
     listed_models,
     listed_name,
@@ -73,8 +72,8 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "_measure": phrase("measure", "mass"),
         "verdict": {
             "key": str(found.verdict),
-            "headline": headline(found),
-            "support": f"{support(found)} {phrase('sample_support', found.sample)}".strip(),
+            "headline": phrase("verdict", found),
+            "support": f"{support(found)} {phrase('confused', found)} {phrase('sample_support', found.sample)}".strip(),
             "sentences": summary(found),
         },
         "findings": [_finding(finding) for finding in found.findings],

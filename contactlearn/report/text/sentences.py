@@ -44,6 +44,7 @@ from contactlearn.report.text.names import join_words
 _MOST_MODELS = 5  # in the list of plausible models
 _MOST_LISTED = 4  # parameters of an effect without words
 _LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
+_LEAST_BELIEF = 0.05  # in another law, from which on the law is undecided
 
 _VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
@@ -118,7 +119,7 @@ def undecided(found: Diagnosis) -> str:
     belief: dict[str, float] = {}
     for model in found.models:
         belief[model.law] = belief.get(model.law, 0.0) + model.share
-    equal = {law: x for law, x in belief.items() if law == found.law or x >= _LEAST_SHARE}
+    equal = {law: x for law, x in belief.items() if law == found.law or x >= _LEAST_BELIEF}
     ranked = dict(sorted(equal.items(), key=lambda one: -one[1])) if found.law in equal else {}
     return "; ".join(phrases("undecided", found, ranked))
 
