@@ -36,7 +36,7 @@ from contactlearn.mechanics.impacts import Impacts
 
 ANGLE, BODY, PLACE = "theta", "object", "x"
 _ALONE = 16  # cosines over a variable alone
-_TOGETHER = {PLACE: 8}  # of a variable in a product; floors have stripes
+_TOGETHER = {PLACE: 8, "vx": 0}  # of a variable in a product; floors have stripes, and v_t stands for v_x
 _FEW = 4  # of all other variables
 _BODIES = 10  # at most, that have a function each
 _KINDS = (*Coefficient, None, None, None)  # that may depend on the state: coefficients, whitened velocities
@@ -64,7 +64,7 @@ class StateAssociation:
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
     state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
-    values = {"vn": state.v_n, "vt": state.v_t, "omega": state.omega, PLACE: state.x}
+    values = {"vn": state.v_n, "vt": state.v_t, "vx": state.v_pre[..., 0], "omega": state.omega, PLACE: state.x}
     found = {
         name: ((value - value.mean()) / value.std())[:, None]
         for name, value in values.items()
@@ -112,7 +112,7 @@ def _functions(
     ladders = {name: _ladder(name, columns) for name, columns in among.items()}
     for name, (functions, orders) in ladders.items():
         yield [{name: order} for order in orders], functions
-    for one, two in combinations(ladders, 2):
+    for one, two in combinations((name for name in ladders if _TOGETHER.get(name) != 0), 2):
         (left, first), (right, second) = (_low(name, *ladders[name]) for name in (one, two))
         orders = [{one: a, two: b} for a in first for b in second]
         yield orders, (left[:, :, None] * right[:, None]).flatten(1)
