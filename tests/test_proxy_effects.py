@@ -1,16 +1,17 @@
-"""Effects that only stand for something unknown are left out; a true one beside it is not."""
+"""Effects that only stand for something unknown, or for one that was not compared, are left out; true ones are not."""
 
 import torch
 from diagnoses import few
-from drops import LAW, fitted
+from drops import LAW, NOISE, fitted, normal, thrown
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
-from contactlearn.effects import State, find_effect
+from contactlearn.effects import EffectId, State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import phrase
 from contactlearn.report.text.names import effect_label
 
@@ -48,3 +49,17 @@ def test_a_diagnosis_reports_excluded_candidates():
     assert left_out.effect.name == STAND_IN
     assert phrase("candidate", left_out, found.budget).startswith(f"{effect_label(left_out.effect)} (a proxy?)")
     assert Diagnosis.from_json(found.to_json()) == found
+
+
+def test_a_moment_at_the_contact_is_no_more_than_a_candidate_where_the_shape_is_unknown():
+    drops, proxy = thrown(100, 1), "orientation_dependent_moment"
+    turned = ContactModel(LAW, effects={"turned": find_effect("orientation_offset")(0.1)}).predict(drops)
+    drops = drops.replace(v_post=turned.v_post + NOISE * normal(len(drops), 3, seed=3))
+    bodies = ["beech"] * 5 + ["oak"] * (len(drops) - 5)  # too few beeches for an outline, so no body has one
+    drops = drops.replace(shape=None, object=bodies)
+    candidates = few("orientation_offset", proxy)
+    found = diagnose(drops, "wang_mason", candidates=candidates, laws=[find("wang_mason")])
+    assert found.shapeless == (EffectId("orientation_offset"),)
+    assert (found.effects, found.verdict) == ((), Verdict.UNKNOWN)
+    (candidate,) = found.candidates
+    assert (candidate.effect.name, candidate.confidence < 0.5) == (proxy, True)

@@ -93,7 +93,10 @@ def test_the_headline_names_rivals_and_doubts(found):
         "; no known effect explains the predictable part of the residual."
     )
     unstated = replace(found, shapeless=(EffectId("shape_error"), EffectId("surface_tilt", "computed")))
-    assert text.headline(unstated).endswith("may be a proxy for shape error or surface tilt, which need it.")
+    assert text.headline(unstated).startswith(
+        "The body's shape is unknown (data.shape): a moment at the contact is not to be told from shape error or "
+        "surface tilt. Surface tilt (computed)"
+    )
     noted = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
     assert text.headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
     outline = replace(noted, correction="traced_shape", mistake=False)

@@ -110,7 +110,11 @@ def diagnose_audited(
             search = drop_proxy_effects(question, search, generator, drift.found.block)
     comparison = compare_effects(question, search, generator)
     decomposition = decompose_error(question, search, comparison.ladder, generator)
-    confidence = {one.effect: _confidence(one, decomposition) for one in comparison.ladder.missing}
+    alike = 1 + len({key.name for key in _shapeless(question, impacts)})
+    confidence = {
+        one.effect: _confidence(one, decomposition) / (alike if question.candidates[one.effect].like_shape else 1)
+        for one in comparison.ladder.missing
+    }
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
@@ -426,7 +430,7 @@ def _result(
             PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
             for one in selection.plausible
         ),
-        shapeless=tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None),
+        shapeless=_shapeless(question, impacts),
         unwanted=_unwanted(selection, missing),
         frontier=_frontier(selection, generator),
         hidden=_hidden(selection, generator),
@@ -493,6 +497,11 @@ def _choices(
         for one in missing
     )
     return choices, complete
+
+
+def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
+    """List the candidates that need the body's shape, where that is unknown."""
+    return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
 
 
 def _confidence(one: MissingEffect, decomposition: ErrorDecomposition) -> float:

@@ -125,6 +125,9 @@ class Effect(ABC):
     """Whether the body may leave with more kinetic energy than it was measured to bring."""
     needs_shape: ClassVar[bool] = False
     """Whether the body's shape must be known; `State.contact_points` uses the shape of each trial's own body."""
+    like_shape: ClassVar[bool] = False
+    """Whether another contact point looks the same: a moment of an arm that follows from the pose alone.  Where the
+    body's shape is unknown, such an effect shares its probability with those that need the shape."""
     refines: ClassVar[bool] = False
     """Whether the search tries it only in the place of other forms of its family, since a linearisation where it
     vanishes tells little of it."""

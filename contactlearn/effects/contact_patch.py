@@ -28,6 +28,7 @@ class ContactPatch(Effect):
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
+    like_shape = True
 
     @abstractmethod
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
@@ -97,6 +98,7 @@ class ContactPatchBySlip(ContactPatch):
     source = "Cross 2002"
     citations = ("cross2002",)
     mirror_symmetric = True
+    like_shape = False
     d: Tensor | float = parameter("d", "m", -0.01, 0.01)
     v_s: float = 0.1
 

@@ -27,6 +27,7 @@ class OrientationDependentMoment(Effect):
     source = "contour of the body"
     mirror_symmetric = False
     adds_energy = True
+    like_shape = True
 
     @abstractmethod
     def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:

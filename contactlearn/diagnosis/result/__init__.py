@@ -195,7 +195,8 @@ class Diagnosis:
         formulas: for it, the best first.
         choices: every subset of the missing effects.
         models: the chosen model and those that the data cannot distinguish from it, by their shares.
-        shapeless: candidates that were not compared, because they need the body's shape and it is not stated.
+        shapeless: candidates that were not compared, because they need the body's shape and it is neither stated nor
+            traced by the contact points.
         unwanted: candidates of one's own that were tested, and are in no plausible model and no rival.
         frontier: the best model with each number of effects, from none on.
         hidden: share of the error that another effect of the catalogue could remove, the upper end of the 95 % interval
