@@ -22,6 +22,7 @@ class CableTorque(Effect):
     """τ → τ − k sin θ.  It is not a resistance to the spin (`rolling_resistance`)."""
 
     formula = "τ ← τ − k sin θ"
+    in_words = "the cable twists the body back by {k} times sin θ"
     source = "a cable that hangs off the body"
     adds_energy = True
     k: Tensor | float = parameter("k", "N m s", -0.001, 0.001)

@@ -27,7 +27,7 @@ from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompa
 from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.report.text import brief_interval
+from contactlearn.report.text import brief_interval, names_by_level
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
@@ -414,7 +414,10 @@ def test_a_diagnosis_runs_in_the_background_and_its_model_is_taken_over(drops, m
     assert listed.session is not None
     assert DRAG in listed.session.effects
     assert models.fitted(listed.session).error.mean < 0.5 * models.fitted(session).error.mean
-    assert diagnosed_session(saved.diagnosis(listed.name)) == listed.session
+    result = saved.diagnosis(listed.name)
+    assert diagnosed_session(result) == listed.session
+    shown = str(content.diagnosis_content(result, listed.name, session))
+    assert all(text in shown for level, name in names_by_level(result.diagnosis) for text in (level, name))
     for file in ("report.html", "diagnosis.json", "metrics.jsonl"):
         assert (tmp_path / "outputs" / listed.name / file).exists()
     saved.compare([listed.name])

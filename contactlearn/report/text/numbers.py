@@ -15,7 +15,7 @@ _ROUNDED = 0.005  # of a whole, below which a share rounds to 0 %
 _TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
 _SHOWN = {
     "m": ("mm", 1e3), "rad": ("°", math.degrees(1)), "s": ("ms", 1e3), "J": ("mJ", 1e3), "N s": ("mN s", 1e3),
-    "1/rad": ("per rad", 1.0), "s/m": ("per m/s", 1.0), "s/rad": ("per rad/s", 1.0),
+    "N m s": ("mN m s", 1e3), "1/rad": ("per rad", 1.0), "s/m": ("per m/s", 1.0), "s/rad": ("per rad/s", 1.0),
 }  # fmt: skip
 """Units in sentences, and their number in an SI unit."""
 
