@@ -1,12 +1,15 @@
 """Processes that work side by side and end with this one, silently, however it ends."""
 
 import os
+import pickle
 import signal
+import sys
 import threading
-from collections.abc import Callable, Generator
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import ParamSpec, TypeVar
@@ -67,3 +70,67 @@ def _end_with(watched: Connection) -> None:
     with suppress(EOFError, OSError):
         watched.recv()
     os._exit(1)
+
+
+# --- A second core for a moment ------------------------------------------------------------------------
+
+
+def side_by_side(calls: Sequence[Callable[[], _Result]], fewest: int = 2) -> list[_Result]:
+    """Return the results of independent calls, which a second core shares with this one where there is one.
+
+    A copy of this process takes calls in turn with it; what the calls change in the copy is lost.  The results do not
+    depend on the cores, for a call that fails in the copy is made here.  A worker has one core; calls within calls have
+    none to share; and a process with threads or a GPU, or on another system than Linux, cannot be copied safely.
+
+    Args:
+        calls: each of at least some hundredths of a second, which a copy takes.
+        fewest: calls that a copy pays for.
+    """
+    if len(calls) < fewest or _sharing.locked() or not _can_be_copied():
+        return [call() for call in calls]
+    with _sharing:
+        return _shared(calls)
+
+
+_sharing = threading.Lock()
+
+
+def _can_be_copied() -> bool:
+    if sys.platform != "linux" or parent_process() is not None or threading.active_count() > 1:
+        return False
+    return len(os.sched_getaffinity(0)) > 1 and not torch.cuda.is_available()
+
+
+def _shared(calls: Sequence[Callable[[], _Result]]) -> list[_Result]:
+    context = get_context("fork")
+    waiting, queue = os.pipe()  # of the numbers of calls that nobody has taken
+    os.write(queue, bytes(range(len(calls))))
+    os.close(queue)
+    receiving, sending = context.Pipe(duplex=False)
+    copy = context.Process(target=_send, args=(sending, calls, waiting), daemon=True)
+    with without_interrupts(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which are those of idle libraries
+        copy.start()
+    sending.close()
+    try:
+        done = dict(_taken(calls, waiting))
+        with suppress(EOFError):
+            done |= pickle.loads(receiving.recv_bytes())
+    finally:
+        copy.kill()
+        copy.join()
+        receiving.close()
+        os.close(waiting)
+    return [done[k] if k in done else call() for k, call in enumerate(calls)]
+
+
+def _taken(calls: Sequence[Callable[[], _Result]], waiting: int) -> Iterator[tuple[int, _Result]]:
+    """The calls that nobody else takes, by their numbers, with their results."""
+    while number := os.read(waiting, 1):
+        yield number[0], calls[number[0]]()
+
+
+def _send(sending: Connection, calls: Sequence[Callable[[], object]], waiting: int) -> None:
+    """Send the results of the calls that the other process does not take; nothing if one fails."""
+    with suppress(Exception):
+        sending.send_bytes(pickle.dumps(dict(_taken(calls, waiting))))

@@ -18,10 +18,12 @@ All errors are the held-out mass error.  `result` holds the types; docs/diagnosi
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.workers import side_by_side
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.model_checks import averaging_notes, find_model_outliers
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
@@ -39,7 +41,6 @@ from contactlearn.diagnosis.events import (
     RegionsFound,
     RemainderLearned,
     VelocitiesAveraged,
-    track,
 )
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.record import Record
@@ -65,7 +66,7 @@ from contactlearn.diagnosis.result import (
 from contactlearn.diagnosis.search.candidates import fitted_first, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
-from contactlearn.diagnosis.search.selection import Selection, select, smaller, validated
+from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
@@ -128,13 +129,13 @@ def diagnose_audited(
 
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
     """Compute the held-out error of each law with the given effects, and its coefficients without any."""
-    found = []
-    for name in track(fitted_first(question.laws), "laws", question.on_event):
-        law = question.laws[name]
+
+    def fit(law: Law) -> LawFit:
         alone = _fit_alone(question, law, impacts)
         start = None if question.given else torch.stack(alone.coefficients)
-        found.append(LawFit.of(alone, held_out_error(law, question.given, impacts, folds, question.options, start)))
-    return tuple(found)
+        return LawFit.of(alone, held_out_error(law, question.given, impacts, folds, question.options, start))
+
+    return tuple(side_by_side([partial(fit, question.laws[name]) for name in fitted_first(question.laws)]))
 
 
 def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
@@ -176,10 +177,10 @@ class SearchResult:
                 effect=effect,
                 equation=larger.present.fit.model.effects[effect.name].equation,
                 parameters=fitted_parameters(larger.present, effect.name),
-                error_reduction=larger.without(effect).mean_error - larger.present.mean_error,
+                error_reduction=less.mean_error - larger.present.mean_error,
                 confidence=confidence.get(effect),
             )
-            for effect in lacking
+            for effect, less in zip(lacking, larger.without_each(lacking), strict=True)
         )
         return replace(
             self,
@@ -295,7 +296,7 @@ def without_candidates(
     selection, model = search.selection, search.selection.chosen
     for effect in selection.missing:
         if effect not in probable:
-            model = smaller(selection.pool, model, effect)
+            (model,) = smaller(selection.pool, model, effect)
     return search.reduced(selection.at(model.spec, question.thresholds.window, generator), confidence)
 
 
@@ -519,14 +520,18 @@ def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[E
 
 def _frontier(selection: Selection, generator: torch.Generator) -> tuple[FrontierModel, ...]:
     """Validate the best model of each number of effects, up to the best score's and to one more than were chosen."""
-    pool, found = selection.pool, []
-    for size in range(max(len(selection.spec.effects) + 1, len(pool.best().spec.effects)) + 1):
-        models = [model for model in pool.models.values() if len(model.spec.effects) == size]
-        if models:
-            best = pool.best(models)
-            error = held_out_interval(validated(pool, selection.folds, best).error, generator)
-            found.append(FrontierModel(law=best.spec.law, effects=tuple(sorted(best.spec.effects)), error=error))
-    return tuple(found)
+    pool, sizes = (
+        selection.pool,
+        range(max(len(selection.spec.effects) + 1, len(selection.pool.best().spec.effects)) + 1),
+    )
+    each = [[model for model in pool.models.values() if len(model.spec.effects) == size] for size in sizes]
+    models = [pool.best(some) for some in each if some]
+    predict_held_out(pool, selection.folds, models)
+    errors = [held_out_interval(validated(pool, selection.folds, one).error, generator) for one in models]
+    return tuple(
+        FrontierModel(law=one.spec.law, effects=tuple(sorted(one.spec.effects)), error=error)
+        for one, error in zip(models, errors, strict=True)
+    )
 
 
 def _hidden(selection: Selection, generator: torch.Generator) -> float | None:

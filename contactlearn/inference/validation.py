@@ -14,7 +14,7 @@ from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_
 from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
 from contactlearn.inference.identification.robust import robust_distance
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 RESAMPLES = 1000
 """Resamples of the bootstrap of a mean error."""
@@ -107,20 +107,29 @@ class CrossValidation:
             self.law, effects, self.impacts, options=replace(self.options, starts=_STARTS), start=start
         )
 
+    def predicted(self, effects: Mapping[str, Effect], fit: JointFit) -> Prediction:
+        """Predict all trials [b, n] by the fits of the folds, which start at that to all trials."""
+        options = replace(self.options, tolerance=_TOLERANCE, standard_errors=False)
+        rows = self.folds.fitted
+        held = identify_jointly(self.law, effects, self.impacts, rows, options=options, start=fit.values)
+        return held.model.predict(self.impacts)
+
     def validated(
-        self, effects: Mapping[str, Effect], fit: JointFit, scatter: Float[Tensor, "3 3"] | None = None
+        self,
+        effects: Mapping[str, Effect],
+        fit: JointFit,
+        scatter: Float[Tensor, "3 3"] | None = None,
+        held: Prediction | None = None,
     ) -> ValidatedFit:
         """Score a model on held-out trials.
 
         Args:
             effects: of the model.
-            fit: of it to all trials, where the fits of the folds start.
+            fit: of it to all trials.
             scatter: in which the losses are measured; if None, that of the model's own residual.
+            held: by the fits of the folds, where these have been made.
         """
-        options = replace(self.options, tolerance=_TOLERANCE, standard_errors=False)
-        held = identify_jointly(
-            self.law, effects, self.impacts, self.folds.fitted, options=options, start=fit.values
-        ).model.predict(self.impacts)
+        held = self.predicted(effects, fit) if held is None else held
         if scatter is None:
             scatter = robust_covariance(self.impacts.v_post - fit.model.predict(self.impacts).v_post)
         residual = self.impacts.v_post - held.v_post

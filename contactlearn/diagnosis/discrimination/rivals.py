@@ -17,15 +17,17 @@ separate them.  Forms of one effect are not reported as rivals of each other.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.effects import Rival
-from contactlearn.diagnosis.search.pool import Spec
-from contactlearn.diagnosis.search.selection import Selection, validated
+from contactlearn.diagnosis.search.pool import ScoredFit
+from contactlearn.diagnosis.search.selection import Selection, predict_held_out, validated
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification.joint import Linearisation, linearise
@@ -50,8 +52,8 @@ class Collinearity:
     start: Float[Tensor, " k"]
 
 
-_Task = tuple[EffectId, EffectId, Collinearity]
-"""A chosen effect, and a candidate to be fitted in its place."""
+_Task = tuple[EffectId, dict[EffectId, Collinearity]]
+"""A chosen effect, and the candidates that may be fitted in its place."""
 
 
 def find_rivals(
@@ -64,30 +66,30 @@ def find_rivals(
     Args:
         selection: the chosen model and what it was chosen from.
         thresholds: limits within which two effects are indistinguishable.
-        progress: wraps the candidates that are refitted.
+        progress: wraps the effects.
     """
-    exchanged = {effect: _exchanged(selection, effect) for effect in selection.missing}
-    tasks = [
-        (effect, candidate, collinearity)
-        for effect in selection.missing
-        for candidate, collinearity in similarity(selection, effect).items()
-        if collinearity.similarity >= _SIMILARITY or candidate in exchanged[effect]
-    ]
-    found: dict[EffectId, list[FittedRival]] = {effect: [] for effect in selection.missing}
-    if not tasks:
-        return dict.fromkeys(found, ())
+    pool, folds, missing = selection.pool, selection.folds, selection.missing
     residual = selection.impacts.v_post - selection.present.fit.model.predict(selection.impacts).v_post
     scatter = robust_covariance(residual)  # in which all models are compared
-    chosen = validated(selection.pool, selection.folds, selection.chosen, scatter)
-    for effect, candidate, collinearity in progress(tasks):
-        spec = replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
-        fitted = _refitted(selection, spec, candidate, collinearity.start, scatter)
-        gain, error = paired_gain(chosen, fitted)
-        rival = Rival(effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error)
-        if _as_good(chosen, fitted, rival, thresholds):
-            fitted = replace(fitted, fit=selection.pool.polished(spec).fit)  # with standard errors
-            found[effect].append(FittedRival(rival=rival, fitted=fitted))
-    return {effect: tuple(sorted(some, key=lambda one: one.rival.loss_difference)) for effect, some in found.items()}
+    chosen = validated(pool, folds, selection.chosen, scatter)
+    similarities = side_by_side([partial(similarity, selection, effect) for effect in missing])
+    found: dict[EffectId, tuple[FittedRival, ...]] = {}
+    for effect, among in progress(list(zip(missing, similarities, strict=True))):
+        exchanged = _exchanged(selection, effect)
+        among = {key: one for key, one in among.items() if one.similarity >= _SIMILARITY or key in exchanged}
+        models = _refitted(selection, effect, among)
+        rivals = list[FittedRival]()
+        for (candidate, collinearity), model in zip(among.items(), models, strict=True):
+            fitted = validated(pool, folds, model, scatter)
+            gain, error = paired_gain(chosen, fitted)
+            rival = Rival(
+                effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error
+            )
+            if _as_good(chosen, fitted, rival, thresholds):
+                fitted = replace(fitted, fit=pool.polished(model.spec).fit)  # with standard errors
+                rivals.append(FittedRival(rival=rival, fitted=fitted))
+        found[effect] = tuple(sorted(rivals, key=lambda one: one.rival.loss_difference))
+    return found
 
 
 def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Collinearity]:
@@ -140,18 +142,16 @@ def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds
     return rival.loss_difference <= thresholds.chance_sigmas * rival.standard_error
 
 
-def _refitted(
-    selection: Selection,
-    spec: Spec,
-    candidate: EffectId,
-    start: Float[Tensor, " k"],
-    scatter: Float[Tensor, "3 3"],
-) -> ValidatedFit:
-    """A model with a candidate in the place of one of the chosen effects, validated on the same folds."""
-    pool = selection.pool
-    own = start[-len(pool.candidates[candidate].parameters) :]
-    pool.fitted(spec, pool.start(spec, selection.chosen, {candidate: own}))
-    return validated(pool, selection.folds, pool.models[spec], scatter)
+def _refitted(selection: Selection, effect: EffectId, among: Mapping[EffectId, Collinearity]) -> list[ScoredFit]:
+    """The chosen model with each candidate in the place of one effect, refitted also on the same folds."""
+    pool, starts = selection.pool, {}
+    for candidate, one in among.items():
+        spec = replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
+        own = one.start[-len(pool.candidates[candidate].parameters) :]
+        starts[spec] = pool.start(spec, selection.chosen, {candidate: own})
+    models = pool.all_fitted(starts)
+    predict_held_out(pool, selection.folds, models)
+    return models
 
 
 def _about(

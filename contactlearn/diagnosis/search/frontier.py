@@ -16,11 +16,13 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
 
@@ -126,10 +128,10 @@ class Search:
     def _grow(self, size: int) -> None:
         """Fit models of a size from those with one effect less: of each law alone, later of the best."""
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
+        self._approximate(parents)
         each = [self._predicted(parent, _larger) for parent in parents]
         near = min((one.score for one in parents), default=0.0) + HOPELESS * len(self.pool.impacts)
-        for proposals in each:
-            self._fit(proposals, near, most=1)
+        self._fit([one for proposals in each for one in self._promising(proposals, near, most=1)])
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
 
     def _beam(self, size: int) -> list[ScoredFit]:
@@ -161,20 +163,22 @@ class Search:
             return
         self.refined.add(model.spec)
         worthwhile = self.pool.score_at(model.spec, model.fit.values) + _DOUBT * len(self.pool.impacts)
+        starts: dict[Spec, Tensor] = {}
         for effect, other in self.pool.siblings(model.spec):
             spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
             if spec not in self.pool.models and not self.late:
                 tried = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
                 scores = self.pool.scores_at(spec, torch.stack(tried))
                 if min(scores) < worthwhile:
-                    self.pool.fitted(spec, tried[scores.index(min(scores))])
+                    starts[spec] = tried[scores.index(min(scores))]
+        self.pool.all_fitted(starts)
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters.
 
         A law that refines others must do better than the model at one of a few ε.
         """
-        own = self.pool.score_at(model.spec, model.fit.values)
+        own, starts = self.pool.score_at(model.spec, model.fit.values), dict[Spec, Tensor | None]()
         for name, law in self.pool.laws.items():
             spec = model.spec.with_law(name)
             if spec in self.pool.models:
@@ -187,12 +191,12 @@ class Search:
             if abs(scores[0] - own) < _IDENTICAL:
                 self.pool.adopt(name, model)
             elif scores[best] < own + (0.0 if law.refines else HOPELESS * len(self.pool.impacts)):
-                self.pool.fitted(spec, tried[best] if spec.effects or not law.refines else None)
+                starts[spec] = tried[best] if spec.effects or not law.refines else None
+        self.pool.all_fitted(starts)
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""
-        if model.spec not in self.quadratics:
-            self.quadratics[model.spec] = self.pool.quadratic(model)
+        self._approximate([model])
         quadratic = self.quadratics[model.spec]
         groups = [group for group in quadratic.groups if group.effect is not None]
         own = model.score - quadratic.losses([quadratic.present])[0].item() - self.pool.penalty(model.spec.effects)
@@ -210,15 +214,25 @@ class Search:
             present = best
         return [Proposal(model, quadratic, one, score) for one, score in sorted(seen.items(), key=lambda item: item[1])]
 
+    def _approximate(self, models: Sequence[ScoredFit]) -> None:
+        """Approximate the losses about models that have not been."""
+        calls = {model.spec: partial(self.pool.quadratic, model) for model in models}
+        calls = {spec: call for spec, call in calls.items() if spec not in self.quadratics}
+        self.quadratics |= zip(calls, side_by_side(list(calls.values())), strict=True)
+
     def _fit(self, proposals: Sequence[Proposal], worthwhile: float = math.inf, most: int = _FITTED) -> None:
         """Fit the most promising proposals of those that may be better than a score."""
-        left = most
+        self.pool.all_fitted({one.spec: one.start(self.pool) for one in self._promising(proposals, worthwhile, most)})
+
+    def _promising(self, proposals: Sequence[Proposal], worthwhile: float, most: int) -> list[Proposal]:
+        """The first proposals, of models that have not been fitted, that may be better than a score."""
+        limit, found = worthwhile + _DOUBT * len(self.pool.impacts), dict[Spec, Proposal]()
         for one in proposals:
-            if left == 0 or self.late or one.score > worthwhile + _DOUBT * len(self.pool.impacts):
-                return
+            if len(found) == most or self.late or one.score > limit:
+                break
             if one.spec not in self.pool.models:
-                self.pool.fitted(one.spec, one.start(self.pool))
-                left -= 1
+                found.setdefault(one.spec, one)
+        return list(found.values())
 
 
 def _larger(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
-from contactlearn.diagnosis.search.selection import Selection, inclusion, smaller
+from contactlearn.diagnosis.search.selection import Selection, inclusion, predict_held_out, smaller
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 
@@ -45,13 +45,14 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
         generator: of the bootstrap.
     """
     final, effects = selection.present, selection.missing
-    less = {effect: selection.without(effect) for effect in effects}
+    less = dict(zip(effects, selection.without_each(effects), strict=True))
     reductions = {effect: (less[effect].error - final.error).nanmean().item() for effect in effects}
     effects.sort(key=reductions.__getitem__, reverse=True)
-    model, models = selection.chosen, [final]  # of each rung: the law, and one more of the effects on each
+    path = [selection.chosen]  # of each rung: the law, and one more of the effects on each
     for effect in reversed(effects):
-        model = smaller(selection.pool, model, effect)
-        models.insert(0, selection.validated(model.spec))
+        path = [*smaller(selection.pool, path[0], effect), *path]
+    predict_held_out(selection.pool, selection.folds, path)
+    models = [*(selection.validated(model.spec) for model in path[:-1]), final]
     errors = [held_out_interval(model.error, generator) for model in models]
     impulses = (model.fit.model.predict(selection.impacts).wrench[..., :2] for model in models)
     outside = [outside_admissible(selection.impacts, impulse).double().mean().item() for impulse in impulses]

@@ -10,21 +10,23 @@ Sources: Schwarz 1978; Chen & Chen 2008.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
 from contactlearn.inference.identification.robust import robust_distance
-from contactlearn.inference.validation import robust_covariance
+from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _STARTS = 4
+_FEWEST = 3  # fits that two cores share
 _TOLERANCE = 1e-4  # nats a trial; scores differ by nats over all trials
 
 
@@ -74,6 +76,7 @@ class Pool:
 
     Attributes:
         models: fitted so far.
+        predicted: all trials by the fits of folds, by these and the model.
     """
 
     def __init__(
@@ -88,6 +91,7 @@ class Pool:
         self.candidates = {key: effect for key, effect in candidates.items() if key.name not in self.given}
         self.families = len({key.name for key in self.candidates})
         self.models: dict[Spec, ScoredFit] = {}
+        self.predicted: dict[tuple[Folds, Spec], Prediction] = {}
 
     def effects(self, spec: Spec) -> dict[str, Effect]:
         """Return the effects of a model by name, the given ones first and the others in the order of the candidates."""
@@ -95,12 +99,19 @@ class Pool:
 
     def fitted(self, spec: Spec, start: Float[Tensor, " k"] | None = None) -> ScoredFit:
         """Return a model, fitted from a start, or by a search if there is none, unless it was fitted before."""
-        if spec not in self.models:
-            effects = self.effects(spec)
-            options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
-            fit = identify_jointly(self.laws[spec.law], effects, self.impacts, options=options, start=start)
-            self.models[spec] = ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
-        return self.models[spec]
+        return self.all_fitted({spec: start})[0]
+
+    def all_fitted(self, starts: Mapping[Spec, Float[Tensor, " k"] | None]) -> list[ScoredFit]:
+        """Return models, each fitted from its start likewise."""
+        calls = [partial(self._fit, spec, start) for spec, start in starts.items() if spec not in self.models]
+        self.models |= {model.spec: model for model in side_by_side(calls, fewest=_FEWEST)}
+        return [self.models[spec] for spec in starts]
+
+    def _fit(self, spec: Spec, start: Float[Tensor, " k"] | None) -> ScoredFit:
+        effects = self.effects(spec)
+        options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
+        fit = identify_jointly(self.laws[spec.law], effects, self.impacts, options=options, start=start)
+        return ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
 
     def adopt(self, law: str, model: ScoredFit) -> None:
         """Take the fit of a model for that of its effects around another law, which predicts the same at its values."""

@@ -15,13 +15,14 @@ import math
 import time
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
@@ -150,9 +151,11 @@ class Selection:
         """Score a fitted model of the pool on held-out trials."""
         return validated(self.pool, self.folds, self.pool.models[spec])
 
-    def without(self, effect: EffectId) -> ValidatedFit:
-        """Fit and validate the chosen model without one of its effects."""
-        return self.validated(smaller(self.pool, self.chosen, effect).spec)
+    def without_each(self, effects: Sequence[EffectId]) -> list[ValidatedFit]:
+        """Fit and validate the chosen model without each one of some of its effects."""
+        models = smaller(self.pool, self.chosen, *effects)
+        predict_held_out(self.pool, self.folds, models)
+        return [self.validated(model.spec) for model in models]
 
     def path(self) -> list[ScoredFit]:
         """List the best model of each smaller number of effects, and the chosen one."""
@@ -206,8 +209,7 @@ def select(
     prepared = {key: effect.prepare(impacts) for key, effect in candidates.items()}
     prepared = {key: effect for key, effect in prepared.items() if effect.parameters}
     pool = Pool(laws, impacts, prepared, given, options)
-    for law in fitted_first(pool.laws):
-        pool.fitted(Spec(law), starts.get(law))
+    pool.all_fitted({Spec(law): starts.get(law) for law in fitted_first(pool.laws)})
     complete = _searched(pool, _MOST_EFFECTS, time.monotonic() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
     return _chosen(pool, folds, spec, complete, thresholds.window, generator)
@@ -215,14 +217,29 @@ def select(
 
 def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor, "3 3"] | None = None) -> ValidatedFit:
     """Score a model on held-out trials, its losses in the scatter of its own residual or in a given one."""
-    models = CrossValidation(law=pool.laws[model.spec.law], impacts=pool.impacts, folds=folds, options=pool.options)
-    return models.validated(model.effects, model.fit, scatter)
+    predict_held_out(pool, folds, [model])
+    held = pool.predicted[folds, model.spec]
+    return _folds(pool, folds, model).validated(model.effects, model.fit, scatter, held)
 
 
-def smaller(pool: Pool, model: ScoredFit, effect: EffectId) -> ScoredFit:
-    """Fit a model without one of its effects."""
-    spec = Spec(model.spec.law, model.spec.effects - {effect})
-    return pool.fitted(spec, pool.start(spec, model, {}))
+def predict_held_out(pool: Pool, folds: Folds, models: Iterable[ScoredFit]) -> None:
+    """Fit models to the folds, whose predictions `validated` then finds in the pool."""
+    calls = {
+        (folds, model.spec): partial(_folds(pool, folds, model).predicted, model.effects, model.fit)
+        for model in models
+        if (folds, model.spec) not in pool.predicted
+    }
+    pool.predicted |= zip(calls, side_by_side(list(calls.values())), strict=True)
+
+
+def _folds(pool: Pool, folds: Folds, model: ScoredFit) -> CrossValidation:
+    return CrossValidation(law=pool.laws[model.spec.law], impacts=pool.impacts, folds=folds, options=pool.options)
+
+
+def smaller(pool: Pool, model: ScoredFit, *effects: EffectId) -> list[ScoredFit]:
+    """Fit a model without each one of some of its effects."""
+    specs = [Spec(model.spec.law, model.spec.effects - {effect}) for effect in effects]
+    return pool.all_fitted({spec: pool.start(spec, model, {}) for spec in specs})
 
 
 def _chosen(
@@ -256,14 +273,11 @@ def _searched(
         return Search(pool, most, end).run(progress)
     rows = torch.randperm(trials, generator=generator)[:_SEARCHED].sort().values
     part = Pool(pool.laws, pool.impacts[rows], pool.candidates, pool.given, pool.options)
-    for law in fitted_first(pool.laws):
-        part.fitted(Spec(law), pool.models[Spec(law)].fit.values)
+    part.all_fitted({Spec(law): pool.models[Spec(law)].fit.values for law in fitted_first(pool.laws)})
     search, whole = Search(part, most, end), Search(pool, most, end)
     complete = search.run(progress)
-    best = part.best()
-    for size in range(len(best.spec.effects) + 2):
-        for model in search.models(size)[:_CARRIED]:
-            pool.fitted(model.spec, model.fit.values)
+    carried = [search.models(size)[:_CARRIED] for size in range(len(part.best().spec.effects) + 2)]
+    pool.all_fitted({model.spec: model.fit.values for some in carried for model in some})
     whole.improve()
     return complete and not whole.late
 
@@ -276,22 +290,20 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
     stand for one effect each bring little less than it does.
     """
 
-    @cache
-    def error_of(law: str) -> float:
-        return validated(pool, folds, pool.fitted(Spec(law))).mean_error
+    def improves(less: ScoredFit, effects: int = 1) -> bool:
+        base = pool.fitted(Spec(model.spec.law))
+        predict_held_out(pool, folds, (less, model, base))
+        without, whole, alone = (validated(pool, folds, one) for one in (less, model, base))
+        return _improves_enough(without, whole, alone.mean_error, thresholds, effects)
 
-    whole = validated(pool, folds, model)
     while model.spec.effects:
-        less = pool.best(smaller(pool, model, effect) for effect in model.spec.effects)
-        if _improves_enough(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds):
+        less = pool.best(smaller(pool, model, *sorted(model.spec.effects)))
+        if improves(less):
             break
         model = _best_of(pool, range(len(less.spec.effects) + 1))
-        whole = validated(pool, folds, model)
-    for size in range(len(model.spec.effects) - 1):
-        less, more = _best_of(pool, [size]), len(model.spec.effects) - size
-        if not _improves_enough(validated(pool, folds, less), whole, error_of(model.spec.law), thresholds, more):
-            return less
-    return model
+    path = [_best_of(pool, [size]) for size in range(len(model.spec.effects) - 1)]
+    predict_held_out(pool, folds, path)
+    return next((less for k, less in enumerate(path) if not improves(less, len(model.spec.effects) - k)), model)
 
 
 def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:

@@ -9,7 +9,9 @@ Source: the least complex model within chance of the best, Breiman, Friedman, Ol
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.state_dependence import fit_state_dependence
 from contactlearn.inference.identification.joint import FitOptions, JointFit
@@ -37,7 +39,8 @@ def index_without_proxies(
     Returns:
         The index of the model; the last one if no remainder depends on the state.
     """
-    found = [fit_state_dependence(impacts, fit, options, thresholds.dependence_level, _TRIALS, block) for fit in fits]
+    level = thresholds.dependence_level
+    found = side_by_side([partial(fit_state_dependence, impacts, fit, options, level, _TRIALS, block) for fit in fits])
     dependent = [(k, one) for k, one in enumerate(found) if one is not None]
     if not dependent:
         return len(fits) - 1

@@ -8,7 +8,7 @@ any others are GPyTorch's, see `training`.  Either is what GPyTorch's `ExactMarg
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
@@ -143,14 +143,12 @@ class ExactGPs(GaussianProcesses):
     @torch.no_grad()
     def mean(self) -> Callable[[Float[Tensor, "*batch n d"]], Float[Tensor, "*more o n"]]:
         """Return the mean [..., O, N] as a function of standardised x [..., N, D], for a fraction of the time."""
-        weights = torch.cholesky_solve(self.centred()[..., None], self._cholesky())
+        return partial(self._mean, torch.cholesky_solve(self.centred()[..., None], self._cholesky()))
 
-        @torch.no_grad()
-        def at(x: Float[Tensor, "*batch n d"]) -> Float[Tensor, "*more o n"]:
-            x = for_each_output(x, self.train_targets.shape[:-1])
-            return self.mean_module(x) + (self._cross(x) @ weights)[..., 0]
-
-        return at
+    @torch.no_grad()
+    def _mean(self, weights: Float[Tensor, "*batch o n 1"], x: Float[Tensor, "*batch n d"]) -> Tensor:
+        x = for_each_output(x, self.train_targets.shape[:-1])
+        return self.mean_module(x) + (self._cross(x) @ weights)[..., 0]
 
     @torch.no_grad()
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
