@@ -6,15 +6,19 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from functools import partial
 
 import pytest
 from repetitions import repeated
 
+from contactlearn.core import workers
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 from contactlearn.report.terminal import new_table, print_table
 
 _AT_WORK = """
 import os, signal, time
+from contactlearn.core import workers
 from contactlearn.core.signals import graceful_exit
 from contactlearn.core.workers import WorkerPool
 
@@ -129,3 +133,68 @@ def test_a_step_is_stopped_afterwards():
         done.append("the rest of it")
     assert done
     assert signal.getsignal(signal.SIGINT) is before
+
+
+# --- Calls that two processes share ---------------------------------------------------------------------
+
+
+@pytest.fixture
+def copied(monkeypatch):
+    """A second core, whether there is one or not."""
+    monkeypatch.setattr(workers, "_can_be_copied", lambda: True)
+
+
+def taken(k, seconds=0.02):
+    time.sleep(seconds)
+    return k, os.getpid()
+
+
+def test_calls_are_shared_by_two_processes_and_their_results_in_order(copied):
+    numbers, processes = zip(*workers.side_by_side([partial(taken, k) for k in range(8)]), strict=True)
+    assert numbers == tuple(range(8))
+    assert len({*processes}) == 2
+    assert os.getpid() in processes
+    assert {pid for _, pid in workers.side_by_side([partial(taken, 0)] * 2, fewest=3)} == {os.getpid()}
+    each = workers.side_by_side([partial(workers.side_by_side, [partial(taken, k)] * 2) for k in range(4)])
+    assert all(one[1] == two[1] for one, two in each)  # calls within calls have no core of their own
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_call_that_fails_in_either_process_says_why(copied, own):
+    here = os.getpid()
+
+    def fails():
+        time.sleep(0.05)
+        if (os.getpid() == here) is own:
+            raise ZeroDivisionError
+        return lambda: None  # which cannot be sent
+
+    with pytest.raises(ZeroDivisionError) if own else contextlib.nullcontext():
+        assert len(workers.side_by_side([fails, fails])) == 2
+
+
+_SHARED = """
+import os, time
+from contactlearn.core import workers
+from contactlearn.core.signals import graceful_exit
+
+def work():
+    os.write(1, f"{os.getpid()}\\n".encode())
+    time.sleep(60)
+
+workers._can_be_copied = lambda: True
+with graceful_exit():
+    workers.side_by_side([work, work])
+"""
+
+
+def test_ctrl_c_ends_a_copy_silently():
+    parent = subprocess.Popen(
+        [sys.executable, "-c", _SHARED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    assert {int(parent.stdout.readline()) for _ in range(2)} > {parent.pid}
+    os.killpg(parent.pid, signal.SIGINT)
+    _, message = parent.communicate(timeout=20)  # once the copy has closed its pipes
+    assert parent.returncode == 130
+    assert message.count("\n") == 1

@@ -80,7 +80,8 @@ def side_by_side(calls: Sequence[Callable[[], _Result]], fewest: int = 2) -> lis
 
     A copy of this process takes calls in turn with it; what the calls change in the copy is lost.  The results do not
     depend on the cores, for a call that fails in the copy is made here.  A worker has one core; calls within calls have
-    none to share; and a process with threads or a GPU, or on another system than Linux, cannot be copied safely.
+    none to share; and a process whose other threads are more than idle, or with a GPU, cannot be copied safely, nor can
+    one on another system than Linux.
 
     Args:
         calls: each of at least some hundredths of a second, which a copy takes.
@@ -96,9 +97,12 @@ _sharing = threading.Lock()
 
 
 def _can_be_copied() -> bool:
-    if sys.platform != "linux" or parent_process() is not None or threading.active_count() > 1:
+    if sys.platform != "linux" or parent_process() is not None or len(os.sched_getaffinity(0)) < 2:
         return False
-    return len(os.sched_getaffinity(0)) > 1 and not torch.cuda.is_available()
+    busy = [
+        thread for thread in threading.enumerate() if not thread.daemon and thread is not threading.current_thread()
+    ]
+    return not busy and not torch.cuda.is_available()
 
 
 def _shared(calls: Sequence[Callable[[], _Result]]) -> list[_Result]:
@@ -132,5 +136,5 @@ def _taken(calls: Sequence[Callable[[], _Result]], waiting: int) -> Iterator[tup
 
 def _send(sending: Connection, calls: Sequence[Callable[[], object]], waiting: int) -> None:
     """Send the results of the calls that the other process does not take; nothing if one fails."""
-    with suppress(Exception):
+    with suppress(BaseException):  # the other process says why it ends
         sending.send_bytes(pickle.dumps(dict(_taken(calls, waiting))))

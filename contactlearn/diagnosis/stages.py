@@ -140,7 +140,10 @@ def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[La
 
 def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
     """Fit a law without any effect to all trials."""
-    return identify_jointly(law, {}, impacts, options=replace(question.options, starts=2)).model.law
+    replace(question.options, starts=2, tolerance=1e-6, standard_errors=False)
+    return identify_jointly(
+        law, {}, impacts, options=replace(question.options, starts=2, standard_errors=False)
+    ).model.law
 
 
 # --- Search ------------------------------------------------------------------------------------

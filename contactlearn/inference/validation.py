@@ -19,7 +19,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 RESAMPLES = 1000
 """Resamples of the bootstrap of a mean error."""
 _STARTS = 4  # of a fit to all trials without a start
-_TOLERANCE = 1e-5  # nats a trial, of the fits of the folds, which begin next to their ends
+_TOLERANCE = 1e-4  # nats a trial, of the fits of the folds, which begin next to their ends
 _CHI_SQUARED_50 = 2.3659739  # median, 3 degrees of freedom
 
 

@@ -233,6 +233,12 @@ class Impacts:
         return rigid_body.contact_velocity(self.r, self.v_pre)
 
     @cached_property
+    def scales(self) -> tuple[float, float, float]:
+        """Medians of the radius of gyration in m, the mass in kg, and the speed of the contact point in m/s."""
+        gyration = (self.inertia / self.mass).sqrt()
+        return gyration.median().item(), self.mass.median().item(), self.v_c.norm(dim=-1).median().item()
+
+    @cached_property
     def wrench(self) -> Float[Tensor, "n 3"]:
         """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
         return rigid_body.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)

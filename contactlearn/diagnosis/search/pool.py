@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.workers import side_by_side
-from contactlearn.diagnosis.search.quadratic import Group, Quadratic
+from contactlearn.diagnosis.search.quadratic import Group, Quadratic, vanishing
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
 from contactlearn.inference.identification.robust import robust_distance
@@ -27,7 +27,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _STARTS = 4
 _FEWEST = 3  # fits that two cores share
-_TOLERANCE = 1e-4  # nats a trial; scores differ by nats over all trials
+_TOLERANCE = 3e-4  # nats a trial; scores differ by nats over all trials
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,7 @@ class Pool:
     ) -> None:
         self.laws, self.impacts, self.given, self.options = dict(laws), impacts, dict(given), options
         self.candidates = {key: effect for key, effect in candidates.items() if key.name not in self.given}
+        self._vanishing = vanishing(self.candidates, impacts)
         self.families = len({key.name for key in self.candidates})
         self.models: dict[Spec, ScoredFit] = {}
         self.predicted: dict[tuple[Folds, Spec], Prediction] = {}
@@ -180,7 +181,7 @@ class Pool:
             model.fit,
             self.impacts,
             given=tuple(self.given),
-            candidates=self.candidates,
+            candidates=self._vanishing,
             options=self.options,
         )
 

@@ -71,7 +71,7 @@ class Quadratic:
         impacts: Impacts,
         *,
         given: Sequence[str],
-        candidates: Mapping[EffectId, Effect],
+        candidates: Mapping[Group, Effect],
         options: FitOptions,
     ) -> "Quadratic":
         """Linearise a fitted model with all candidates around it.
@@ -82,24 +82,19 @@ class Quadratic:
             fit: to the impacts.
             impacts: measurements.
             given: names of the effects that are in every model.
-            candidates: prepared; those of the model's own identities and those that only refine are left out.
+            candidates: where they vanish, see `vanishing`; those of the model's own identities are left out.
             options: of the fit.
         """
         own = {EffectId(name, effect.form) for name, effect in effects.items()}
-        added = {
-            Group(key, place): effect.at(point)
-            for key, effect in candidates.items()
-            if key not in own and not effect.refines
-            for place, point in enumerate(_vanishing_points(effect, impacts))
-        }
-        vanishing = {f"{group.effect}/{group.place}": effect for group, effect in added.items()}
+        added = {group: effect for group, effect in candidates.items() if group.effect not in own}
+        further = {f"{group.effect}/{group.place}": effect for group, effect in added.items()}
         start = [columns(*effect.values) for effect in added.values()]
         theta = torch.cat((fit.values, *start))
-        about = linearise(law, effects, impacts, theta, fit.scatter, vanishing=vanishing, options=options)
+        about = linearise(law, effects, impacts, theta, fit.scatter, vanishing=further, options=options)
         slope = about.slope.nan_to_num(0.0, 0.0, 0.0)
         whole = torch.cat((slope, about.residual[..., None]), -1)
         products = torch.einsum("n,nip,njq->ijpq", about.weight, whole, whole)
-        parameters = named_parameters({**effects, **vanishing}, options.box, impacts)
+        parameters = named_parameters({**effects, **further}, options.box, impacts)
         groups: dict[Group, list[int]] = {Group(None): [0, 1]}
         at = 2
         for name, effect in effects.items():
@@ -109,13 +104,13 @@ class Quadratic:
         for group, effect in added.items():
             groups[group] = list(range(at, at + len(effect.parameters)))
             at += len(effect.parameters)
-        vanishing = torch.cat(
+        vanished = torch.cat(
             (fit.values[:2], *(columns(*effect.vanished().values) for effect in effects.values()), *start)
         )
         low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64).T
         present = frozenset(group for group in groups if group.effect in own)
         return cls(
-            groups=groups, products=products, theta=theta, vanished=vanishing, low=low, high=high,
+            groups=groups, products=products, theta=theta, vanished=vanished, low=low, high=high,
             trials=len(impacts), present=present,
         )  # fmt: skip
 
@@ -155,6 +150,16 @@ class Quadratic:
     def values(self, groups: frozenset[Group], theta: Float[Tensor, " q"]) -> dict[EffectId, Float[Tensor, " k"]]:
         """Split the values of a set by effect."""
         return {group.effect: theta[list(self.groups[group])] for group in groups if group.effect is not None}
+
+
+def vanishing(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dict[Group, Effect]:
+    """Return each candidate, but for those that only refine, at the values where it vanishes."""
+    return {
+        Group(key, place): effect.at(point)
+        for key, effect in candidates.items()
+        if not effect.refines
+        for place, point in enumerate(_vanishing_points(effect, impacts))
+    }
 
 
 def _vanishing_points(effect: Effect, impacts: Impacts) -> Float[Tensor, "p k"]:

@@ -135,9 +135,7 @@ _SPEED = 0.3, 10.0  # m/s, of the contact point before contact
 
 def suited(parameters: Iterable[Parameter], impacts: Impacts) -> tuple[Parameter, ...]:
     """Return parameters with ranges, and first values, in proportion to measurements."""
-    size = _beyond((impacts.inertia / impacts.mass).sqrt().median().item(), *_SIZE)
-    mass = _beyond(impacts.mass.median().item(), *_MASS)
-    speed = _beyond(impacts.v_c.norm(dim=-1).median().item(), *_SPEED)
+    size, mass, speed = (_beyond(x, *usual) for x, usual in zip(impacts.scales, (_SIZE, _MASS, _SPEED), strict=True))
     factors = {"m": size, "m/s": speed, "s/m": 1 / speed, "N s": mass * speed, "J": mass * speed**2}
     return tuple(_times(p, factors.get(p.unit, 1.0)) for p in parameters)
 
