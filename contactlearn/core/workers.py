@@ -79,29 +79,28 @@ def side_by_side(calls: Sequence[Callable[[], _Result]], fewest: int = 2) -> lis
     """Return the results of independent calls, which a second core shares with this one where there is one.
 
     A copy of this process takes calls in turn with it; what the calls change in the copy is lost.  The results do not
-    depend on the cores, for a call that fails in the copy is made here.  A worker has one core; calls within calls have
-    none to share; and a process whose other threads are more than idle, or with a GPU, cannot be copied safely, nor can
-    one on another system than Linux.
+    depend on the cores, for a call that the copy does not answer is made here.  A worker has one core, and calls within
+    calls have none to share.  A process with threads at work or a GPU cannot be copied safely, nor can one on another
+    system than Linux.
 
     Args:
-        calls: each of at least some hundredths of a second, which a copy takes.
+        calls: at most 256, each of some hundredths of a second at least, which a copy takes.
         fewest: calls that a copy pays for.
     """
-    if len(calls) < fewest or _sharing.locked() or not _can_be_copied():
+    if not fewest <= len(calls) <= 256 or _sharing.locked() or not _can_be_copied():
         return [call() for call in calls]
     with _sharing:
         return _shared(calls)
 
 
 _sharing = threading.Lock()
+_PATIENCE = 60.0  # s, after which a copy that says nothing is given up
 
 
 def _can_be_copied() -> bool:
     if sys.platform != "linux" or parent_process() is not None or len(os.sched_getaffinity(0)) < 2:
         return False
-    busy = [
-        thread for thread in threading.enumerate() if not thread.daemon and thread is not threading.current_thread()
-    ]
+    busy = {thread for thread in threading.enumerate() if not thread.daemon} - {threading.current_thread()}
     return not busy and not torch.cuda.is_available()
 
 
@@ -119,7 +118,8 @@ def _shared(calls: Sequence[Callable[[], _Result]]) -> list[_Result]:
     try:
         done = dict(_taken(calls, waiting))
         with suppress(EOFError):
-            done |= pickle.loads(receiving.recv_bytes())
+            if receiving.poll(_PATIENCE):
+                done |= pickle.loads(receiving.recv_bytes())
     finally:
         copy.kill()
         copy.join()
@@ -137,4 +137,5 @@ def _taken(calls: Sequence[Callable[[], _Result]], waiting: int) -> Iterator[tup
 def _send(sending: Connection, calls: Sequence[Callable[[], object]], waiting: int) -> None:
     """Send the results of the calls that the other process does not take; nothing if one fails."""
     with suppress(BaseException):  # the other process says why it ends
+        torch.set_num_threads(1)  # a copy has none of the threads that its libraries count on
         sending.send_bytes(pickle.dumps(dict(_taken(calls, waiting))))

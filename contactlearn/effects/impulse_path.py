@@ -44,5 +44,4 @@ def perturbed_path(
 
 def contact_of(state: State) -> Contact:
     """Return the contact of a state by component."""
-    W, v = state.W, state.approach
-    return Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v[..., 0], v[..., 1])
+    return Contact.of(state.W, state.approach)

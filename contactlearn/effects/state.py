@@ -137,7 +137,8 @@ class State:
     @property
     def approach(self) -> Float[Tensor, "... n 2"]:
         """v_c for a law, which expects an approach: v_n is at most −1e-9 m/s, also where the state has v_n ≥ 0."""
-        return torch.stack((self.v_t, self.v_n.clamp_max(-_BARELY)), -1)
+        v_t, v_n = self.v_c.unbind(-1)
+        return torch.stack((v_t, v_n.clamp_max(-_BARELY)), -1)
 
     def v_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """(v_x, v_y, ω) [..., N, 3] after a wrench, in contact axes and of the centre of mass."""

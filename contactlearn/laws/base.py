@@ -128,7 +128,7 @@ class Law(ABC):
             raise ContactLearnError(
                 f"W [..., N, 2, 2] and v_c [..., N, 2] must be tensors, such as impacts.W and impacts.v_c, got {seen}"
             )
-        contact = Contact(W[..., 0, 0], W[..., 0, 1], W[..., 1, 1], v_c[..., 0], v_c[..., 1])
+        contact = Contact.of(W, v_c)
         mu, eps = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (self.mu, self.eps))
         varying = {name: value for name, value in self.options.items() if isinstance(value, Tensor)}
         inputs = (*contact, mu, eps, *varying.values())

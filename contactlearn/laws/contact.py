@@ -23,6 +23,12 @@ class Contact(NamedTuple):
     v_t: Values
     v_n: Values
 
+    @classmethod
+    def of(cls, W: Float[Tensor, "*#batch 2 2"], v_c: Float[Tensor, "*#batch 2"]) -> "Contact":
+        """Take W and v_c apart."""
+        w_tt, w_tn, _, w_nn = W.flatten(-2).unbind(-1)
+        return cls(w_tt, w_tn, w_nn, *v_c.unbind(-1))
+
 
 def slip_direction(contact: Contact) -> Values:
     """Return s = ±1, the sign of v_t, or where v_t = 0 that of the slip that a normal impulse would start."""

@@ -41,9 +41,10 @@ def inverse_inertia(
     mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "*#batch"], r: Float[Tensor, "*#batch 2"]
 ) -> Float[Tensor, "*#batch 2 2"]:
     """Inverse effective inertia W [..., 2, 2] in 1/kg at the contact point r [..., 2]."""
-    w_tt = 1 / mass + r[..., 1] ** 2 / inertia
-    w_tn = -r[..., 0] * r[..., 1] / inertia
-    w_nn = 1 / mass + r[..., 0] ** 2 / inertia
+    r_x, r_y = r.unbind(-1)
+    w_tt = 1 / mass + r_y**2 / inertia
+    w_tn = -r_x * r_y / inertia
+    w_nn = 1 / mass + r_x**2 / inertia
     return torch.stack((torch.stack((w_tt, w_tn), -1), torch.stack((w_tn, w_nn), -1)), -2)
 
 
@@ -56,7 +57,8 @@ def effective_inertia(W: Float[Tensor, "*#batch 2 2"]) -> Float[Tensor, "*#batch
 
 def contact_velocity(r: Float[Tensor, "*#batch 2"], v: Float[Tensor, "*#batch 3"]) -> Float[Tensor, "*#batch 2"]:
     """Velocity v_c = J v [..., 2] of the contact point in m/s, from v [..., 3] = (v_x, v_y, ω)."""
-    return torch.stack((v[..., 0] - r[..., 1] * v[..., 2], v[..., 1] + r[..., 0] * v[..., 2]), -1)
+    (r_x, r_y), (v_x, v_y, omega) = r.unbind(-1), v.unbind(-1)
+    return torch.stack((v_x - r_y * omega, v_y + r_x * omega), -1)
 
 
 def apply_wrench(
@@ -67,8 +69,8 @@ def apply_wrench(
     wrench: Float[Tensor, "*#batch 3"],
 ) -> Float[Tensor, "*#batch 3"]:
     """Velocity v⁺ [..., 3] after the wrench (P_t, P_n, τ) [..., 3] in (N s, N s, N m s)."""
-    p_t, p_n, tau = wrench.unbind(-1)
-    spin = r[..., 0] * p_n - r[..., 1] * p_t + tau
+    (r_x, r_y), (p_t, p_n, tau) = r.unbind(-1), wrench.unbind(-1)
+    spin = r_x * p_n - r_y * p_t + tau
     return v + torch.stack((p_t / mass, p_n / mass, spin / inertia), -1)
 
 
@@ -89,9 +91,9 @@ def measured_wrench(
     v_post: Float[Tensor, "*#batch 3"],
 ) -> Float[Tensor, "*#batch 3"]:
     """The one wrench (P_t, P_n, τ) [..., 3] that takes v_pre to v_post: inverse of `apply_wrench`."""
-    dv = v_post - v_pre
-    p_t, p_n = mass * dv[..., 0], mass * dv[..., 1]
-    tau = inertia * dv[..., 2] - (r[..., 0] * p_n - r[..., 1] * p_t)
+    (dv_x, dv_y, domega), (r_x, r_y) = (v_post - v_pre).unbind(-1), r.unbind(-1)
+    p_t, p_n = mass * dv_x, mass * dv_y
+    tau = inertia * domega - (r_x * p_n - r_y * p_t)
     return torch.stack((p_t, p_n, tau), -1)
 
 

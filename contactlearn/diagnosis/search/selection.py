@@ -301,9 +301,11 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
         if improves(less):
             break
         model = _best_of(pool, range(len(less.spec.effects) + 1))
-    path = [_best_of(pool, [size]) for size in range(len(model.spec.effects) - 1)]
-    predict_held_out(pool, folds, path)
-    return next((less for k, less in enumerate(path) if not improves(less, len(model.spec.effects) - k)), model)
+    for size in range(len(model.spec.effects) - 1):
+        less = _best_of(pool, [size])
+        if not improves(less, len(model.spec.effects) - size):
+            return less
+    return model
 
 
 def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
