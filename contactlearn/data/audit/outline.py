@@ -32,6 +32,7 @@ _NOISE = 0.03  # the same of deviations from a disc or an ellipse that do not fo
 _HARMONICS = torch.arange(1, 9)  # of θ, which deviations may follow
 _BETTER = 1.25  # ratio of deviations from which on the floor leans
 _NEARLY_ALL = 0.95  # of the trials: the others may be outliers, or land so flat that either corner is lowest
+_ENOUGH = 5000  # trials of a body, spread evenly
 _FEWEST = 10  # orientations, to within 0.01 rad; and two for each number of the shape
 _SPREAD = 0.02  # least eigenvalue of the normalised design of 1/a² and 1/b²; 0.25 if the points go all around evenly
 _CORNER = 0.02  # of the largest |r|: points as near as this are the same corner
@@ -101,7 +102,8 @@ def with_traced_shape(impacts: Impacts) -> Impacts:
 
 def _traced(impacts: Impacts) -> Outline | None:
     """Return the simplest outline of one body that the contact points trace."""
-    r, theta = impacts.r, impacts.q[:, 2]
+    rows = torch.linspace(0, len(impacts) - 1, min(len(impacts), _ENOUGH)).round().long()
+    r, theta = impacts.r[rows], impacts.q[rows, 2]
     orientations = len((theta.remainder(2 * math.pi) / 0.01).round().unique())
     for shape, numbers in _candidates(rotate(r, -theta)):
         lowest = rotate(contact_point(shape, theta - _LEANS[:, None]), _LEANS[:, None])
