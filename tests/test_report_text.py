@@ -342,7 +342,11 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
     unsure = result.Candidate(effect=SIX[2], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
     separation = result.Separation(effect=TILT, rival=DRAG, drops_needed=4)
     drop = result.Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2,))
-    models = (result.PlausibleModel(law=law, effects=(TILT,), share=0.5) for law in ("wang_mason", "mirtich"))
+    other = replace(TILT, form="seen")
+    models = (
+        result.PlausibleModel(law=law, effects=(one,), share=share)
+        for law, one, share in (("wang_mason", TILT, 0.5), ("mirtich", other, 0.47), ("whittaker", TILT, 0.03))
+    )
     shown = replace(
         found, missing=(sure, probable), candidates=(unsure, replace(unsure, effect=SIX[3], confidence=None)),
         experiment=result.Experiment(separations=(separation,) * 12, drops=(drop,) * 4), models=tuple(models),
@@ -356,7 +360,8 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
         "found: surface tilt (computed) (97 %): the floor is tilted by 2.280 ± 0.030°",
         "probable: spin damping (after) (62 %)",
         "candidates: contact patch (linear) (26 %) and inertia error (a proxy?)",
-        "cannot distinguish: surface tilt (computed) or side drag (linear); Wang–Mason (50 %) or Mirtich (50 %)",
+        "cannot distinguish: surface tilt (computed) or side drag (linear); surface tilt (computed) (53 %) or surface "
+        "tilt (seen) (47 %); Wang–Mason (50 %) or Mirtich (47 %)",
         "next experiment: 4 drops such as θ = 28.6°, v = (−1, −2) m/s, ω = 3 rad/s distinguish these effects",
         "use it: python train.py model=RUN",
     ]

@@ -9,6 +9,7 @@ A macro is one sentence, or several; `phrase` and `phrases` render it by its nam
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
@@ -35,7 +36,7 @@ from contactlearn.diagnosis.result import (
     RungKind,
     Verdict,
 )
-from contactlearn.effects import catalogue
+from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import names, numbers
@@ -44,7 +45,7 @@ from contactlearn.report.text.names import join_words
 _MOST_MODELS = 5  # in the list of plausible models
 _MOST_LISTED = 4  # parameters of an effect without words
 _LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
-_LEAST_BELIEF = 0.05  # in another law, from which on the law is undecided
+_LEAST_BELIEF = 0.05  # in another law or form, from which on it is undecided
 
 _VERDICTS = {
     Verdict.EFFECTS: "effects are missing",
@@ -115,13 +116,15 @@ def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
 
 
 def undecided(found: Diagnosis) -> str:
-    """List effects and laws that the data cannot distinguish; empty where there are none."""
-    belief: dict[str, float] = {}
+    """List effects, forms and laws that the data cannot distinguish; empty where there are none."""
+    beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*found.effects, "law")}
     for model in found.models:
-        belief[model.law] = belief.get(model.law, 0.0) + model.share
-    equal = {law: x for law, x in belief.items() if law == found.law or x >= _LEAST_BELIEF}
-    ranked = dict(sorted(equal.items(), key=lambda one: -one[1])) if found.law in equal else {}
-    return "; ".join(phrases("undecided", found, ranked))
+        for name, one in (*((effect.name, effect) for effect in model.effects), ("law", model.law)):
+            if name in beliefs:
+                beliefs[name][one] += model.share
+    ranked = (sorted(belief.items(), key=lambda one: -one[1]) for belief in beliefs.values())
+    equal = [{one: x for one, x in shares if x >= _LEAST_BELIEF} for shares in ranked]
+    return "; ".join(phrases("undecided", found, [shares for shares in equal if len(shares) > 1]))
 
 
 def confidence(missing: MissingEffect) -> str:
