@@ -343,7 +343,7 @@ def stubbed(monkeypatch):
         return answer(one.name, suite=one.suite, seconds=seconds)
 
     monkeypatch.setattr(run, "ask", ask)
-    monkeypatch.setattr(run, "ProcessPoolExecutor", lambda workers, mp_context: ThreadPoolExecutor(1))
+    monkeypatch.setattr(run, "ProcessPoolExecutor", lambda workers, mp_context, initializer: ThreadPoolExecutor(1))
     return names
 
 
@@ -396,9 +396,10 @@ def test_a_failed_diagnosis_is_a_wrong_answer(monkeypatch):
 def test_calibration_fits_the_odds_of_right_names():
     rng = np.random.default_rng(0)
     x = np.column_stack([np.ones(4000), rng.normal(0, 2, (4000, 2)), rng.uniform(0, 0.5, 4000)])
-    true = np.array([-0.5, 0.8, 1.5, -4.0])
+    x = np.column_stack([x, rng.integers(0, 2, (4000, 2))])
+    true = np.array([-0.5, 0.6, 1.7, -8.0, -1.0, -0.5])
     y = (rng.random(4000) < 1 / (1 + np.exp(-x @ true))).astype(float)
-    assert calibrate.fit(x, y) == pytest.approx(true, abs=0.4)
+    assert calibrate.fit(x, y) == pytest.approx(true, abs=0.5)
     one = answer("single-1000", "adhesion", suite="independent", shares=[0.5], gains=[0.1], left=0.2)
     regressors, right = calibrate.design([one])
-    assert (regressors.tolist(), right.tolist()) == ([[1.0, 0.0, 0.0, 0.2]], [0.0])
+    assert (regressors.tolist(), right.tolist()) == ([[1.0, 0.0, 0.0, 0.2, 0.0, 0.0]], [0.0])

@@ -1,9 +1,9 @@
-"""Fit the stated probability of a named effect to the half "learn", and show how often it is right on others.
+"""Fit the stated probability of a named effect to some answers, and show how often it is right on others.
 
-    python benchmarks/blind/calibrate.py learn.jsonl [poorer.jsonl …] [--report report.jsonl]
+    python benchmarks/blind/calibrate.py learn.jsonl [author_a.jsonl …] [--report report.jsonl]
 
-The files are answers of `run.py` on the independent suite, also with a poorer catalogue.  Printed are the coefficients
-for `contactlearn.diagnosis.search.ladder`, and tables of stated against observed.
+The files are answers of `run.py --every-name`, which makes a name of every candidate.  Printed are the coefficients for
+`contactlearn.diagnosis.search.ladder`, and tables of stated against observed.
 """
 
 import argparse
@@ -21,17 +21,19 @@ from blind.report import judged, reliability_of
 from blind.run import read
 from contactlearn.diagnosis.search.ladder import COEFFICIENTS, regressors
 
-PRIOR = np.array([1.0, 1.0, 1.0, 4.0])
+MEAN = np.array([-0.32, 0.37, 2.15, -9.75, 0.0, 0.0])
+"""Coefficients of an earlier fit to some 500 names, of the whole catalogue and of a poorer one."""
+PRIOR = np.array([1.0, 0.2, 0.4, 2.0, 1.5, 0.7])
 """Standard deviations of the coefficients about MEAN."""
-MEAN = np.array([0.0, 0.5, 0.0, -4.0])
 
 
 def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the regressors [n, 4] of every judged name, and whether it is right [n]."""
+    """Return the regressors [n, 6] of every judged name, and whether it is right [n]."""
     rows = [
-        (regressors(one.answer.shares[k], one.answer.gains[k], one.answer.left), right)
+        (regressors(known.shares[k], known.gains[k], known.left, known.physics == "unknown", len(known.shares) - 1), y)
         for one in judged(answers)
-        for k, right in one.score.named
+        for known in [one.answer]
+        for k, y in one.score.named
     ]
     return np.array([x for x, _ in rows]), np.array([y for _, y in rows], dtype=float)
 

@@ -1,7 +1,7 @@
 """Diagnose the sets of a suite, and report how often the diagnosis is right.
 
     python benchmarks/blind/run.py --suite author_a --answers a.jsonl [--half learn] [--groups nothing single]
-        [--only 06 16] [--limit 20] [--workers 2] [--seconds 60] [--shapeless] [--table | --reveal]
+        [--only 06 16] [--limit 20] [--workers 2] [--seconds 60] [--shapeless] [--every-name] [--table | --reveal]
 
 Every finished set is a line of the file of answers, and an interrupted run resumes from there.  --table prints the
 tables of such a file without diagnosing anything; --reveal prints the ground truth of the chosen sets.  --limit takes
@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
 from multiprocessing import get_context
@@ -29,6 +29,7 @@ from blind.judge import Answer, answer_of, read_truth
 from blind.load import SUITES, BlindSet, blind_sets, load, read_suite
 from blind.report import report
 from contactlearn import diagnose
+from contactlearn.diagnosis.search import ladder
 
 
 def ask(blind_set: BlindSet, seconds: float) -> Answer:
@@ -42,6 +43,11 @@ def ask(blind_set: BlindSet, seconds: float) -> Answer:
             error = f"{type(problem).__name__}: {problem}"
             answer = Answer(suite=blind_set.suite, name=blind_set.name, verdict="failed", physics="failed", error=error)
     return replace(answer, seconds=time.perf_counter() - start)
+
+
+def name_all() -> None:
+    """State every name as certain in this process."""
+    ladder.COEFFICIENTS = (50.0, *(0.0 for _ in ladder.COEFFICIENTS[1:]))
 
 
 def choose(suite: str, half: str | None, groups: set[str], only: set[str], limit: int | None) -> list[BlindSet]:
@@ -74,13 +80,15 @@ def read(path: Path | None) -> dict[tuple[str, str], Answer]:
     return {(one.suite, one.name): one for one in (Answer(**json.loads(line)) for line in lines)}
 
 
-def ask_all(sets: Sequence[BlindSet], path: Path | None, workers: int, seconds: float) -> dict[tuple[str, str], Answer]:
+def ask_all(
+    sets: Sequence[BlindSet], path: Path | None, workers: int, seconds: float, begin: Callable[[], None] | None = None
+) -> dict[tuple[str, str], Answer]:
     """Diagnose the sets that the file has no answer for, append each answer at once, and return all."""
     answers = read(path)
     waiting = [one for one in sets if (one.suite, one.name) not in answers]
     if not waiting:
         return answers
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin) as pool:
         futures = [pool.submit(ask, one, seconds) for one in waiting]
         for future in track(as_completed(futures), total=len(futures), description="sets"):
             answer = future.result()
@@ -102,6 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--limit", type=int, help="so many sets, evenly from all groups")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=60.0, help="limit of each diagnosis")
+    parser.add_argument("--every-name", action="store_true", help="name all candidates, as calibrate.py needs them")
     parser.add_argument("--shapeless", action="store_true", help="do not state the shapes")
     parser.add_argument("--table", action="store_true", help="only print the tables of the answers")
     parser.add_argument("--reveal", action="store_true", help="only print the ground truth")
@@ -117,7 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.shapeless:
         sets = [replace(one, shape=None) for one in sets]
     answers = (
-        read(options.answers) if options.table else ask_all(sets, options.answers, options.workers, options.seconds)
+        read(options.answers)
+        if options.table
+        else ask_all(sets, options.answers, options.workers, options.seconds, name_all if options.every_name else None)
     )
     print(report(answers[one.suite, one.name] for one in sets if (one.suite, one.name) in answers))
 

@@ -111,11 +111,7 @@ def diagnose_audited(
             search = drop_proxy_effects(question, search, generator, drift.found.block)
     comparison = compare_effects(question, search, generator)
     decomposition = decompose_error(question, search, comparison.ladder, generator)
-    alike = 1 + len({key.name for key in _shapeless(question, impacts)})
-    confidence = {
-        one.effect: _confidence(one, decomposition) / (alike if question.candidates[one.effect].like_shape else 1)
-        for one in comparison.ladder.missing
-    }
+    confidence = _confidence(question, impacts, comparison.ladder.missing, decomposition)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
@@ -508,10 +504,17 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
     return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
 
 
-def _confidence(one: MissingEffect, decomposition: ErrorDecomposition) -> float:
-    """Compute the probability that a name is right."""
-    gain = one.error_reduction / (decomposition.budget.named.mean + max(one.error_reduction, 0.0) or 1.0)
-    return calibrated(one.share, gain, decomposition.learned.remainder.share.mean)
+def _confidence(
+    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], decomposition: ErrorDecomposition
+) -> dict[EffectId, float]:
+    """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
+    remainder, named, others = decomposition.learned.remainder, decomposition.budget.named.mean, len(missing) - 1
+    alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
+    for one in missing:
+        gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
+        sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, others)
+        found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
+    return found
 
 
 def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
