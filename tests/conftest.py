@@ -14,7 +14,6 @@ from hydra._internal.hydra import Hydra
 from repetitions import repeated
 from threadpoolctl import threadpool_limits
 
-from contactlearn.core import workers
 from contactlearn.core.errors import DataError
 from contactlearn.data import ellipse_drops as source
 
@@ -73,13 +72,6 @@ def no_work_in_vain():
         patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
         patch.setattr(Options, "_drop_tables_default", [*Options._drop_tables_default, "GDEF", "GPOS", "GSUB"])
         yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def no_copies_beside_other_tests():
-    """The other cores have tests of their own."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        workers._can_be_copied = lambda: False
 
 
 @pytest.fixture(scope="session")

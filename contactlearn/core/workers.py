@@ -94,11 +94,15 @@ def side_by_side(calls: Sequence[Callable[[], _Result]], fewest: int = 2) -> lis
 
 
 _sharing = threading.Lock()
+_OTHERS = 0.5  # mean of the processes that wait for a core, beyond which a copy would be one more
 _PATIENCE = 60.0  # s, after which a copy that says nothing is given up
 
 
 def _can_be_copied() -> bool:
-    if sys.platform != "linux" or parent_process() is not None or len(os.sched_getaffinity(0)) < 2:
+    if sys.platform != "linux" or parent_process() is not None:
+        return False
+    cores = len(os.sched_getaffinity(0))
+    if cores < 2 or os.getloadavg()[0] > cores + _OTHERS:
         return False
     busy = {thread for thread in threading.enumerate() if not thread.daemon} - {threading.current_thread()}
     return not busy and not torch.cuda.is_available()

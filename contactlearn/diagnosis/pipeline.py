@@ -44,7 +44,7 @@ def diagnose(
     thresholds: Thresholds | None = None,
     on_event: OnEvent | None = None,
 ) -> Diagnosis:
-    """Find out which physical effects a contact model is missing; computed on one thread.
+    """Find out which physical effects a contact model is missing; on one thread, with a second core's help.
 
     Args:
         impacts: measurements; those with `validate=False` are audited and corrected, or refused.
