@@ -128,8 +128,8 @@ class Effect(ABC):
     like_shape: ClassVar[bool] = False
     """Whether another contact point looks the same: a moment of an arm that follows from the pose alone.  Where the
     body's shape is unknown, such an effect shares its probability with those that need the shape."""
-    refines: ClassVar[bool] = False
-    """Whether the search tries it only in the place of other forms of its family, since a linearisation where it
+    refines: ClassVar[tuple[str, ...]] = ()
+    """Families, its own or others, in whose place alone the search tries it: it takes long, or a linearisation where it
     vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""

@@ -116,7 +116,7 @@ class SpringRebound(TangentialRestitution):
     in_words = "the tangential spring returns a share {s:%}, and yields {c} times as much as the normal one"
     source = "Maw, Barber & Fawcett 1976; Walton & Braun 1986; Stronge 1994"
     citations = ("maw1976", "walton1986", "stronge1994")
-    refines = True
+    refines = ("tangential_restitution",)
     s: Tensor | float = parameter("s", "–", 0.0, 1.0)
     c: Tensor | float = parameter("c", "–", 0.3, 3.0, vanishing=None, start=1.2)
 

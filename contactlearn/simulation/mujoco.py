@@ -113,7 +113,7 @@ class Bench:
             "mass": finite_number("mass", self.mass, 1e-6, 1e3),
             "mu": finite_number("mu", self.mu, 0, 100),
             "eps": finite_number("eps", self.eps, 0.2, 1),
-            "contact_time": finite_number("contact_time", self.contact_time, 1e-5, 1e-3),
+            "contact_time": finite_number("contact_time", self.contact_time, 1e-5, 2e-2),
             "hidden": hidden,
         }
         for name, value in checked.items():
@@ -318,7 +318,7 @@ def load(
         mass: in kg, in [10⁻⁶, 10³].
         mu: coefficient of friction, in [0, 100]; the engine's own least is 10⁻⁵.
         eps: restitution of the spring and dashpot, in [0.2, 1].
-        contact_time: how long they would take to rebound undamped, half a period, in s; in [10⁻⁵, 10⁻³].
+        contact_time: how long they would take to rebound undamped, half a period, in s; in [10⁻⁵, 0.02].
         tilt: hidden: the floor is turned counter-clockwise by it, rad, in [−0.5, 0.5].
         com_offset: hidden: centre of mass minus the geometric centre, body axes, m; inside the semi-axes.
         inertia_error: hidden: κ in [−1, 1]; the true inertia is e^κ times the reported one.

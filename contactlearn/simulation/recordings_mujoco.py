@@ -118,7 +118,7 @@ def find(
         mass: in kg.
         mu: coefficient of friction.
         eps: restitution of the contact's spring and dashpot, in [0.2, 1].
-        contact_time: how long they would take to rebound undamped, in s; in [10⁻⁵, 10⁻³].
+        contact_time: how long they would take to rebound undamped, in s; in [10⁻⁵, 0.02].
         tilt: hidden: the floor is turned counter-clockwise by it, rad.
         inertia_error: hidden: κ; the true inertia is e^κ times the reported one.
         seed: of motions and faults.

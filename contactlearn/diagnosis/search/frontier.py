@@ -38,7 +38,7 @@ _FITTED = 4  # sets that are fitted of each expansion
 _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
 _FEW = 2  # effects up to which other forms are tried around several laws, beyond them around the best alone
 _SHIFTS = (0.0, *(sign * 0.005 * k for k in range(1, 7) for sign in (-1, 1)))
-"""Changes of ε at which a law that refines others is tried."""
+"""Changes of ε at which what refines others is tried."""
 _TRIED = 32  # values of the parameters of a form that refines
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
@@ -168,9 +168,10 @@ class Search:
             spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
             if spec not in self.pool.models and not self.late:
                 tried = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
-                scores = self.pool.scores_at(spec, torch.stack(tried))
-                if min(scores) < worthwhile:
-                    starts[spec] = tried[scores.index(min(scores))]
+                _, best = self._best_of(spec, torch.stack(tried))
+                score, best = self._best_of(spec, _shifted(best))
+                if score < worthwhile:
+                    starts[spec] = best
         self.pool.all_fitted(starts)
 
     def _transfer(self, model: ScoredFit) -> None:
@@ -183,16 +184,22 @@ class Search:
             spec = model.spec.with_law(name)
             if spec in self.pool.models:
                 continue
-            shifts = _SHIFTS if law.refines else (0.0,)
-            tried = model.fit.values.repeat(len(shifts), 1)
-            tried[:, 1] += torch.tensor(shifts, dtype=torch.float64)
-            scores = self.pool.scores_at(spec, tried)
-            best = min(range(len(shifts)), key=scores.__getitem__)
-            if abs(scores[0] - own) < _IDENTICAL:
+            score, best = self.pool.score_at(spec, model.fit.values), model.fit.values
+            if abs(score - own) < _IDENTICAL:
                 self.pool.adopt(name, model)
-            elif scores[best] < own + (0.0 if law.refines else HOPELESS * len(self.pool.impacts)):
-                starts[spec] = tried[best] if spec.effects or not law.refines else None
+                continue
+            limit = own + HOPELESS * len(self.pool.impacts)
+            if law.refines:
+                (score, best), limit = self._best_of(spec, _shifted(best)), own
+            if score < limit:
+                starts[spec] = best if spec.effects or not law.refines else None
         self.pool.all_fitted(starts)
+
+    def _best_of(self, spec: Spec, tried: Float[Tensor, "c k"]) -> tuple[float, Float[Tensor, " k"]]:
+        """Return the least score of a model at some values, and these values."""
+        scores = self.pool.scores_at(spec, tried)
+        best = min(range(len(scores)), key=scores.__getitem__)
+        return scores[best], tried[best]
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""
@@ -233,6 +240,13 @@ class Search:
             if one.spec not in self.pool.models:
                 found.setdefault(one.spec, one)
         return list(found.values())
+
+
+def _shifted(values: Float[Tensor, " k"]) -> Float[Tensor, "c k"]:
+    """Return values of a model with ε changed a little, which others of its parameters would follow."""
+    tried = values.repeat(len(_SHIFTS), 1)
+    tried[:, 1] += torch.tensor(_SHIFTS, dtype=values.dtype)
+    return tried
 
 
 def _larger(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:

@@ -149,12 +149,12 @@ class Pool:
         return [self.score(spec, effects, one) for one in loss.nan_to_num(math.inf).tolist()]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
-        """List each effect of a model with the other forms of its family."""
+        """List each effect of a model with the other forms of its family, and those that refine it."""
         return [
             (own, other)
             for own in sorted(spec.effects)
             for other in self.candidates
-            if other.name == own.name and other != own
+            if other not in spec.effects and own.name in (other.name, *self.candidates[other].refines)
         ]
 
     def spread(self, effect: EffectId, count: int) -> Float[Tensor, "c k"]:
