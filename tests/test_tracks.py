@@ -9,7 +9,7 @@ import pytest
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import find_frame
-from contactlearn.data.recordings.flights import Air, FlightOptions, find_flights, fit
+from contactlearn.data.recordings.flights import STEADY, Air, FlightOptions, find_flights, fit
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous, turn
 from contactlearn.simulation.camera import Camera
@@ -51,6 +51,26 @@ def matched(size: int, camera: Camera, seed: int):
         mine = np.flatnonzero(truth.recording == k)
         pairs += [(c, int(mine[np.abs(truth.time[mine] - c.time).argmin()])) for c in founds[-1].contacts]
     return founds, pairs, truth
+
+
+def test_flights_that_plates_brake_show_their_own_accelerations_and_meet_within_their_errors():
+    """Each flight has its own acceleration, contacts last 3 ms, and recordings skip frames there."""
+    camera = Camera(frames=250, noise=2e-5, angle_noise=7e-4, lasting=3e-3, skipped=0.5)
+    recordings, truth = simulate(12, camera, drag=0.5, plates=0.15, seed=3)
+    frame = find_frame(recordings)
+    np.testing.assert_allclose(frame.own[0] / np.array((1, 1, 30)), 0.15, rtol=0.5)
+    tracks = [frame.track(recording) for recording in recordings]
+    own, steady = (
+        [find_contacts(track, FlightOptions(air=air)).contacts for track in tracks]
+        for air in (frame.air, replace(frame.air, own=STEADY))
+    )
+    assert sum(map(len, own)) > 1.3 * sum(map(len, steady))
+    scores = []
+    for k, hit in [(k, hit) for k, hits in enumerate(own) for hit in hits]:
+        mine = np.flatnonzero(truth.recording == k)
+        error = hit.v_pre - truth.v_pre[mine[np.abs(truth.time[mine] - hit.time).argmin()]]
+        scores.append(error @ np.linalg.solve(hit.covariance[:3, :3], error))
+    assert np.mean(np.array(scores) < CHI_3) > 0.85
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.8])

@@ -1,6 +1,9 @@
 """From tracks to impacts on simulated recordings with known truth: found, false, errors, coverage, conventions, time.
 
-    python benchmarks/accuracy/recordings.py [--size 300] [--seed 1000] [--what contacts conventions files diagnosis]
+    python benchmarks/accuracy/recordings.py [--size 300] [--seed 1000]
+        [--what contacts rigs conventions files diagnosis]
+
+Rigs brake each flight differently, their contacts last 3 ms, and half of the recordings skip frames at contact.
 
 A contact is clean if the flights before and after it have one frame more than the search requires.  An accepted one
 is false if one of its flights has three frames fewer, or if no true contact is within half a frame.  Shares have
@@ -24,7 +27,8 @@ import torch
 from blind.report import wilson
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.recordings.contacts import find_contacts
-from contactlearn.data.recordings.flights import find_flights
+from contactlearn.data.recordings.conventions import find_frame
+from contactlearn.data.recordings.flights import FlightOptions, find_flights
 from contactlearn.data.recordings.track import turn
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
@@ -54,33 +58,43 @@ GRID = {
     "held by a hand": replace(PLAIN, held=0.2),
 }
 
+RIGS = {
+    f"{rate:g}/s, {1e3 * noise:g} mm": replace(
+        PLAIN, rate=rate, frames=round(1.6 * rate), noise=noise, angle_noise=35 * noise, lasting=3e-3, skipped=0.5
+    )
+    for rate in (250.0, 500.0)
+    for noise in (2e-5, 5e-5, 2e-4)
+}
+BRAKED = {"drag": 0.5, "plates": 0.15}
+
 
 def share(good: int, of: int) -> str:
     """Share with its 95 % interval."""
     return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * x for x in (good / of, *wilson(good, of)))) if of else "–"
 
 
-def contacts(size: int, seed: int) -> None:
+def contacts(size: int, seed: int, cameras: dict[str, Camera], **braked: float) -> None:
     """A row of the table for every camera."""
     header(
         "tracks", "found, %", "false, %", "v_pre in its region, %", "v_post, %", "largest bias, σ", "instant, frames",
         "missing right, %", "ms",
     )  # fmt: skip
-    for number, (name, camera) in enumerate(GRID.items()):
-        printed(name, *row(size, camera, seed + number))
+    for number, (name, camera) in enumerate(cameras.items()):
+        printed(name, *row(size, camera, seed + number, **braked))
 
 
-def row(size: int, camera: Camera, seed: int) -> tuple[str, ...]:
-    """Everything that is measured with one camera."""
-    recordings, truth = simulate(size, camera, seed=seed)
+def row(size: int, camera: Camera, seed: int, **braked: float) -> tuple[str, ...]:
+    """Everything that is measured with one camera; flights that are braked have the accelerations of a sample."""
+    recordings, truth = simulate(size, camera, seed=seed, **braked)
+    options = FlightOptions(air=find_frame(recordings[:24]).air) if braked else FlightOptions()
     found, false, errors, inside, instants, missing, accepted, spent = set(), 0, [], [], [], 0, 0, 0.0
     widths = []
     for k, recording in enumerate(recordings):
         start = time.process_time()
         track = flat(recording)
-        result = find_contacts(track)
+        result = find_contacts(track, options)
         spent += time.process_time() - start
-        width = find_flights(track).width
+        width = find_flights(track, options).width
         widths.append((np.flatnonzero(truth.recording == k), width))
         for contact in result.contacts:
             accepted += 1
@@ -216,10 +230,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=300, help="recordings of a row")
     parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--what", nargs="+", default=["contacts", "conventions", "files", "diagnosis"])
+    parser.add_argument("--what", nargs="+", default=["contacts", "rigs", "conventions", "files", "diagnosis"])
     options = parser.parse_args()
     if "contacts" in options.what:
-        contacts(options.size, options.seed)
+        contacts(options.size, options.seed, GRID)
+    if "rigs" in options.what:
+        contacts(options.size, options.seed, RIGS, **BRAKED)
     if "conventions" in options.what:
         conventions(max(8, options.size // 25), options.seed)
     if "files" in options.what:

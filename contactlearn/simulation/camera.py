@@ -38,6 +38,7 @@ class Camera:
         exposure: s over which a frame is the mean pose.
         lost: share of frames that are marked as lost.
         bad: share of frames with a gross error.
+        lasting: s over which a contact changes the velocity, steadily.
         skipped: share of recordings that skip one or two frames at the first contact without a gap in their times.
         stated_rate: frames a second that the time stamps pretend; `rate` if None.
         length: the file's units of length in a metre, 1000 for mm.
@@ -60,6 +61,7 @@ class Camera:
     exposure: float = 0.0
     lost: float = 0.0
     bad: float = 0.0
+    lasting: float = 0.0
     skipped: float = 0.0
     stated_rate: float | None = None
     length: float = 1.0
@@ -138,7 +140,7 @@ def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], 
     late = clock > first[:, None]
     clock = clock + late * skips[:, None] * step
     offsets = np.linspace(-0.5, 0.5, _BLUR) * camera.exposure if camera.exposure else np.zeros(1)
-    pose = np.mean([motion.poses(torch.from_numpy(np.maximum(clock + dt, 0.0))).numpy() for dt in offsets], 0)
+    pose = np.mean([_poses(motion, np.maximum(clock + dt, 0.0), camera.lasting) for dt in offsets], 0)
     sigma = np.array((camera.noise, camera.noise, camera.angle_noise))
     pose = pose + sigma * rng.standard_normal(pose.shape)
     bad = rng.random(clock.shape) < camera.bad
@@ -148,6 +150,16 @@ def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], 
     time = np.arange(camera.frames) / (camera.stated_rate or camera.rate)
     recordings = [_recording(f"{k + 1:04d}", time, poses, camera, rng) for k, poses in enumerate(pose)]
     return recordings, _truth(motion, clock, skips)
+
+
+def _poses(motion: Motion, clock: Array, lasting: float) -> Float[Array, "n t 3"]:
+    """Poses of bodies whose contacts last: apart from the flights by Δv (T/2 − |τ|)² / 2T."""
+    poses = motion.poses(torch.from_numpy(clock)).numpy()
+    for k in range(1, motion.start.shape[1] if lasting else 0):
+        tau = np.abs(clock - motion.start[:, k, None].numpy())
+        inside, change = np.maximum(lasting / 2 - tau, 0.0), (motion.v - motion.v_before)[:, k].numpy()
+        poses = poses + (inside**2)[..., None] / (2 * lasting) * change[:, None]
+    return poses
 
 
 def _truth(motion: Motion, clock: Array, skips: NDArray[np.int64]) -> TrueContacts:

@@ -43,13 +43,24 @@ _ROCKING, _SETTLING, _SLOWING = 12.0, 0.15, 0.1  # rad/s, s, s
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
-    """A rigid body, the law of its contacts with the floor, and the drag of the air in 1/s."""
+    """A rigid body, the law of its contacts with the floor, and what acts on it in the air.
+
+    Args:
+        drag: linear drag in 1/s.
+        plates: standard deviation in m/s² of an acceleration that each flight has of its own; of its spin, 30 rad/m
+            times as much.
+    """
 
     shape: Shape
     mass: float
     inertia: float
     model: ContactModel
     drag: float = 0.0
+    plates: float = 0.0
+
+    def own(self, count: int, generator: torch.Generator) -> Float[Tensor, "n 3"]:
+        """Accelerations of flights."""
+        return self.plates * torch.tensor((1.0, 1.0, 30.0)) * random(torch.randn, (count, 3), generator)
 
 
 def random_throws(count: int, generator: torch.Generator) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
@@ -68,32 +79,33 @@ def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     """Throw bodies from a hand until they rest."""
     q, v = random_throws(count, generator)
     time, rests = torch.zeros(count, dtype=torch.float64), torch.full((count,), torch.inf, dtype=torch.float64)
-    starts, flights, q_rest, v_rest = [time], [(q, v, v)], q.clone(), v.clone()
+    own = body.own(count, generator)
+    starts, flights, q_rest, v_rest = [time], [(q, v, v, own)], q.clone(), v.clone()
     for _ in range(_MOST):
-        after = _next_contact(body, q, v)
-        q_hit, v_hit = _moved(q, v, after, body.drag)
+        after = _next_contact(body, q, v, own)
+        q_hit, v_hit = _moved(q, v, own, after, body.drag)
         time = time + after
-        v_new = _resolved(body, q_hit, v_hit)
-        soon = _next_contact(body, q_hit, v_new) < ZENO
+        v_new, own = _resolved(body, q_hit, v_hit), body.own(count, generator)
+        soon = _next_contact(body, q_hit, v_new, own) < ZENO
         stops = soon & rests.isinf() & time.isfinite()
         rests = torch.where(stops, time, rests)
         q_rest, v_rest = (torch.where(stops[:, None], x, y) for x, y in ((q_hit, q_rest), (v_hit, v_rest)))
         time = torch.where(rests.isinf(), time, torch.inf)
         q, v = q_hit, v_new
         starts.append(time)
-        flights.append((q_hit, v_new, v_hit))
+        flights.append((q_hit, v_new, v_hit, own))
         if time.isinf().all():
             break
     rests = torch.where(time.isfinite(), time, rests)  # after the last contact that is followed
     q_rest, v_rest = (torch.where(time.isfinite()[:, None], x, y) for x, y in ((q, q_rest), (v, v_rest)))
     parts = (torch.stack(part, 1) for part in zip(*flights, strict=True))
     there = torch.stack(starts, 1)
-    q, v, v_before = (torch.where(there.isfinite()[..., None], part, 0.0) for part in parts)
+    q, v, v_before, own = (torch.where(there.isfinite()[..., None], part, 0.0) for part in parts)
 
     def poses(time: Tensor) -> Tensor:
         flight = torch.searchsorted(there.contiguous(), time.contiguous(), right=True).clamp_min(1) - 1
-        picked = [x.gather(1, flight[..., None].expand(-1, -1, 3)) for x in (q, v)]
-        flying = _moved(picked[0], picked[1], time - there.gather(1, flight), body.drag)[0]
+        q_0, v_0, own_0 = (x.gather(1, flight[..., None].expand(-1, -1, 3)) for x in (q, v, own))
+        flying = _moved(q_0, v_0, own_0, time - there.gather(1, flight), body.drag)[0]
         resting = _rocking(body, q_rest, v_rest, (time - rests[:, None]).clamp_min(0))
         return torch.where((time >= rests[:, None])[..., None], resting, flying)
 
@@ -110,22 +122,24 @@ def _rocking(body: Body, q: Tensor, v: Tensor, since: Tensor) -> Tensor:
     return torch.stack((along, -contact_point(body.shape, angle)[..., 1], angle), -1)
 
 
-def _moved(q: Tensor, v: Tensor, since: Tensor, drag: float) -> tuple[Tensor, Tensor]:
-    """Pose and velocity [..., 3] after a flight of `since` [...] in s."""
+def _moved(q: Tensor, v: Tensor, own: Tensor, since: Tensor, drag: float) -> tuple[Tensor, Tensor]:
+    """Pose and velocity [..., 3] after a flight of `since` [...] in s with an acceleration of its own."""
     tau = torch.where(since.isfinite(), since, 0.0)
     s = -torch.expm1(-drag * tau) / drag if drag else tau
     b = (tau - s) / drag if drag else tau**2 / 2
-    x, y = q[..., 0] + v[..., 0] * s, q[..., 1] + v[..., 1] * s - GRAVITY * b
-    decay = torch.exp(-drag * tau)
-    velocity = torch.stack((v[..., 0] * decay, v[..., 1] * decay - GRAVITY * s, v[..., 2].expand_as(tau)), -1)
-    return torch.stack((x, y, q[..., 2] + v[..., 2] * tau), -1), velocity
+    pulled = own + torch.tensor((0.0, -GRAVITY, 0.0))
+    s, b, decay = (
+        torch.stack((air, air, free), -1)
+        for air, free in ((s, tau), (b, tau**2 / 2), (torch.exp(-drag * tau), 1 + 0 * tau))
+    )
+    return q + v * s + pulled * b, v * decay + pulled * s
 
 
-def _next_contact(body: Body, q: Tensor, v: Tensor) -> Tensor:
+def _next_contact(body: Body, q: Tensor, v: Tensor, own: Tensor) -> Tensor:
     """Time [N] in s to the next contact of a flight that begins at or above the floor."""
 
     def height(tau: Tensor) -> Tensor:
-        pose = _moved(q[:, None], v[:, None], tau, body.drag)[0]
+        pose = _moved(q[:, None], v[:, None], own[:, None], tau, body.drag)[0]
         return pose[..., 1] + contact_point(body.shape, pose[..., 2])[..., 1]
 
     grid = torch.linspace(0, 1, _GRID, dtype=torch.float64)[1:] ** 2 * _LONGEST
@@ -205,6 +219,7 @@ def simulate(
     eps: float = 0.55,
     effects: Mapping[str, Effect] = MappingProxyType({}),
     drag: float = 0.0,
+    plates: float = 0.0,
     seed: int = 0,
 ) -> tuple[list[Recording], TrueContacts]:
     """Simulate recordings of ellipses that are thrown onto a floor, and return them with the truth."""
@@ -216,6 +231,7 @@ def simulate(
         inertia=MASS * shape.gyration_squared(),
         model=model,
         drag=finite_number("drag", drag, 0),
+        plates=plates,
     )
     motion = throw(body, size, torch.Generator().manual_seed(seed))
     return record(motion, camera, seed)

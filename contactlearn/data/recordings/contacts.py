@@ -127,6 +127,7 @@ def cut(
     flights: Sequence[Flight],
     meetings: Sequence[Meeting | None],
     found: Flights,
+    contact_time: float,
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
 
@@ -137,6 +138,8 @@ def cut(
         flights: in their order.
         meetings: of each with the next, where one contact may be between them.
         found: noise of a frame, and width of a window.
+        contact_time: longest contact in s; frames within half of it are left out, for one that bends them by less than
+            the noise.
     """
     sigma = found.sigma
     fitted: list[Flight] = []
@@ -144,9 +147,9 @@ def cut(
     for flight, start, end in zip(flights, ends, ends[1:], strict=False):
         when, kept = track.time[flight.frames], np.ones(len(flight.frames), dtype=np.bool_)
         if start is not None:
-            kept &= when >= start.time - start.missing * track.step + start.lasting
+            kept &= when >= start.time - start.missing * track.step + max(start.lasting, contact_time / 2)
         if end is not None:
-            kept &= when <= end.time - end.lasting
+            kept &= when <= end.time - max(end.lasting, contact_time / 2)
         frames = flight.frames[kept]
         if len(frames) < 4:
             frames = flight.frames
@@ -251,7 +254,7 @@ def find_contacts(
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
-    flights = cut(track, flights, meetings, found)
+    flights = cut(track, flights, meetings, found, options.contact_time)
     known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
     known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):

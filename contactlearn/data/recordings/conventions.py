@@ -14,6 +14,7 @@ message names the missing setting.  Axes of the file within 2° of gravity are u
 upright.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -280,7 +281,8 @@ def find_frame(
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
-    return replace(frame, own=own_accelerations(map(frame.track, recordings), frame.air))
+    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = own_accelerations(map(frame.track, recordings), frame.air)
+    return replace(frame, own=((a_x, a_y, a_θ), (j_x, math.hypot(j_y, GRAVITY * min(frame.drag_error, 1.0)), j_θ)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

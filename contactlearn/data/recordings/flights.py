@@ -286,7 +286,7 @@ def windows(
 
 _LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
 _WIDEST = 80  # frames
-_REST_POWER = 150.0  # χ² that a body at rest makes in the shortest window of a flight; 150 to 750 decide alike
+_REST_POWER = 300.0  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL = 0.1  # of the way of a fast window
@@ -349,7 +349,7 @@ def find_flights(
     )
 
 
-_OWN = ((1.0, 1.0, 30.0), (10.0, 10.0, 300.0))  # a tenth of gravity in 0.1 s, before flights have shown theirs
+_OWN = ((0.5, 0.5, 30.0), (10.0, 10.0, 300.0))  # at most: with more of it a body at rest would be in flight
 _SHOWN = 8  # flights that show the own accelerations of all
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
@@ -361,12 +361,16 @@ def own_accelerations(tracks: Iterable[Track], air: Air) -> Own:
     its mean m = (J + 1/D)⁻¹ h has the variance D − (J + 1/D)⁻¹: D is where the median of m² is as large as it should
     be, so that a few stretches which are no flights do not count.
     """
-    options = FlightOptions(air=replace(air, own=_OWN))
-    long = [f for track in tracks for found in [find_flights(track, options)] for f in found.flights
-            if len(f.frames) >= 2 * found.width]  # fmt: skip
+    options, long = FlightOptions(air=replace(air, own=_OWN)), list[Flight]()
+    for track in tracks:
+        found, bent = find_flights(track, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
+        parts = [
+            flight.frames[bent:-bent] for flight in found.flights if len(flight.frames) >= 2 * found.width + 2 * bent
+        ]
+        long += [fit(track.time, track.pose, frames, found.sigma, options.air) for frames in parts]
     if len(long) < _SHOWN:
         return STEADY
-    D = np.array(_OWN).T ** 2
+    D = most = np.array(_OWN).T ** 2
     inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
     J, h = (
         inverse - np.apply_along_axis(np.diag, -1, 1 / D),
@@ -376,7 +380,7 @@ def own_accelerations(tracks: Iterable[Track], air: Air) -> Own:
         posterior = np.linalg.inv(J + np.apply_along_axis(np.diag, -1, 1 / D))
         variance = np.einsum("fkij,fkji,ki->fki", posterior, J, D)
         m = (posterior @ h)[..., 0]
-        D = D * np.clip(np.median(m**2 / np.maximum(variance, 1e-300), axis=0) / _MEDIAN, 0.25, 2.0)
+        D = np.minimum(D * np.clip(np.median(m**2 / np.maximum(variance, 1e-300), axis=0) / _MEDIAN, 0.25, 2.0), most)
     (a_x, a_y, a_θ), (j_x, j_y, j_θ) = np.sqrt(D).T.tolist()
     return (a_x, a_y, a_θ), (j_x, j_y, j_θ)
 
