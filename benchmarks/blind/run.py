@@ -5,7 +5,7 @@
 
 Every finished set is a line of the file of answers, and an interrupted run resumes from there.  --table prints the
 tables of such a file without diagnosing anything; --reveal prints the ground truth of the chosen sets.  --limit takes
-sets evenly from all groups.  --shapeless withholds the outlines of simulated bodies.  Wrong answers of the half
+sets evenly from all groups.  --shapeless withholds the outlines of the bodies.  Wrong answers of the half
 "report" are not listed.
 """
 
@@ -32,13 +32,15 @@ from contactlearn import diagnose
 from contactlearn.diagnosis.search import ladder
 
 
-def ask(blind_set: BlindSet, seconds: float) -> Answer:
-    """Diagnose a set from its impacts alone, within so many seconds."""
+def ask(blind_set: BlindSet, seconds: float, shapeless: bool = False) -> Answer:
+    """Diagnose a set from its impacts alone, within so many seconds, on request without the shape."""
     torch.set_num_threads(1)
     start = time.perf_counter()
     with threadpool_limits(1):
         try:
-            answer = answer_of(blind_set.suite, blind_set.name, diagnose(load(blind_set), seconds=seconds))
+            impacts = load(blind_set)
+            impacts = impacts.replace(shape=None) if shapeless else impacts
+            answer = answer_of(blind_set.suite, blind_set.name, diagnose(impacts, seconds=seconds))
         except Exception as problem:  # a diagnosis that fails is a wrong answer, and the others go on
             error = f"{type(problem).__name__}: {problem}"
             answer = Answer(suite=blind_set.suite, name=blind_set.name, verdict="failed", physics="failed", error=error)
@@ -81,7 +83,12 @@ def read(path: Path | None) -> dict[tuple[str, str], Answer]:
 
 
 def ask_all(
-    sets: Sequence[BlindSet], path: Path | None, workers: int, seconds: float, begin: Callable[[], None] | None = None
+    sets: Sequence[BlindSet],
+    path: Path | None,
+    workers: int,
+    seconds: float,
+    shapeless: bool,
+    begin: Callable[[], None] | None = None,
 ) -> dict[tuple[str, str], Answer]:
     """Diagnose the sets that the file has no answer for, append each answer at once, and return all."""
     answers = read(path)
@@ -89,7 +96,7 @@ def ask_all(
     if not waiting:
         return answers
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin) as pool:
-        futures = [pool.submit(ask, one, seconds) for one in waiting]
+        futures = [pool.submit(ask, one, seconds, shapeless) for one in waiting]
         for future in track(as_completed(futures), total=len(futures), description="sets"):
             answer = future.result()
             answers[answer.suite, answer.name] = answer
@@ -123,12 +130,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         truth = read_suite(options.suite)["sets"]
         print(json.dumps({one.name: truth[one.name] for one in sets}, indent=1, ensure_ascii=False))
         return
-    if options.shapeless:
-        sets = [replace(one, shape=None) for one in sets]
+    begin = name_all if options.every_name else None
     answers = (
         read(options.answers)
         if options.table
-        else ask_all(sets, options.answers, options.workers, options.seconds, name_all if options.every_name else None)
+        else ask_all(sets, options.answers, options.workers, options.seconds, options.shapeless, begin)
     )
     print(report(answers[one.suite, one.name] for one in sets if (one.suite, one.name) in answers))
 
