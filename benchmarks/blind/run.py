@@ -5,15 +5,14 @@
 
 Every finished set is a line of the file of answers, and an interrupted run resumes from there.  --table prints the
 tables of such a file without diagnosing anything; --reveal prints the ground truth of the chosen sets.  --limit takes
-sets evenly from all groups.  --shapeless withholds the outlines of the bodies.  Wrong answers of the half
-"report" are not listed.
+sets evenly from all groups.  --shapeless withholds the outlines.  Wrong answers of the half "report" are not listed.
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
 from multiprocessing import get_context
@@ -82,21 +81,15 @@ def read(path: Path | None) -> dict[tuple[str, str], Answer]:
     return {(one.suite, one.name): one for one in (Answer(**json.loads(line)) for line in lines)}
 
 
-def ask_all(
-    sets: Sequence[BlindSet],
-    path: Path | None,
-    workers: int,
-    seconds: float,
-    shapeless: bool,
-    begin: Callable[[], None] | None = None,
-) -> dict[tuple[str, str], Answer]:
+def ask_all(sets: Sequence[BlindSet], options: argparse.Namespace) -> dict[tuple[str, str], Answer]:
     """Diagnose the sets that the file has no answer for, append each answer at once, and return all."""
+    path, begin = options.answers, name_all if options.every_name else None
     answers = read(path)
     waiting = [one for one in sets if (one.suite, one.name) not in answers]
     if not waiting:
         return answers
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin) as pool:
-        futures = [pool.submit(ask, one, seconds, shapeless) for one in waiting]
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn"), initializer=begin) as pool:
+        futures = [pool.submit(ask, one, options.seconds, options.shapeless) for one in waiting]
         for future in track(as_completed(futures), total=len(futures), description="sets"):
             answer = future.result()
             answers[answer.suite, answer.name] = answer
@@ -130,12 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         truth = read_suite(options.suite)["sets"]
         print(json.dumps({one.name: truth[one.name] for one in sets}, indent=1, ensure_ascii=False))
         return
-    begin = name_all if options.every_name else None
-    answers = (
-        read(options.answers)
-        if options.table
-        else ask_all(sets, options.answers, options.workers, options.seconds, options.shapeless, begin)
-    )
+    answers = read(options.answers) if options.table else ask_all(sets, options)
     print(report(answers[one.suite, one.name] for one in sets if (one.suite, one.name) in answers))
 
 
