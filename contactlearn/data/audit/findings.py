@@ -81,7 +81,7 @@ def _not_recommended(finding: Finding) -> Finding:
 
 
 def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
-    """Find the mistakes in a few hundred of the measurements, spread evenly; notes that correct nothing are left out.
+    """Find the mistakes in a few hundred of the measurements, spread evenly; notes are left out.
 
     Repeated trials and their order are looked at in all of them.
     """
@@ -89,7 +89,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     found = (*audit(sound[rows], thresholds), *found)
-    return tuple(finding for finding in found if finding.mistake or finding.correction)
+    return tuple(finding for finding in found if finding.mistake)
 
 
 def _subsample(impacts: Impacts) -> Impacts:
