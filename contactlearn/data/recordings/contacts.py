@@ -20,6 +20,7 @@ between two flights                       one contact if both meet at an instant
     more frames lost than can be counted    unknown
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -297,7 +298,7 @@ def _between(
     change, errors = apart(before, after, met.time)
     moved = float(change[3:] @ np.linalg.solve(errors[3:, 3:], change[3:]))
     lost = int((~track.seen[first + 1 : last]).sum())
-    few = _too_few((before, after), known, found, options)
+    few = _too_few((before, after), known, found.width - math.ceil(options.contact_time / 2 / track.step))
     jump = 1e3 * float(np.hypot(*change[:2]))
     late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, met.time, n * track.step))
     skipped = next(late, 0)  # frames but for which the two flights are one
@@ -316,17 +317,14 @@ def _between(
     return met
 
 
-def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], found: Flights, options: FlightOptions) -> int:
+def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: int) -> int:
     """Frames of the shorter flight of those with too few, or 0.
 
-    A flight whose end is not seen may include frames of the next event: it needs a whole window.
+    A flight whose end is not seen may include frames of the next event: it needs a whole window, without the frames
+    that the contact may bend.
     """
-    counts = [
-        len(flight.frames)
-        for flight, ends in zip(flights, known, strict=True)
-        if len(flight.frames) < max(options.fewest, found.width - _EDGES * ends)
-    ]
-    return min(counts, default=0)
+    counts = [len(flight.frames) for flight in flights]
+    return min((n for n, ends in zip(counts, known, strict=True) if n < fewest - _EDGES * ends), default=0)
 
 
 def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:
