@@ -304,13 +304,13 @@ def test_the_tables_show_right_and_wrong_answers():
     assert report.report([]) == "no set is finished"
     shown = report.report(
         [
-            answer("02", suite="author_d", verdict="unknown", superseded=["shape_error", "adhesion"]),
+            answer("02", suite="author_d", verdict="unknown", candidates=["shape_error", "adhesion"]),
             answer("46", "contact_patch", suite="author_d", verdict="unknown"),
             answer("09", "spin_damping", suite="author_d"),
         ]
     )
     assert "| as named | 1 | 1/2" in shown
-    assert "| with proxy effects that were dropped | 3 | 0/2" in shown
+    assert "| with candidates | 3 | 0/2" in shown
     sets = [answer(f"single-{seed}", "adhesion", suite="independent", complete=False) for seed in (1000, 1001)]
     shown = report.report(sets)
     assert "| single-1000 | 300 | 0.50 | settles at speed" in shown
@@ -338,7 +338,7 @@ def stubbed(monkeypatch):
     """Answers without a diagnosis, in this process; the names of the sets."""
     names = []
 
-    def ask(one, seconds):
+    def ask(one, seconds, shapeless):
         names.append(one.name)
         return answer(one.name, suite=one.suite, seconds=seconds)
 

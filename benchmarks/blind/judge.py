@@ -39,7 +39,7 @@ class Answer:
         variables: symbols that the residual depends on beyond chance, by their share.
         serial_dependence: `coefficient`, `follows`, `trials` and `share` of a coefficient that follows the sequence.
         state_dependence: `coefficient`, `variables` and `share` of a coefficient that depends on the state.
-        superseded: proxy effects that were dropped for a state dependence.
+        candidates: names of effects that explain a part under a name that is not probable, proxies among them.
         formulas: proposed for the residual.
         complete: False where the search ran out of time.
         seconds: that the diagnosis took.
@@ -65,7 +65,7 @@ class Answer:
     variables: list[str] = field(default_factory=list)
     serial_dependence: dict[str, Any] | None = None
     state_dependence: dict[str, Any] | None = None
-    superseded: list[str] = field(default_factory=list)
+    candidates: list[str] = field(default_factory=list)
     formulas: list[str] = field(default_factory=list)
     complete: bool = True
     seconds: float = 0.0
@@ -111,7 +111,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
             "variables": [one.symbol for one in state.variables],
             "share": state.share.mean,
         },
-        superseded=[one.effect.name for one in found.candidates if one.confidence is None],
+        candidates=[one.effect.name for one in found.candidates],
         formulas=[one.text for one in found.formulas],
         complete=found.complete,
     )
@@ -188,7 +188,7 @@ class Score:
         first: the first name is right (of measured drops, any name).
         exact: every name is a hidden effect, and none is missing.
         simpler: that, or it is true of the simpler model.
-        plausible: it is true of a plausible model or of the simpler one.
+        plausible: it is true of a plausible model or of the simpler one; of measured drops, a name or a candidate is.
         no_false_name: no name is wrong, where nothing is hidden or something unknown is.
         false_unknown: something is called unknown where nothing is.
         unknown: unknown physics is called unknown.
@@ -227,7 +227,8 @@ def score(answer: Answer, truth: Truth) -> Score:
         case "unjudged":
             return Score()
         case "includes":
-            return Score(first=not truth.right.isdisjoint(names))
+            listed = [*names, *answer.candidates]
+            return Score(first=not truth.right.isdisjoint(names), plausible=not truth.right.isdisjoint(listed))
         case "ordered":
             right = [name in accepted for name, accepted in zip(names, truth.accepted, strict=False)]
             return Score(first=right[:1] == [True], exact=right == [True] * len(truth.accepted))

@@ -177,14 +177,14 @@ def reliability_of(columns: dict[str, list[tuple[float, bool]]]) -> str:
 
 
 def beside_unknown(sets: Sequence[Judged]) -> str:
-    """Tabulate false names beside unknown physics, as given and with the proxy effects that were dropped."""
+    """Tabulate false names beside unknown physics, as given and with the candidates."""
     unknown = [one for one in sets if one.truth.question == "unknown"]
     if not unknown:
         return ""
     rows = []
-    for words, more in (("as named", False), ("with proxy effects that were dropped", True)):
+    for words, more in (("as named", False), ("with candidates", True)):
         false = [
-            false_names([*one.answer.effects, *(one.answer.superseded if more else [])], one.truth) for one in unknown
+            false_names([*one.answer.effects, *(one.answer.candidates if more else [])], one.truth) for one in unknown
         ]
         rows.append([words, str(sum(map(len, false))), share([not names for names in false])])
     return table(["names beside unknown physics", "false names", "sets without any"], rows)

@@ -27,10 +27,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from contactlearn.mechanics.impacts import Impacts
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 7
@@ -165,21 +162,21 @@ def usual(folder: Path, sizes: list[int]) -> None:
     from contactlearn.diagnosis.pipeline import diagnose
     from contactlearn.simulation import hidden_effects
 
-    names = sorted(hidden_effects.EFFECTS)
+    names, tables = sorted(hidden_effects.EFFECTS), {"1718 published drops": [ellipse_drops.load()]}
     for count in (1, 2, 3):
         chosen = [random.Random(100 * count + seed).sample(names, count) for seed in range(5)]
         drawn = [hidden_effects.draw(100 * count + k, size=400, effects=some)[0] for k, some in enumerate(chosen)]
-        busy, wall = zip(*(cost(diagnose, impacts) for impacts in drawn), strict=True)
-        print(
-            f"400 trials, {count} effects: {statistics.median(busy):.1f} s of the processor ({max(busy):.1f} at most), "
-            f"{statistics.median(wall):.1f} s by the clock ({max(wall):.1f} at most)",
-            flush=True,
-        )
-    busy, wall = cost(diagnose, ellipse_drops.load())
-    print(f"1718 published drops: {busy:.1f} s of the processor, {wall:.1f} s by the clock", flush=True)
+        tables[f"400 trials, {count} effects"] = drawn
+    for name, some in tables.items():
+        busy, wall = zip(*(cost(diagnose, impacts) for impacts in some), strict=True)
+        for words, seconds in (("processor", busy), ("clock", wall)):
+            print(
+                f"{name}, s of the {words}: median {statistics.median(seconds):.1f}, most {max(seconds):.1f}",
+                flush=True,
+            )
 
 
-def cost(function: Callable[["Impacts"], object], impacts: "Impacts") -> tuple[float, float]:
+def cost(function: Callable[[Any], object], impacts: Any) -> tuple[float, float]:
     """Return the seconds of the processor, those of copies of this process among them, and of the clock."""
     before = os.times()
     function(impacts)
