@@ -54,8 +54,9 @@ def test_no_verdict_contradicts_its_budget():
         if physics is Verdict.NONE:
             assert shares.unnamed <= MUCH
             assert not flags["predictable"] or flags["better_law"]
-            stated = budget.noise is not None and budget.noise_source is not NoiseSource.ESTIMATED
-            assert not (stated and shares.left > MUCH and budget.named.low > budget.noise.high)
+            limit = 2 * MUCH if budget.noise_source is NoiseSource.ESTIMATED else MUCH
+            exceeds = budget.noise is not None and budget.named.low > budget.noise.high
+            assert not (exceeds and shares.left > limit)
         if shares.noise is not None:
             assert shares.noise * budget.base.mean <= min(budget.flexible.mean, budget.named.mean) * (1 + 1e-12)
             assert shares.noise + shares.explained + shares.left == pytest.approx(1.0)

@@ -172,7 +172,7 @@ def error_budget(
         floor: the noise; an estimate that processes clearly undercut is none.
         with_candidates: mean error with the candidates as well; None without any.
     """
-    usable = floor.source is not NoiseSource.ESTIMATED or floor.error.low <= flexible.high
+    usable = floor.source is not NoiseSource.ESTIMATED or floor.error.low <= min(flexible.high, named.high)
     best = named.mean if with_candidates is None else min(named.mean, with_candidates)
     noise = min(floor.error.mean, best, flexible.mean)
     whole = base.mean or 1.0  # of exact data
@@ -213,8 +213,8 @@ def verdict(
     | much is left, and the search ran out of time | unfinished | unfinished |
     | little is left | effects | none |
 
-    Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise
-    that was measured or stated: an estimated noise floor contains whatever the state does not tell.
+    Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise; an
+    estimated noise floor, which scatters, must be exceeded by twice as much as a measured or stated one.
 
     Args:
         budget: with its shares.
@@ -224,11 +224,12 @@ def verdict(
         complete: whether the search came to its own end.
         thresholds: the share that is much, `form_error`.
     """
-    shares, source = budget.shares, budget.noise_source
-    exceeds = budget.noise is not None and source is not NoiseSource.ESTIMATED and budget.named.low > budget.noise.high
-    left = shares.unnamed + (shares.unexplained or 0.0 if exceeds else 0.0)
+    shares, much = budget.shares, thresholds.form_error
+    exceeds = budget.noise is not None and budget.named.low > budget.noise.high
+    beyond = 2 * much if budget.noise_source is NoiseSource.ESTIMATED else much
+    left = shares.unexplained if shares.unexplained is not None and exceeds else 0.0
     if better_law:
         return Verdict.UNKNOWN
-    if predictable or left > thresholds.form_error:
+    if predictable or shares.unnamed > much or shares.unnamed + left > beyond:
         return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
     return Verdict.EFFECTS if named else Verdict.NONE

@@ -55,7 +55,7 @@ def diagnose(
         noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) where they are known.
         limits: limits of the set-up for the next experiment, see `next_experiment`.
         seed: seed of folds, subsamples and resamples.
-        seconds: time limit of the search, s; after it, the fitted models decide, and the result is marked incomplete.
+        seconds: processor time of the search, s; after it, the fitted models decide, and the result is incomplete.
         memory: bytes that the diagnosis may take; a large table is diagnosed on subsamples that need no more.
         resume_folder: folder for the results of finished subsamples, which a later run of the same question reuses.
         thresholds: limits of every decision; `Thresholds()` if None.

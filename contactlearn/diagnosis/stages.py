@@ -136,10 +136,8 @@ def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[La
 
 def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
     """Fit a law without any effect to all trials."""
-    replace(question.options, starts=2, tolerance=1e-6, standard_errors=False)
-    return identify_jointly(
-        law, {}, impacts, options=replace(question.options, starts=2, standard_errors=False)
-    ).model.law
+    options = replace(question.options, starts=2, standard_errors=False)
+    return identify_jointly(law, {}, impacts, options=options).model.law
 
 
 # --- Search ------------------------------------------------------------------------------------
@@ -276,12 +274,7 @@ def drop_proxy_effects(
     found = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
     if found is None or not found.large:
         return tested
-    search = replace(search.reduced(reduced, {}), state_dependence=found)
-    if spec.law == selection.spec.law:
-        return search
-    question.on_event(LawChanged(law=spec.law))
-    other = _with_limits_and_regions(question, reduced, search.notes, None, generator)
-    return replace(search, limits=other.limits, regions=other.regions)
+    return _reduced(question, replace(search, state_dependence=found), reduced, {}, generator)
 
 
 def without_candidates(
@@ -291,12 +284,30 @@ def without_candidates(
     confidence: Mapping[EffectId, float],
     generator: torch.Generator,
 ) -> SearchResult:
-    """Choose the model of the probable effects alone; the others become candidates with their confidence."""
-    selection, model = search.selection, search.selection.chosen
+    """Choose law and model of the probable effects alone; the others become candidates with their confidence."""
+    selection, model, pool = search.selection, search.selection.chosen, search.selection.pool
     for effect in selection.missing:
         if effect not in probable:
-            (model,) = smaller(selection.pool, model, effect)
-    return search.reduced(selection.at(model.spec, question.thresholds.window, generator), confidence)
+            (model,) = smaller(pool, model, effect)
+    specs = [model.spec.with_law(law) for law in dict.fromkeys((model.spec.law, *fitted_first(pool.laws)))]
+    spec = pool.best(pool.all_fitted({one: pool.start(one, model, {}) for one in specs})).spec
+    return _reduced(question, search, selection.at(spec, question.thresholds.window, generator), confidence, generator)
+
+
+def _reduced(
+    question: Question,
+    search: SearchResult,
+    selection: Selection,
+    confidence: Mapping[EffectId, float],
+    generator: torch.Generator,
+) -> SearchResult:
+    """Choose a smaller model, see `SearchResult.reduced`; limits and regions are those of its law."""
+    found = search.reduced(selection, confidence)
+    if selection.law.name == search.selection.law.name:
+        return found
+    question.on_event(LawChanged(law=selection.law.name))
+    other = _with_limits_and_regions(question, selection, search.notes, None, generator)
+    return replace(found, limits=other.limits, regions=other.regions)
 
 
 def _learn(

@@ -71,7 +71,7 @@ class Search:
     Args:
         pool: receives the models.
         most_effects: of a model.
-        end: of the time, by `time.monotonic()`, after which nothing more is fitted.
+        end: of the time, by `time.process_time()`, after which nothing more is fitted.
     """
 
     def __init__(self, pool: Pool, most_effects: int, end: float = math.inf) -> None:
@@ -82,7 +82,7 @@ class Search:
     @property
     def late(self) -> bool:
         """The time is up."""
-        return time.monotonic() > self.end
+        return time.process_time() > self.end
 
     def run(self, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> bool:
         """Fit the models of the frontier into the pool, which has the laws alone already.

@@ -202,7 +202,7 @@ def select(
         starts: values to fit the laws with the given effects from, by name; others are searched for.
         options: of all fits.
         thresholds: limits of what is named.
-        seconds: time limit, s; after it, the fitted models decide.
+        seconds: limit of the processor's time, s; after it, the fitted models decide.
         generator: of the part that is searched and of the bootstrap.
         progress: wraps the sizes of the search.
     """
@@ -210,7 +210,7 @@ def select(
     prepared = {key: effect for key, effect in prepared.items() if effect.parameters}
     pool = Pool(laws, impacts, prepared, given, options)
     pool.all_fitted({Spec(law): starts.get(law) for law in fitted_first(pool.laws)})
-    complete = _searched(pool, _MOST_EFFECTS, time.monotonic() + seconds, generator, progress)
+    complete = _searched(pool, _MOST_EFFECTS, time.process_time() + seconds, generator, progress)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
     return _chosen(pool, folds, spec, complete, thresholds.window, generator)
 
