@@ -264,7 +264,7 @@ def test_a_drifting_measurement_is_recognised():
 
 
 def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
-    drifting = wandering(planted(240, parameter_drift={"c": 0.2}), memory=0.7)
+    drifting = wandering(planted(240, parameter_drift={"c": 0.3}), memory=0.7)
     found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS), laws=[find("wang_mason")])
     (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
     assert "Other effects over the order are left out" in finding.sentence

@@ -31,7 +31,7 @@ from contactlearn.diagnosis.error_budget import NoiseFloor, noise_floor
 from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import Region
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS, all_candidates, usable
-from contactlearn.diagnosis.search.quadratic import Group, Quadratic
+from contactlearn.diagnosis.search.quadratic import Group, Quadratic, vanishing
 from contactlearn.effects import Effect, EffectId, find_effect, from_settings
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
@@ -297,13 +297,14 @@ def _predicted_gains(
     fitted: FittedModel, candidates: Mapping[EffectId, Effect], data: Split
 ) -> tuple[PredictedGain, ...]:
     others = {key: effect for key, effect in candidates.items() if key.name not in fitted.effects}
+    impacts = data.pool[:_LINEARISED_TRIALS]
     quadratic = Quadratic.about(
         fitted.law,
         fitted.effects,
         fitted.fit,
-        data.pool[:_LINEARISED_TRIALS],
+        impacts,
         given=tuple(fitted.effects),
-        candidates=others,
+        candidates=vanishing(others, impacts),
         options=FitOptions(starts=STARTS),
     )
     groups = [group for group in quadratic.groups if group.effect is not None]

@@ -92,7 +92,7 @@ _LAW_LOOKS: tuple[tuple[str, str, LineStyle], ...] = (
 # For further laws, in turn: markers and lines of their own, and greens and browns of Tol's.
 _MORE_LOOKS: tuple[tuple[str, str, LineStyle], ...] = (
     ("#999933", "<", (0, (12, 2, 2, 2, 2, 2))),
-    ("#661100", "D", (0, (8, 2, 1, 2))),
+    ("#661100", ">", (0, (8, 2, 1, 2))),
     ("#44AA99", "s", (0, (3, 1))),
     ("#6699CC", "^", (0, (12, 2))),
 )
