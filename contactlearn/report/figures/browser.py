@@ -31,7 +31,8 @@ _PIXELS = 4 / 3  # a point is so many of CSS
 _LARGER = 1.9  # markers: a figure of a column is shown larger than it is printed
 _GAP = 0.09  # between panels, as a share of the figure
 _SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle-up", "v": "triangle-down", "P": "cross",
-            "X": "x", "*": "star", "h": "hexagon", "<": "triangle-left", ".": "circle", "x": "x-thin"}  # fmt: skip
+            "X": "x", "*": "star", "h": "hexagon", "<": "triangle-left", ">": "triangle-right",
+            ".": "circle", "x": "x-thin"}  # fmt: skip
 _SIDES = {"left": "left", "center": "center", "right": "right", "top": "top", "bottom": "bottom", "baseline": "bottom",
           "center_baseline": "middle"}  # fmt: skip
 
