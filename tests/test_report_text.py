@@ -93,6 +93,11 @@ def test_the_headline_names_rivals_and_doubts(found):
         "; no known effect explains the predictable part of the residual."
     )
     unstated = replace(found, shapeless=(EffectId("shape_error"), EffectId("surface_tilt", "computed")))
+    assert "data.shape" not in text.headline(unstated)  # no name that a wrong shape could stand for
+    patch = result.Candidate(
+        effect=EffectId("contact_patch", "linear"), equation="", parameters=(), error_reduction=0.004, confidence=0.26
+    )
+    unstated = replace(unstated, candidates=(patch,))
     assert text.headline(unstated).startswith(
         "The body's shape is unknown (data.shape): a moment at the contact is not to be told from shape error or "
         "surface tilt. Surface tilt (computed)"
@@ -322,11 +327,13 @@ def fitted(effect, *values, error=0.0132):
      "the centre of mass lies 1.527 ± 0.020 mm from the tracked point along the body's x and −0.2000 ± 0.0026 mm along "
      "its y"),
     (fitted(TILT, 0.0398), "the floor is tilted by 2.280 ± 0.030°"),
-    (fitted(EffectId("sampling_delay"), -0.0075), "the pose was recorded −7.500 ± 0.099 ms before contact"),
+    (fitted(EffectId("sampling_delay"), -0.0075), "the time from the recorded pose to contact is −7.500 ± 0.099 ms"),
     (fitted(DRAG, 0.08), "the body loses 8.00 ± 0.11 % of its speed after contact"),
     (fitted(EffectId("inertia_error"), 0.2), "the moment of inertia is 1.2214 ± 0.0032 times the stated one"),
     (fitted(EffectId("location_dependent_friction"), 0.1, -0.2, 0.3, 0.0, 0.1),
-     "5 coefficients from c₂ = −0.2000 ± 0.0026 to c₃ = 0.3000 ± 0.0040"),
+     "over x in m, μ is a curve with 5 coefficients from c₂ = −0.2000 ± 0.0026 to c₃ = 0.3000 ± 0.0040"),
+    (fitted(EffectId("contact_patch", "linear"), -0.2, 0.001),
+     "the normal impulse acts at an arm of 1.000 ± 0.013 mm plus 20.00 ± 0.26 % of r_x"),
     (replace(fitted(DRAG, 0.08), effect=EffectId("mine")), "c = 0.0800 ± 0.0011"),
 ])  # fmt: skip
 def test_parameters_are_in_words_with_the_units_that_people_use(one, message):

@@ -112,7 +112,7 @@ class Effect(ABC):
     """What its fitted values say, each parameter once by name: "the floor is tilted by {phi}".
 
     A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
-    the factor e^κ.  Without words values are listed by their symbols."""
+    the factor e^κ, `{c:-}` or `{c:-%}` the opposite of a value.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""

@@ -31,7 +31,7 @@ class QuadraticLeverRestitution(ConfigurationDependentRestitution):
 
     form = "quadratic"
     formula = "ε ← ε − c (r_x/ρ)²"
-    in_words = "ε falls by {c} times (r_x/ρ)²"
+    in_words = "ε changes by {c:-} times (r_x/ρ)²"
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -44,7 +44,7 @@ class LinearLeverRestitution(ConfigurationDependentRestitution):
 
     form = "linear"
     formula = "ε ← ε − c |r_x|/ρ"
-    in_words = "ε falls by {c} times |r_x|/ρ"
+    in_words = "ε changes by {c:-} times |r_x|/ρ"
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

@@ -41,7 +41,7 @@ class LinearContactPatch(ContactPatch):
 
     form = "linear"
     formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
-    in_words = "the normal impulse acts {c} beside the contact point, less {k:%} of r_x"
+    in_words = "the normal impulse acts at an arm of {c} plus {k:-%} of r_x"
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
@@ -55,10 +55,7 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
 
     form = "curve"
     formula = "τ ← τ + (c + s(r_x)) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    in_words = (
-        "the normal impulse acts {c} beside the contact point, and over r_x that rises by {c1}, {c2} and {c3} "
-        "between knots"
-    )
+    in_words = "is {c}, and changes by {c1}, {c2} and {c3} from knot to knot"
     argument = Argument("r_x", "m", lambda state: state.r[..., 0])
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
@@ -75,7 +72,7 @@ class ContactPatchAfter(ContactPatch):
 
     form = "after"
     formula = "τ ← τ − k r_x P_n + c P_n"
-    in_words = "the normal impulse acts {c} beside the contact point, less {k:%} of r_x"
+    in_words = "the normal impulse acts at an arm of {c} plus {k:-%} of r_x"
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
@@ -94,7 +91,7 @@ class ContactPatchBySlip(ContactPatch):
 
     form = "slip"
     formula = "τ ← τ − d sign(v_t) P_n while the contact lasts, smoothed, v_t the slip before contact"
-    in_words = "the normal impulse acts {d} behind the contact point, as it slips"
+    in_words = "the normal impulse acts at an arm of {d} against the slip"
     source = "Cross 2002"
     citations = ("cross2002",)
     mirror_symmetric = True

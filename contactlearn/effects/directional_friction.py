@@ -23,7 +23,7 @@ class DirectionalFriction(Effect):
     """
 
     source = "surface texture"
-    in_words = "μ is higher by {a:%} in slip to the right, and lower by as much to the left"
+    in_words = "μ changes by {a:%} in slip to the right, and by as much the other way to the left"
     mirror_symmetric = False
     adds_energy = True
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)

@@ -51,6 +51,8 @@ SLIP = Argument("|v_t|", "m/s", lambda state: state.v_t.abs())
 APPROACH = Argument("|v_n|", "m/s", lambda state: state.v_n.abs())
 INCIDENCE = Argument("α", "rad", lambda state: state.incidence)
 LEVER = Argument("|r_x|/ρ", "–", lambda state: state.lever)
+ORIENTATION = Argument("θ", "rad", lambda state: state.theta)
+PLACE = Argument("x", "m", lambda state: state.x)
 TRIAL = Argument("k", "trials", lambda state: state.order - 1)
 
 
@@ -114,9 +116,9 @@ class Spline(ABC):
     """
 
     formula: ClassVar[str]
-    in_words: ClassVar[str] = "the curve rises by {c1}, {c2} and {c3} between its knots"
+    in_words: ClassVar[str] = "changes by {c1}, {c2} and {c3} from knot to knot"
     argument: ClassVar[Argument]
-    """The quantity u among whose values the knots lie."""
+    """The quantity u among whose values the knots lie; a report names it before `in_words`."""
     at_rest: ClassVar[bool] = False
     """Whether the first knot is at 0, and the curve is 0 there."""
 
@@ -269,6 +271,7 @@ class AroundBody(_Harmonics):
 class CurveAroundBody(AroundBody):
     """A change of μ or ε around the body, with finer features."""
 
+    argument: ClassVar[Argument] = ORIENTATION
     a3: Tensor | float = parameter("a₃", "–", -0.5, 0.5)
     b3: Tensor | float = parameter("b₃", "–", -0.5, 0.5)
     a4: Tensor | float = parameter("a₄", "–", -0.5, 0.5)
@@ -289,6 +292,7 @@ class ArmAroundBody(_Harmonics):
 class ArmCurveAroundBody(ArmAroundBody):
     """An arm around the body, with finer features."""
 
+    argument: ClassVar[Argument] = ORIENTATION
     a3: Tensor | float = parameter("a₃", "m", -0.01, 0.01)
     b3: Tensor | float = parameter("b₃", "m", -0.01, 0.01)
     a4: Tensor | float = parameter("a₄", "m", -0.01, 0.01)
@@ -333,6 +337,7 @@ class AlongFloor:
     would otherwise bend the functions to themselves.
     """
 
+    argument: ClassVar[Argument] = PLACE
     c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
     c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
     c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)

@@ -30,7 +30,7 @@ class LinearIncidenceFriction(IncidenceDependentFriction):
 
     form = "linear"
     formula = "μ ← μ + c α, α = arctan(|v_t|/|v_n|)"
-    in_words = "μ rises by {c} of incidence"
+    in_words = "μ changes by {c} of incidence"
     c: Tensor | float = parameter("c", "1/rad", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

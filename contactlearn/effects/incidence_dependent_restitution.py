@@ -29,7 +29,7 @@ class LinearIncidenceRestitution(IncidenceDependentRestitution):
 
     form = "linear"
     formula = "ε ← ε + c α, α = arctan(|v_t|/|v_n|)"
-    in_words = "ε rises by {c} of incidence"
+    in_words = "ε changes by {c} of incidence"
     c: Tensor | float = parameter("c", "1/rad", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

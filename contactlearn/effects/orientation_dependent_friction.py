@@ -36,7 +36,7 @@ class RoughSpot(SpotOnBody, OrientationDependentFriction):
 
     form = "spot"
     formula = "μ ← μ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
-    in_words = "μ is higher by {a} about θ = {theta_0}, within ±{w}"
+    in_words = "μ changes by {a} about θ = {theta_0}, within ±{w}"
 
 
 @dataclass(frozen=True, eq=False)

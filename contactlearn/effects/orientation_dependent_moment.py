@@ -54,7 +54,7 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
 
     form = "spot"
     formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
-    in_words = "the normal impulse acts {a} beside the contact point about θ = {theta_0}, within ±{w}"
+    in_words = "the normal impulse acts at an arm of {a} about θ = {theta_0}, within ±{w}"
 
 
 @dataclass(frozen=True, eq=False)

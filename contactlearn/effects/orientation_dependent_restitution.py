@@ -40,7 +40,7 @@ class SoftSpot(SpotOnBody, OrientationDependentRestitution):
 
     form = "spot"
     formula = "ε ← ε − a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
-    in_words = "ε is lower by {a} about θ = {theta_0}, within ±{w}"
+    in_words = "ε changes by {a:-} about θ = {theta_0}, within ±{w}"
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         return value - self.change(state.theta)

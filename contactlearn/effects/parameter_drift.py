@@ -39,7 +39,7 @@ class RestitutionDrift(ChangesRestitution, ParameterDrift):
 
     form = "restitution"
     formula = "ε ← ε + c k/1000"
-    in_words = "ε rises by {c}"
+    in_words = "ε changes by {c}"
     c: Tensor | float = parameter("c", "per 1000 trials", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -52,7 +52,7 @@ class FrictionDrift(ChangesFriction, ParameterDrift):
 
     form = "friction"
     formula = "μ ← μ + d k/1000"
-    in_words = "μ rises by {d}"
+    in_words = "μ changes by {d}"
     d: Tensor | float = parameter("d", "per 1000 trials", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -89,7 +89,7 @@ class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
 
     form = "settling_restitution"
     formula = "ε ← ε + a (1 − exp(−λ k/N)), N trials in all"
-    in_words = "ε rises by {a} and settles at a rate of {rate} per sequence"
+    in_words = "ε changes by {a} and settles at a rate of {rate} per sequence"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
 
     form = "settling_friction"
     formula = "μ ← μ + a (1 − exp(−λ k/N)), N trials in all"
-    in_words = "μ rises by {a} and settles at a rate of {rate} per sequence"
+    in_words = "μ changes by {a} and settles at a rate of {rate} per sequence"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
 
     form = "restitution_step"
     formula = "ε ← ε + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
-    in_words = "ε rises by {a} after {t:%} of the trials"
+    in_words = "ε changes by {a} after {t:%} of the trials"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class FrictionStep(_Step, ChangesFriction, ParameterDrift):
 
     form = "friction_step"
     formula = "μ ← μ + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
-    in_words = "μ rises by {a} after {t:%} of the trials"
+    in_words = "μ changes by {a} after {t:%} of the trials"
 
 
 @dataclass(frozen=True, eq=False)

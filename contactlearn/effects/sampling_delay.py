@@ -18,7 +18,7 @@ class SamplingDelay(Effect):
     """
 
     formula = "(x, y, θ) ← (x, y, θ) + Δt v, r ← r(θ)"
-    in_words = "the pose was recorded {dt} before contact"
+    in_words = "the time from the recorded pose to contact is {dt}"
     source = "frame rate"
     needs_shape = True
     dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)

@@ -17,7 +17,7 @@ class ShapeError(Effect):
     """
 
     formula = "r ← r(θ) of the body stretched by (1 + s_a, 1 + s_b)"
-    in_words = "the body is {s_a:%} longer than stated along its x and {s_b:%} along its y"
+    in_words = "the stated lengths of the body change by {s_a:%} along its x and {s_b:%} along its y"
     source = "calibration"
     needs_shape = True
     s_a: Tensor | float = parameter("s_a", "–", -0.3, 0.3)

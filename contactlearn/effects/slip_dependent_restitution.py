@@ -30,7 +30,7 @@ class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):
 
     form = "linear"
     formula = "ε ← ε + c |v_t|/v_ref"
-    in_words = "ε rises by {c} times the slip speed over its median"
+    in_words = "ε changes by {c} times the slip speed over its median"
     c: Tensor | float = parameter("c", "–", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

@@ -45,7 +45,7 @@ class ViscousFriction(VelocityDependentFriction):
 
     form = "viscous"
     formula = "μ ← μ + c v̄, v̄ the mean slip"
-    in_words = "μ rises by {c} of slip"
+    in_words = "μ changes by {c} of slip"
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
@@ -58,7 +58,7 @@ class StribeckFriction(VelocityDependentFriction):
 
     form = "stribeck"
     formula = "μ ← μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip"
-    in_words = "μ is higher by {d:%} at little slip, and falls over {v_s}"
+    in_words = "μ changes by {d:%} at little slip, which fades over {v_s}"
     d: Tensor | float = parameter("d", "–", -1.0, 5.0)
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
 

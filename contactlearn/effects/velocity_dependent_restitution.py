@@ -34,7 +34,7 @@ class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
 
     form = "power"
     formula = "ε ← ε (|v_n|/v_ref)^(−p)"
-    in_words = "ε falls with the approach speed to the power {p}"
+    in_words = "ε goes with the approach speed to the power {p:-}"
     p: Tensor | float = parameter("p", "–", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -47,7 +47,7 @@ class KuwabaraKonoRestitution(SpeedReference, VelocityDependentRestitution):
 
     form = "kuwabara_kono"
     formula = "ε ← ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))"
-    in_words = "ε falls viscoelastically with the approach speed, C = {C}"
+    in_words = "ε changes viscoelastically with the approach speed, C = {C}"
     C: Tensor | float = parameter("C", "–", -1.0, 4.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -60,7 +60,7 @@ class LinearFallRestitution(SpeedReference, VelocityDependentRestitution):
 
     form = "linear"
     formula = "ε ← ε (1 − k (|v_n|/v_ref − 1))"
-    in_words = "ε falls by {k:%} from the median approach speed to twice that"
+    in_words = "ε changes by {k:-%} from the median approach speed to twice that"
     source = "Hunt & Crossley 1975"
     citations = ("hunt1975",)
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
@@ -75,7 +75,7 @@ class SlowImpactRestitution(VelocityDependentRestitution):
 
     form = "slow"
     formula = "ε ← ε + a exp(−|v_n|/v_s)"
-    in_words = "ε rises by {a} in slow impacts, over {v_s}"
+    in_words = "ε changes by {a} in slow impacts, over {v_s}"
     a: Tensor | float = parameter("a", "–", -1.0, 1.0)
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=1.0)
 

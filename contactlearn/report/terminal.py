@@ -108,7 +108,8 @@ def show_joint(name: str, fit: JointEstimate) -> None:
             f"note: standard errors from {fit.trials} trials are too small; they are reliable from {_MANY} trials on"
         )
     if fit.outliers:
-        print_line(f"note: {fit.outliers} of {fit.trials} trials are outliers with almost no weight")
+        are = "is an outlier" if fit.outliers == 1 else "are outliers"
+        print_line(f"note: {fit.outliers} of {fit.trials} trials {are} with almost no weight")
     if not fit.converged:
         print_line(f"note: the fit of {name} has not converged; more starts (fit.starts) or fewer effects may help")
 

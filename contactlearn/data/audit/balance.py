@@ -91,13 +91,13 @@ def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts
 def _consistent_note(fit: Balance) -> Finding:
     """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured.
 
-    It closes only where the interval of each coefficient has 1 in it.
+    It closes only where the interval of each coefficient, to two decimals, has 1 in it.
     """
     if not fit.terms:
         closes = "cannot be judged: the moments in these data are negligible"
     elif fit.tested > _TESTED:
         closes = "is weakly tested by these data"
-    elif any(low > 1 or high < 1 for _, low, high in fit.terms.values()):
+    elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):
         closes = (
             "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
             "velocities, a wrong inertia, or something after contact)"

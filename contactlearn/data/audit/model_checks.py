@@ -85,7 +85,8 @@ def _finding(
         else:
             texts.append(f"{name} is off by ({v_x:+.2g}, {v_y:+.2g}) m/s and {omega:+.3g} rad/s")
     more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
-    sentence = f"{len(rows)} of {len(impacts)} trials are outliers of the model: {'; '.join(texts)}{more}"
+    are = "is an outlier" if len(rows) == 1 else "are outliers"
+    sentence = f"{len(rows)} of {len(impacts)} trials {are} of the model: {'; '.join(texts)}{more}"
     evidence = evidence_of(
         ("trials", float(len(rows)), "trials"),
         ("rows", ", ".join(str(row + 1) for row in rows)),

@@ -97,6 +97,7 @@ class Quantity:
 
     def __format__(self, how: str) -> str:
         value, error = self.found.value, self.found.standard_error
+        value, how = (-value, how[1:]) if how.startswith("-") else (value, how)
         if how == "exp":
             return measured(math.exp(value), math.exp(value) * error)
         unit, scale = ("%", 100.0) if how == "%" else _SHOWN.get(self.found.unit, (self.found.unit, 1.0))

@@ -38,6 +38,7 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.effects.functions import Argument
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
@@ -169,20 +170,28 @@ def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
 
 def in_words(found: MissingEffect | Candidate) -> str:
     """Say what the fitted parameters mean; with their symbols where the effect has no words, or the range of many."""
-    kinds = {kind.id: kind for kind in catalogue().get(found.effect.name, ())}
-    words, values = kinds[found.effect].in_words if found.effect in kinds else "", found.parameters
+    kind = next((kind for kind in catalogue().get(found.effect.name, ()) if kind.id == found.effect), None)
+    words, values, curve = kind.in_words if kind else "", found.parameters, ""
+    if kind and isinstance(argument := getattr(kind, "argument", None), Argument):
+        quantity = kind.formula.partition(" ")[0].replace("τ", "the arm of the normal impulse")
+        curve = f"over {argument.symbol}{'' if argument.unit == '–' else f' in {argument.unit}'}, {quantity} "
     with suppress(KeyError):  # parameters of another version
         if words:
-            return words.format_map({one.name: numbers.Quantity(one) for one in values})
+            return curve + words.format_map({one.name: numbers.Quantity(one) for one in values})
     if len(values) > _MOST_LISTED:
         low, high = (pick(values, key=lambda one: one.value) for pick in (min, max))
-        return f"{len(values)} coefficients from {fitted_value(low)} to {fitted_value(high)}"
+        return f"{curve and f'{curve}is a curve with '}{len(values)} coefficients from {_shown(low)} to {_shown(high)}"
     return join_words(map(fitted_value, values))
 
 
 def fitted_value(found: FittedParameter) -> str:
     """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
     return f"{found.symbol} = {measured(found.value, found.standard_error, found.unit)}"
+
+
+def _shown(found: FittedParameter) -> str:
+    """Write a fitted parameter in the units of sentences: a₁ = 4.00 ± 0.33 mm."""
+    return f"{found.symbol} = {numbers.Quantity(found)}"
 
 
 def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
@@ -244,6 +253,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "interval": numbers.interval,
         "label": names.label,
         "law": names.law_label,
+        "like_shape": lambda one: any(kind.id == one and kind.like_shape for kind in catalogue().get(one.name, ())),
         "letter": names.WRENCH.__getitem__,
         "measured": measured,
         "noise_source": names.NOISE_SOURCES.__getitem__,
