@@ -124,6 +124,18 @@ def test_a_class_in_the_file_of_a_diagnosis_is_not_imported(shared):
     assert with_diagnosed_model([word, f"{own}brought.Mine"], "evaluate") == ["model=[]", f"{own}brought.Mine"]
 
 
+def test_data_of_a_diagnosis_that_are_no_choice_here_are_named_with_the_run_and_the_remedy(tmp_path, monkeypatch):
+    """Such as data=mine for mine.yaml of another folder; words of the command take their place."""
+    word = diagnosed(tmp_path, "python evaluate.py data=mine law=mirtich")
+    lacking = rf"^{word} was diagnosed with data=mine, which is missing here: unknown data 'mine'.*add data=… to the"
+    with pytest.raises(ContactLearnError, match=lacking):
+        compose("evaluate", [word])
+    assert with_diagnosed_model([word, "data=synthetic"], "train")[0] == "law=mirtich"
+    (tmp_path / "mine.yaml").write_text("defaults: [table]\n")
+    monkeypatch.chdir(tmp_path)
+    assert with_diagnosed_model([word], "train")[0] == "data=mine"
+
+
 @pytest.mark.parametrize(("content", "message"), [
     (None, "there is no diagnosis"), ("{", "there is no diagnosis"), ("[]", "there is no diagnosis"),
     ('{"use": 1, "diagnosis": {"law": "mirtich"}}', "there is no diagnosis"),

@@ -1,11 +1,15 @@
 """Effects that only stand for something unknown, or for one that was not compared, are left out; true ones are not."""
 
+from types import SimpleNamespace
+
 import torch
 from diagnoses import few
 from drops import LAW, NOISE, fitted, normal, thrown
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Diagnosis, Verdict
+from contactlearn.diagnosis.search.pool import Spec
+from contactlearn.diagnosis.stages import SearchResult
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.effects import EffectId, State, find_effect
@@ -49,6 +53,28 @@ def test_a_diagnosis_reports_excluded_candidates():
     assert left_out.effect.name == STAND_IN
     assert phrase("candidate", left_out, found.budget).startswith(f"{effect_label(left_out.effect)} (a proxy?)")
     assert Diagnosis.from_json(found.to_json()) == found
+
+
+def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
+    """Each name has one row: found, or a candidate for one reason."""
+    curve, linear = (EffectId("velocity_dependent_friction", form) for form in ("curve", "linear"))
+    drag = EffectId("side_drag", "linear")
+    fit = SimpleNamespace(
+        model=SimpleNamespace(effects={one.name: SimpleNamespace(equation="") for one in (curve, drag)}),
+        parameters=(), values=torch.zeros(0), standard_errors=torch.zeros(0),
+    )  # fmt: skip
+
+    def chosen(*effects):
+        return SimpleNamespace(
+            missing=[*effects], spec=Spec(law="wang_mason", effects=frozenset(effects)),
+            present=SimpleNamespace(fit=fit, mean_error=0.1),
+            without_each=lambda lacking: [SimpleNamespace(mean_error=0.12)] * len(lacking),
+        )  # fmt: skip
+
+    search = SearchResult(selection=chosen(curve, drag), notes=(), limits=None, regions=())
+    smaller = search.reduced(chosen(linear), {})
+    assert [one.effect for one in smaller.candidates] == [drag]
+    assert [one.effect for one in smaller.reduced(chosen(), {linear: 0.2}).candidates] == [drag, linear]
 
 
 def test_a_moment_at_the_contact_is_no_more_than_a_candidate_where_the_shape_is_unknown():

@@ -12,7 +12,7 @@ from evaluations import evaluation_of, learning_curve
 
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Candidate, Diagnosis, Record, Verdict
+from contactlearn.diagnosis.result import Candidate, Diagnosis, PlausibleModel, Record, Verdict
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
@@ -148,6 +148,10 @@ def test_a_large_page_is_small_enough():
     assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>4\u00a0%</td>' in text
     assert '<th scope="row">sampling delay</th><td>a proxy?</td>' in text
     assert "A proxy is an effect without which" in text
+    assert "These data cannot distinguish:" not in text
+    models = (PlausibleModel(law=law, effects=(), share=0.5) for law in ("wang_mason", "mirtich"))
+    text = render(of_diagnosis(replace(whole, models=tuple(models)), about(whole.record.impacts)))
+    assert "<li>Wang–Mason (50\u00a0%) or Mirtich (50\u00a0%)</li>" in text
     # Nothing is called the law alone that is not.
     whole = made_up(60, *SIX, EffectId("adhesion", "work"))
     content = of_diagnosis(whole, about(whole.record.impacts))

@@ -377,6 +377,39 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
     assert "candidate: contact patch (linear) (26 %) would remove 4 % of the error\n" in capsys.readouterr().out
 
 
+def test_forms_and_laws_that_do_as_well_have_shares_among_each_other(found):
+    def listed(*models):
+        models = (result.PlausibleModel(law=law, effects=effects, share=share) for law, effects, share in models)
+        return [plain(one) for one in text.undecided(replace(found, models=tuple(models)))]
+
+    seen, laws = replace(TILT, form="seen"), [one.name for one in found.laws]
+    halves = "surface tilt (computed) (75 %) or surface tilt (seen) (25 %)"
+    assert listed((laws[0], (TILT,), 0.6), (laws[0], (seen,), 0.2), (laws[0], (), 0.2)) == [halves]
+    assert listed(*((law, (TILT,), 1 / len(laws)) for law in laws)) == ["the laws, which all agree on these data"]
+    (others,) = listed(*((law, (TILT,), 0.2) for law in laws[1:]))
+    assert others.count("(20 %)") == 5 == len(laws) - 1
+    assert listed((laws[0], (TILT,), 1.0)) == []
+
+
+def test_an_unfinished_search_says_what_is_established_already(found):
+    share = Interval(0.3, 0.2, 0.4)
+    friction = result.StateDependence(
+        coefficient=result.Coefficient.FRICTION, variables=(result.VariableShare(symbol="vx", share=1.0),),
+        p_value=1e-9, share=share, large=True,
+    )  # fmt: skip
+    left = replace(remainder(share), state_dependence=friction)
+    unfinished = replace(found, physics=result.Verdict.UNFINISHED, missing=(), remainder=left)
+    assert text.headline(unfinished) == (
+        "Something is missing from Wang–Mason: the residual behaves like friction that depends on v_x; the search ran "
+        "out of time before identifying it; seconds=300 gives it more."
+    )
+    assert text.headline(replace(unfinished, remainder=remainder(share))).startswith(
+        "Something is missing from Wang–Mason; the search ran out of time"
+    )
+    named = text.headline(replace(unfinished, missing=found.missing))
+    assert ", and so is something else: the residual behaves like friction that depends on v_x; the" in named
+
+
 def test_every_phrase_has_its_macro():
     """A name or a number of values that no template has would fail only where it is shown."""
     for path in Path(contactlearn.__file__).parent.rglob("*.py"):

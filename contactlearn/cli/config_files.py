@@ -99,8 +99,8 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
     may set nothing else, and no class.
 
     Raises:
-        ContactLearnError: the folder RUN has no diagnosis, that of refused data, or one with a class of another package
-            that the command does not name.
+        ContactLearnError: the folder RUN has no diagnosis, that of refused data, one with a class of another package
+            that the command does not name, or one with data, law or effects that are no choices here.
     """
     value = next((word.removeprefix("model=") for word in words if word.startswith("model=")), "")
     is_folder = bool(value) and ("/" in value or Path(value).is_dir())
@@ -123,6 +123,14 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
             f"model={value}: a class of another package is only taken from the command line: add {foreign} to it, if "
             "you trust that class"
         )
+    for group, word in found:
+        try:
+            check_choices([word], command)
+        except UnknownNameError as error:
+            raise ContactLearnError(
+                f"model={value} was diagnosed with {word}, which is missing here: {error}; add {group}=… to the "
+                "command, or run it in the folder in which the diagnosis was run"
+            ) from None
     model = [] if "model" in typed else [f"model={'analytical' if command == 'train' else '[]'}"]
     return [*(word for _, word in found if word not in own), *model, *own]
 

@@ -166,9 +166,12 @@ class SearchResult:
     error_with_candidates: float | None = None
 
     def reduced(self, selection: Selection, confidence: Mapping[EffectId, float]) -> "SearchResult":
-        """Choose a smaller model; effects that it lacks become candidates, those without a confidence as proxies."""
+        """Choose a smaller model; effects that it lacks become candidates, those without a confidence as proxies.
+
+        An effect that it has in another form is no candidate.
+        """
         larger = self.selection
-        lacking = [effect for effect in larger.missing if effect not in selection.spec.effects]
+        lacking = [effect for effect in larger.missing if effect.name not in selection.spec.families]
         candidates = tuple(
             Candidate(
                 effect=effect,

@@ -165,8 +165,8 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
     lines += [f"{one.level}: {phrase('named', one)}" for one in found.missing]
     if found.candidates:
         lines.append(f"candidates: {phrase('candidates', found.candidates)}")
-    if undecided(found):
-        lines.append(f"cannot distinguish: {undecided(found)}")
+    if equal := undecided(found):
+        lines.append(f"cannot distinguish: {'; '.join(equal)}")
     if found.experiment is not None:
         lines.append(f"next experiment: {phrase('next_experiment', found.experiment)}")
     if found.sample is not None:

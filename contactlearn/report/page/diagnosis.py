@@ -42,6 +42,7 @@ from contactlearn.report.text import (
     share_of_whole,
     summary,
     support,
+    undecided,
 )
 from contactlearn.report.text.names import budget_labels
 from contactlearn.report.text.numbers import counted
@@ -189,6 +190,7 @@ def _effects(found: Diagnosis) -> dict[str, Any]:
             for missing, partial in zip(found.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),
+        "undecided": undecided(found),
         "candidates": [candidate_content(one, found.budget) for one in found.candidates],
         "proxy": phrase("proxy") if any(one.confidence is None for one in found.candidates) else "",
         "experiment": None if found.experiment is None else experiment_content(found.experiment),

@@ -116,16 +116,21 @@ def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
     return named + [(str(Level.CANDIDATE), phrase("candidate", one, found.budget)) for one in found.candidates]
 
 
-def undecided(found: Diagnosis) -> str:
-    """List effects, forms and laws that the data cannot distinguish; empty where there are none."""
+def undecided(found: Diagnosis) -> list[str]:
+    """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
     beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*found.effects, "law")}
     for model in found.models:
         for name, one in (*((effect.name, effect) for effect in model.effects), ("law", model.law)):
             if name in beliefs:
                 beliefs[name][one] += model.share
-    ranked = (sorted(belief.items(), key=lambda one: -one[1]) for belief in beliefs.values())
-    equal = [{one: x for one, x in shares if x >= _LEAST_BELIEF} for shares in ranked]
-    return "; ".join(phrases("undecided", found, [shares for shares in equal if len(shares) > 1]))
+    listed = []
+    for belief in beliefs.values():
+        shares = {one: share / sum(belief.values()) for one, share in belief.items()}
+        likely = sorted((one for one in shares if shares[one] >= _LEAST_BELIEF), key=lambda one: -shares[one])
+        listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
+    compared = {one.name for one in found.laws}
+    laws_agree = len(compared) > 2 and min(beliefs["law"].get(one, 0.0) for one in compared) >= 0.5 / len(compared)
+    return phrases("undecided", found, listed, laws_agree)
 
 
 def confidence(missing: MissingEffect) -> str:
