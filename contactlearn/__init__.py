@@ -33,12 +33,14 @@ if TYPE_CHECKING:
     from contactlearn.inference.identification.shared import identify
     from contactlearn.inference.learning.recipe import Recipe, learn
     from contactlearn.laws import Law
+    from contactlearn.mechanics.body_state import BodyState
     from contactlearn.mechanics.impacts import Impacts, Prediction
     from contactlearn.models import checkpoint
     from contactlearn.models.citation import cite
     from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
+    "BodyState",
     "ContactLearnError",
     "ContactModel",
     "DataError",
@@ -72,6 +74,7 @@ __all__ = [
 
 # The module that defines each public name; tests hold this table and the imports above to each other.
 _HOME = {
+    "BodyState": "mechanics.body_state",
     "ContactLearnError": "core.errors",
     "ContactModel": "models.contact_model",
     "DataError": "core.errors",

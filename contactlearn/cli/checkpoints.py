@@ -34,7 +34,7 @@ class TrainedModel:
     @property
     def under(self) -> ContactModel:
         """The model that has the law and the effects."""
-        return self.model.base if isinstance(self.model.base, ContactModel) else self.model
+        return self.model.under
 
     @property
     def law(self) -> Law | None:

@@ -171,6 +171,11 @@ class State:
         sharp = contact_point(shape, theta, self.stretch)
         return sharp + _rounding(shape, theta, self.corner) if isinstance(shape, Polygon) else sharp
 
+    @property
+    def mass_centre(self) -> Float[Tensor, "... n 2"] | None:
+        """Centre of mass minus tracked point [..., N, 2] in world axes, m; None where they are one point."""
+        return self.offset if self.offset is None or self.tilt is None else rigid_body.rotate(self.offset, self.tilt)
+
     def as_measured(self, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
         velocity, spin = v_post[..., :2], v_post[..., 2]

@@ -10,11 +10,14 @@ A purely learned model has no base; a law alone has nothing else.  Leading axes,
 subsets, may come before the impacts in every part.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
@@ -23,6 +26,7 @@ from contactlearn.core.numerics import measured
 from contactlearn.effects import PLACES, Effect, State
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.body_state import BodyOutcome, BodyState
 from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
 from contactlearn.models.regressor import Regressor
 
@@ -80,6 +84,96 @@ class ContactModel:
         covariance = self.spread(impacts, mean, variance) + self.noise[..., None, :, :]
         return Prediction(prediction.v_post, prediction.wrench, covariance)
 
+    def step(self, state: BodyState, *, uncertainty: bool = False) -> BodyOutcome:
+        """Return the velocity after contact of one body or of many, without a data set.
+
+        Args:
+            state: before contact; its leading axes stay, behind those of the model.
+            uncertainty: whether the covariance is wanted, of the fitted parameters to first order, of the processes and
+                of what none of these can predict, as far as the model has them.
+
+        Raises:
+            ContactLearnError: the model has no covariance of its parameters, and neither processes nor noise.
+            DataError: the contact point is not known, or does not approach; see `BodyState`.
+        """
+        impacts = state.as_impacts()
+        predicted = self.predict(impacts)
+        offset = actual_state(self.under.effects, State.of(impacts)).mass_centre
+        outcome = BodyOutcome(
+            pose=impacts.q.expand_as(predicted.v_post),
+            velocity=predicted.v_post,
+            wrench=predicted.wrench,
+            mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], 2),
+            covariance=self._covariance(impacts, predicted) if uncertainty else None,
+        )
+        return outcome.reshaped(state.batch)
+
+    def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
+        """Covariance [..., N, 3, 3] of v_post; see `step`."""
+        parts = [] if predicted.covariance is None else [predicted.covariance]
+        parts += [] if self.noise is None or parts else [self.noise[..., None, :, :]]
+        under = self.under
+        if under.parameter_covariance is not None and self.parameters is None:
+            shape = predicted.v_post.shape[:-1]
+            own = [value.expand(shape).clone().requires_grad_() for value in under.values]
+            with torch.enable_grad():
+                moved = under.at(own)
+                slope = derivative(resolve(moved.law, moved.effects, State.of(impacts), *own[:2]).v_post, own)
+            parts.append(slope @ under.parameter_covariance[..., None, :, :] @ slope.mT)
+        if not parts:
+            raise ContactLearnError(
+                "the model states no uncertainty: give it a parameter_covariance, as identify_jointly does, or a noise"
+            )
+        return torch.stack(torch.broadcast_tensors(*parts)).sum(0)
+
+    @property
+    def under(self) -> "ContactModel":
+        """The model that has the law and the effects: this one, or the one that it is built on."""
+        return self.base.under if isinstance(self.base, ContactModel) else self
+
+    @property
+    def values(self) -> tuple[Tensor, ...]:
+        """μ, ε and the parameters of the effects, in the order of `parameter_covariance`."""
+        return *self.law.coefficients, *(value for effect in self.effects.values() for value in effect.values)
+
+    def at(self, values: Sequence[Tensor | float]) -> "ContactModel":
+        """Return the model with other values of μ, ε and the effects' parameters, each broadcast against [..., N]."""
+        left = iter(values)
+        law = self.law.at(next(left), next(left))
+        effects = {name: one.at([next(left) for _ in one.parameters]) for name, one in self.effects.items()}
+        return replace(self, base=law, effects=effects)
+
+    def constants(self) -> dict[str, Any]:
+        """Return law, effects and every constant of theirs in full, with standard errors, as JSON takes them.
+
+        Values are nested lists where the model has leading axes.
+        """
+        errors = iter(self.standard_errors())
+
+        def entry(symbol: str, value: Tensor, unit: str) -> dict[str, Any]:
+            return {"symbol": symbol, "value": value.tolist(), "unit": unit, "standard_error": next(errors)}
+
+        found: dict[str, Any] = {}
+        if isinstance(self.base, ContactModel):
+            found["base"] = self.base.constants()
+        elif self.base is not None:
+            mu, eps = (entry(*one, "–") for one in zip(("μ", "ε"), self.law.coefficients, strict=True))
+            options = {name: x.tolist() if isinstance(x, Tensor) else x for name, x in self.law.options.items()}
+            law = {"name": self.law.name, "variant": self.law.variant, "options": options, "mu": mu, "eps": eps}
+            found["law"] = law if self.parameters is None else law | {"mu": None, "eps": None}
+        for name, effect in self.effects.items():
+            values = {
+                p.name: entry(p.symbol, value, p.unit)
+                for p, value in zip(effect.parameters, effect.values, strict=True)
+            }
+            about = {"form": effect.form, "equation": effect.equation, "options": effect.options, "parameters": values}
+            found.setdefault("effects", {})[name] = about
+        for name, processes in (("parameters", self.parameters), ("residual", self.residual)):
+            if processes is not None:
+                target = {} if name == "parameters" else {"target": self.target}
+                found[name] = target | {"processes": processes.space, "trials": processes.gps.train_targets.shape[-1]}
+        return found
+
     def __str__(self) -> str:
         """Write the equation of the model, a line for each effect.
 
@@ -103,7 +197,9 @@ class ContactModel:
             lines.append(f"{self.target}({self.residual.space})")
         return ("\n  + " if self.effects else " + ").join(lines) or "no impulse"
 
-    __repr__ = __str__  # tensors say nothing at a prompt
+    def __repr__(self) -> str:
+        """Write the model with every constant in full, as `constants`."""
+        return f"ContactModel({json.dumps(self.constants(), ensure_ascii=False)})"
 
     def standard_errors(self) -> list[float | None]:
         """Standard errors of μ, ε and the parameters of the effects, means over leading axes; None where unknown."""
@@ -181,9 +277,7 @@ def resolve(
     """
     ordered = sorted(effects.values(), key=lambda effect: effect.last)
     at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
-    state = measured
-    for effect in at["state"]:
-        state = effect.state(state)
+    state = actual_state(effects, measured)
     mu, eps = (torch.as_tensor(x, dtype=torch.float64, device=measured.mass.device) for x in (mu, eps))
     for effect in at["law"]:
         mu, eps = effect.law(state, mu, eps)
@@ -204,6 +298,14 @@ def resolve(
     return Prediction(
         v_post, wrench + rigid_body.measured_wrench(measured.mass, measured.inertia, measured.r, still, missing)
     )
+
+
+def actual_state(effects: Mapping[str, Effect], measured: State) -> State:
+    """Return the state as it is according to the effects of the place `state`, from the state as it was measured."""
+    for effect in sorted(effects.values(), key=lambda effect: effect.last):
+        if effect.place == "state":
+            measured = effect.state(measured)
+    return measured
 
 
 def predict_with(
