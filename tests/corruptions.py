@@ -5,13 +5,14 @@ from collections.abc import Callable
 
 import torch
 
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 
 
 def corrupt(impacts: Impacts, *names: str) -> Impacts:
     """Impacts as they would have been written down with these mistakes, made one after the other."""
     for name in names:
-        fields = {field: columns for field, columns in COMPONENTS.items() if getattr(impacts, field) is not None}
+        fields = {field: columns for field, columns in PLANE.components.items() if getattr(impacts, field) is not None}
         old = {}
         for field, columns in fields.items():
             old |= zip(columns, getattr(impacts, field).reshape(len(impacts), -1).unbind(-1), strict=True)

@@ -11,7 +11,8 @@ from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.moments import torque
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-15  # relative: one multiplication and one division
@@ -26,14 +27,14 @@ INVOLUTIONS = [name for name in CORRUPTIONS if name.startswith(("mirrored", "con
 
 
 def assert_equal(a: Impacts, b: Impacts) -> None:
-    for name in COMPONENTS:
+    for name in PLANE.components:
         torch.testing.assert_close(getattr(a, name), getattr(b, name), rtol=ROUNDING, atol=0, msg=name)
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_correction_undoes_the_corruption(drops, name):
     corrupted = corrupt(drops, name)
-    assert any(not torch.equal(getattr(corrupted, field), getattr(drops, field)) for field in COMPONENTS)
+    assert any(not torch.equal(getattr(corrupted, field), getattr(drops, field)) for field in PLANE.components)
     corrected = correct(corrupted, [name])
     assert_equal(corrected, drops)
     assert corrected.source == f"{drops.source} (corrected: {name})"
@@ -74,7 +75,7 @@ def test_inertia_comes_from_a_positive_balance(drops):
 
 def test_duplicates_keep_the_first_and_order_follows_time(drops):
     rows = torch.tensor([0, 1, 0, 2, 1, 0, 3])
-    values = {name: getattr(drops, name)[rows] for name in COMPONENTS}
+    values = {name: getattr(drops, name)[rows] for name in PLANE.components}
     twice = Impacts(**values, trial=tuple("abcdefg"))
     assert correct(twice, ["drop_duplicates"]).trial == ("a", "b", "d", "g")
     assert correct(drops, ["drop_duplicates"]).trial == drops.trial

@@ -13,9 +13,10 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
-from contactlearn.mechanics.impacts import COVARIANCES, Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.mechanics.rigid_body import measured_wrench
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
@@ -36,7 +37,7 @@ def drops(n: int = 30, **changes) -> Impacts:
 
 def test_they_are_indexed_replaced_and_part_of_the_fingerprint():
     impacts, rows = drops(), [3, 1]
-    for name in COVARIANCES:
+    for name in PLANE.covariances:
         assert torch.equal(getattr(impacts[rows], name), getattr(impacts, name)[rows])
         without = impacts.replace(**{name: None})
         assert getattr(without[rows], name) is None
@@ -77,7 +78,7 @@ def test_what_is_no_covariance_is_refused(change, fragments):
 def test_tables_keep_every_bit(tmp_path, suffix, left_out):
     impacts = drops(**dict.fromkeys(left_out))
     back = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
-    for name in COVARIANCES:
+    for name in PLANE.covariances:
         assert (getattr(back, name) is None) == (name in left_out)
         assert name in left_out or torch.equal(getattr(back, name), getattr(impacts, name))
 

@@ -21,8 +21,9 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.data import ellipse_drops as published
 from contactlearn.data import table, tracks
 from contactlearn.laws import find, names
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import hidden_effects, mujoco, recordings, recordings_mujoco, synthetic
 from contactlearn.simulation.camera import Camera
@@ -239,7 +240,7 @@ def test_parquet_numbers_of_other_kinds_are_converted(tmp_path):
 
 def assert_same(a: Impacts, b: Impacts) -> None:
     """Equal to the last bit, names included."""
-    for name in COMPONENTS:
+    for name in PLANE.components:
         mine, theirs = getattr(a, name), getattr(b, name)
         assert (mine is None) == (theirs is None)
         if mine is not None:

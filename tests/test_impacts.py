@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12  # relative; a few hundred float64 roundings
@@ -74,7 +75,7 @@ def test_names_default_to_the_row_and_body():
     assert impacts.object == ("body",) * 3
     assert make(2, trial=(7, "007")).trial == ("7", "007")
     impacts = make(2, mass=[1, 2], inertia=np.array([1, 2]), q=torch.ones(2, 3, dtype=torch.float32))
-    assert {getattr(impacts, name).dtype for name in COMPONENTS if getattr(impacts, name) is not None} == {
+    assert {getattr(impacts, name).dtype for name in PLANE.components if getattr(impacts, name) is not None} == {
         torch.float64
     }
     assert repr(make(shape=Disc(0.03), source="a.csv")) == (
@@ -98,7 +99,7 @@ def test_indexing_picks_every_field_in_the_given_order(rows, expected):
         shape=Disc(0.03), source="s",
     )  # fmt: skip
     picked = impacts[rows]
-    for name in COMPONENTS:
+    for name in PLANE.components:
         assert torch.equal(getattr(picked, name), getattr(impacts, name)[expected])
     assert picked.trial == tuple("wxyz"[i] for i in expected)
     assert picked.object == tuple("abcd"[i] for i in expected)

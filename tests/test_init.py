@@ -20,7 +20,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.headers import OPEN, propose
 from contactlearn.data.recordings.readers import read
-from contactlearn.mechanics.impacts import COMPONENTS
+from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import recordings, synthetic
 from contactlearn.workbench.commands import experiment, session_of
 
@@ -55,7 +55,7 @@ def drops(tmp_path, monkeypatch):
     impacts = synthetic.load(size=40)
     columns = {}
     for field in ("q", "v_pre", "v_post"):
-        for ours, values in zip(COMPONENTS[field], getattr(impacts, field).T, strict=True):
+        for ours, values in zip(PLANE.components[field], getattr(impacts, field).T, strict=True):
             name, factor = MILLIMETRES[ours]
             columns[name] = (values * factor).tolist()
     with open("drops.csv", "w", newline="", encoding="utf-8") as file:

@@ -21,7 +21,7 @@ from contactlearn.data.table.sheet import read_parquet
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.laws import find
-from contactlearn.mechanics.impacts import COMPONENTS
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.results import tables
 from contactlearn.results.tables import load_predictions, save_predictions
@@ -63,7 +63,7 @@ def test_blocks_of_a_table_are_the_table(suffix, drops, small_blocks, tmp_path):
     whole = joined([*found.read()])
     assert whole.trial == drops.trial
     assert whole.object == drops.object
-    for name in COMPONENTS:
+    for name in PLANE.components:
         if getattr(drops, name) is not None:
             assert torch.equal(getattr(whole, name), getattr(drops, name))
     assert found.sha256 == drops.fingerprint() == Blocks.of(drops).sha256

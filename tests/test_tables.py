@@ -25,8 +25,9 @@ from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit, quick_audit
 from contactlearn.data.table.columns import UNIT_FACTORS
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point, make_shape
+from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import synthetic
 
 ROOT = Path(__file__).parents[1]
@@ -53,12 +54,12 @@ def measured(size: int = 30) -> Impacts:
 def columns_of(impacts: Impacts) -> dict[str, list]:
     """The columns of a table by our names, in SI."""
     columns: dict[str, list] = {"trial": [*impacts.trial], "object": [*impacts.object]}
-    for field, names in COMPONENTS.items():
+    for field, names in PLANE.components.items():
         if getattr(impacts, field) is not None:
             columns |= zip(names, getattr(impacts, field).reshape(len(impacts), -1).T.tolist(), strict=True)
-    for field, names in COVARIANCES.items():
+    for field, names in PLANE.covariances.items():
         if getattr(impacts, field) is not None:
-            columns |= zip(names, getattr(impacts, field)[:, *UPPER].T.tolist(), strict=True)
+            columns |= zip(names, getattr(impacts, field)[:, *PLANE.upper].T.tolist(), strict=True)
     return columns
 
 
@@ -83,7 +84,7 @@ def written(path: Path, columns: dict[str, list]) -> Path:
 
 
 def assert_close(mine: Impacts, theirs: Impacts) -> None:
-    for name in (*COMPONENTS, *COVARIANCES):
+    for name in (*PLANE.components, *PLANE.covariances):
         a, b = getattr(mine, name), getattr(theirs, name)
         assert (a is None) == (b is None), name
         if b is not None:
@@ -197,7 +198,7 @@ def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
     other = {"rx": [0.0] * 40, "ry": [-1.0] * 40, "inertia": [7.0] * 40}
     path = written(tmp_path / "own.csv", {n: x for n, x in (columns_of(drops) | other).items() if n not in left_out})
     found = table.read(path, shape=shape, validate=False)
-    assert {column for field in found.computed for column in COMPONENTS[field]} == {*left_out}
+    assert {column for field in found.computed for column in PLANE.components[field]} == {*left_out}
     r, inertia = contact_point(body, drops.q[:, 2]), drops.mass * body.gyration_squared()
     assert torch.equal(found.impacts.r, r) == ("rx" in left_out)
     assert torch.equal(found.impacts.inertia, inertia) == ("inertia" in left_out)

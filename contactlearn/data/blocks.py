@@ -17,7 +17,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.fingerprint import Fingerprint
-from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, Impacts
+from contactlearn.mechanics.impacts import Impacts
 
 BLOCK = 1 << 15
 """Trials of a block: few enough that computations on them take a few hundred megabytes."""
@@ -99,7 +99,7 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
         return parts[0]
     values = {
         name: torch.cat([getattr(part, name) for part in parts])
-        for name in (*COMPONENTS, *COVARIANCES)
+        for name in (*parts[0].space.components, *parts[0].space.covariances)
         if getattr(parts[0], name) is not None
     }
     names = {field: tuple(name for part in parts for name in getattr(part, field)) for field in ("trial", "object")}

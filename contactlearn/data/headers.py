@@ -18,7 +18,7 @@ from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import is_motive, recording_files
 from contactlearn.data.table.columns import COLUMNS, COMPUTED, POWERS, REQUIRED, SI, UNIT_FACTORS, Units
-from contactlearn.mechanics.impacts import COMPONENTS
+from contactlearn.mechanics.space import PLANE
 
 OPEN = "???"
 """The value of a setting that must be stated: OmegaConf's."""
@@ -109,7 +109,7 @@ def propose(path: Path) -> FileContents:
         _recognised(header, _frame_units()),
         _markers(header),
     )
-    if any(column in impacts.names for column in COMPONENTS["v_post"]):
+    if any(column in impacts.names for column in PLANE.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
         return FileContents(source="table", settings=tuple(_table(path, impacts)), unused=impacts.others)

@@ -45,6 +45,7 @@ from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, Space, require_space
 
 OUTPUTS = {
     "state": {"rx": "m", "ry": "m", "theta": "rad"},
@@ -133,6 +134,8 @@ class Effect(ABC):
     vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
+    spaces: ClassVar[tuple[Space, ...]] = (PLANE,)
+    """Spaces in which it exists: the plane, or both."""
     place: ClassVar[str]
     """Method that the class overrides, one of `PLACES`."""
     name: ClassVar[str]
@@ -216,7 +219,9 @@ class Effect(ABC):
 
         Raises:
             DataError: the effect needs the body's shape, and the impacts have none.
+            ContactLearnError: it does not exist in the space of the impacts.
         """
+        require_space(f"effect {self.name}", impacts.space, self.spaces)
         if self.needs_shape:
             require_shape(self.name, impacts)
         return self

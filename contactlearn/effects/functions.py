@@ -47,7 +47,7 @@ class Argument(NamedTuple):
     values: Callable[[State], Float[Tensor, "... n"]]
 
 
-SLIP = Argument("|v_t|", "m/s", lambda state: state.v_t.abs())
+SLIP = Argument("|v_t|", "m/s", lambda state: state.slip)
 APPROACH = Argument("|v_n|", "m/s", lambda state: state.v_n.abs())
 INCIDENCE = Argument("α", "rad", lambda state: state.incidence)
 LEVER = Argument("|r_x|/ρ", "–", lambda state: state.lever)

@@ -25,6 +25,7 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import AnyShape, per_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Polygon, Shape, contact_point
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
 """(μ, ε), each of a shape that broadcasts against the impacts [..., N]."""
@@ -38,10 +39,10 @@ class State:
     """Fields as in `Impacts`, [..., N] and [..., N, D] with leading axes, in contact axes."""
 
     mass: Float[Tensor, "*#batch n"]
-    inertia: Float[Tensor, "*#batch n"]
-    r: Float[Tensor, "*#batch n 2"]
-    q: Float[Tensor, "*#batch n 3"]
-    v_pre: Float[Tensor, "*#batch n 3"]
+    inertia: Float[Tensor, "..."]
+    r: Float[Tensor, "*#batch n d"]
+    q: Float[Tensor, "*#batch n pose"]
+    v_pre: Float[Tensor, "*#batch n D"]
     order: Float[Tensor, "*#batch n"]
     shape: AnyShape | None = None
     stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
@@ -78,6 +79,16 @@ class State:
         return self.mu, self.eps
 
     @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return PLANE if self.r.shape[-1] == 2 else SPACE
+
+    @cached_property
+    def world_inertia(self) -> Float[Tensor, "..."]:
+        """Moment of inertia in kg m²: [..., N] in the plane, [..., N, 3, 3] in world axes in space."""
+        return rigid_body.inertia_in_world(self.inertia, self.q)
+
+    @property
     def x(self) -> Float[Tensor, "... n"]:
         """Position along the floor, m."""
         return self.q[..., 0]
@@ -89,23 +100,31 @@ class State:
 
     @property
     def v_t(self) -> Float[Tensor, "... n"]:
-        """Slip before contact, m/s."""
+        """Slip before contact in the plane, with its sign, m/s."""
         return self.v_c[..., 0]
+
+    @property
+    def slip(self) -> Float[Tensor, "... n"]:
+        """Speed of the slip before contact, m/s."""
+        return self.v_t.abs() if self.space is PLANE else self.v_c[..., :2].norm(dim=-1)
 
     @property
     def v_n(self) -> Float[Tensor, "... n"]:
         """Normal velocity of the contact point before contact, m/s; negative on approach."""
-        return self.v_c[..., 1]
+        return self.v_c[..., -1]
 
     @property
     def incidence(self) -> Float[Tensor, "... n"]:
         """Angle of incidence arctan(|v_t|/|v_n|) of the contact point, rad."""
-        return torch.atan2(self.v_t.abs(), -self.approach[..., 1])
+        return torch.atan2(self.slip, -self.approach[..., -1])
 
     @property
     def lever(self) -> Float[Tensor, "... n"]:
-        """|r_x|/ρ, ρ² = I/m: arm of the normal impulse in radii of gyration."""
-        return self.r[..., 0].abs() * (self.mass / self.inertia).sqrt()
+        """|r_x|/ρ, ρ² = I/m: arm of the normal impulse in radii of gyration about the axis that it turns."""
+        if self.space is PLANE:
+            return self.r[..., 0].abs() * (self.mass / self.inertia).sqrt()
+        turning = rigid_body.contact_jacobian(self.r)[..., 2, 3:]
+        return (self.mass * (turning * rigid_body.spin(self.world_inertia, turning)).sum(-1)).sqrt()
 
     @property
     def omega(self) -> Float[Tensor, "... n"]:
@@ -125,27 +144,26 @@ class State:
         )
 
     @cached_property
-    def W(self) -> Float[Tensor, "... n 2 2"]:
-        """Inverse effective inertia at the contact [..., N, 2, 2], 1/kg."""
-        return rigid_body.inverse_inertia(self.mass, self.inertia, self.r)
+    def W(self) -> Float[Tensor, "... n d d"]:
+        """Inverse effective inertia at the contact [..., N, d, d], 1/kg."""
+        return rigid_body.inverse_inertia(self.mass, self.world_inertia, self.r)
 
     @cached_property
-    def v_c(self) -> Float[Tensor, "... n 2"]:
-        """Velocity (v_t, v_n) of the contact point before contact [..., N, 2], m/s."""
+    def v_c(self) -> Float[Tensor, "... n d"]:
+        """Velocity of the contact point before contact, its normal component last [..., N, d], m/s."""
         return rigid_body.contact_velocity(self.r, self.v_pre)
 
     @property
-    def approach(self) -> Float[Tensor, "... n 2"]:
+    def approach(self) -> Float[Tensor, "... n d"]:
         """v_c for a law, which expects an approach: v_n is at most −1e-9 m/s, also where the state has v_n ≥ 0."""
-        v_t, v_n = self.v_c.unbind(-1)
-        return torch.stack((v_t, v_n.clamp_max(-_BARELY)), -1)
+        return torch.cat((self.v_c[..., :-1], self.v_c[..., -1:].clamp_max(-_BARELY)), -1)
 
-    def v_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """(v_x, v_y, ω) [..., N, 3] after a wrench, in contact axes and of the centre of mass."""
-        return rigid_body.apply_wrench(self.mass, self.inertia, self.r, self.v_pre, wrench)
+    def v_after(self, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
+        """Velocity [..., N, D] after a wrench, in contact axes and of the centre of mass."""
+        return rigid_body.apply_wrench(self.mass, self.world_inertia, self.r, self.v_pre, wrench)
 
-    def contact_after(self, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 2"]:
-        """Velocity (v_t, v_n) [..., N, 2] of the contact point after a wrench, m/s."""
+    def contact_after(self, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n d"]:
+        """Velocity [..., N, d] of the contact point after a wrench, m/s."""
         return rigid_body.contact_velocity(self.r, self.v_after(wrench))
 
     def turned(self, angle: Float[Tensor, "..."]) -> "State":
@@ -176,8 +194,10 @@ class State:
         """Centre of mass minus tracked point [..., N, 2] in world axes, m; None where they are one point."""
         return self.offset if self.offset is None or self.tilt is None else rigid_body.rotate(self.offset, self.tilt)
 
-    def as_measured(self, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+    def as_measured(self, v_post: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
+        if self.offset is None and self.tilt is None:
+            return v_post
         velocity, spin = v_post[..., :2], v_post[..., 2]
         if self.offset is not None:
             velocity = velocity - spin[..., None] * perpendicular(self.offset)

@@ -15,6 +15,7 @@ rigid contact with Coulomb friction; `contactlearn.testing.LawContract` holds it
 
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -23,7 +24,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.laws.contact import Contact, Values
+from contactlearn.laws.contact import Contact, SpatialContact, Values
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
 _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
 _COLUMNS = 128  # trials among them
@@ -64,6 +66,8 @@ class Law(ABC):
     """Whether k times the velocity gives k times the impulse at the same μ and ε."""
     mirror_symmetric: ClassVar[bool] = True
     """Whether the mirror image of a contact has the mirror image of its impulse."""
+    spaces: ClassVar[tuple[Space, ...]]
+    """Spaces in which it exists: the plane, or both if it overrides `solve_in_space`."""
     refines: ClassVar[bool] = False
     """Whether a diagnosis tries it only in the place of a law that does no better, since it takes ten times as long."""
 
@@ -71,6 +75,7 @@ class Law(ABC):
         super().__init_subclass__(**kwargs)
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        cls.spaces = (PLANE,) if cls.solve_in_space is Law.solve_in_space else BOTH
         if "label" not in cls.__dict__:
             cls.label = cls.name.replace("_", " ").capitalize()
 
@@ -90,6 +95,10 @@ class Law(ABC):
             mu, eps: to be used instead of the law's own.
         """
 
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> tuple[Values, Values, Values]:
+        """Return the impulse (P_1, P_2, P_n) in N s along the slip, across it and along the normal, as `solve`."""
+        raise AssertionError(f"`impulse` refuses {self.name} in space")
+
     @property
     def coefficients(self) -> tuple[Values, Values]:
         """μ and ε as float64 tensors."""
@@ -106,42 +115,59 @@ class Law(ABC):
 
     def impulse(
         self,
-        W: Float[Tensor, "*#batch 2 2"],
-        v_c: Float[Tensor, "*#batch 2"],
+        W: Float[Tensor, "*#batch d d"],
+        v_c: Float[Tensor, "*#batch d"],
         *,
-        out: Float[Tensor, "*batch 2"] | None = None,
-    ) -> Float[Tensor, "*batch 2"]:
-        """Return the contact impulse P = (P_t, P_n) [..., N, 2] in N s.
+        out: Float[Tensor, "*batch d"] | None = None,
+    ) -> Float[Tensor, "*batch d"]:
+        """Return the contact impulse P [..., N, d] in N s, its normal component last.
 
         Args:
-            W: inverse effective inertia [..., N, 2, 2] in 1/kg.
-            v_c: contact-point velocity (v_t, v_n) [..., N, 2] in m/s before contact, v_n < 0.
+            W: inverse effective inertia [..., N, d, d] in 1/kg; d is 2 in the plane, 3 in space.
+            v_c: contact-point velocity [..., N, d] in m/s before contact, v_n < 0.
             out: where to write P, so that repeated sweeps over a large grid reuse their memory; no gradients.
 
         The coefficients broadcast against [..., N]: μ of shape (G, 1) sweeps G values.
 
         Raises:
-            ContactLearnError: no tensors, or of another shape.
+            ContactLearnError: no tensors, or of another shape; or the law does not exist in space.
         """
-        if not (isinstance(W, Tensor) and isinstance(v_c, Tensor)) or (*W.shape[-2:], *v_c.shape[-1:]) != (2, 2, 2):
+        sizes = (*W.shape[-2:], *v_c.shape[-1:]) if isinstance(W, Tensor) and isinstance(v_c, Tensor) else ()
+        if sizes not in ((2, 2, 2), (3, 3, 3)):
             seen = " and ".join(f"{type(x).__name__} {list(getattr(x, 'shape', ()))}" for x in (W, v_c))
             raise ContactLearnError(
-                f"W [..., N, 2, 2] and v_c [..., N, 2] must be tensors, such as impacts.W and impacts.v_c, got {seen}"
+                f"W [..., N, d, d] and v_c [..., N, d] must be tensors, such as impacts.W and impacts.v_c, got {seen}"
             )
-        contact = Contact.of(W, v_c)
+        if sizes[0] == 2:
+            contact, direction, solve = Contact.of(W, v_c), (), type(self).solve
+        else:
+            require_space(f"law {self.name} ({self.variant})", SPACE, self.spaces)
+            (contact, direction), solve = SpatialContact.of(W, v_c), type(self).solve_in_space
         mu, eps = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (self.mu, self.eps))
         varying = {name: value for name, value in self.options.items() if isinstance(value, Tensor)}
-        inputs = (*contact, mu, eps, *varying.values())
+        inputs = (*contact, mu, eps, *direction, *varying.values())
         shape = torch.broadcast_tensors(*inputs)[0].shape
         grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
         if out is None and (grad or len(shape) < 2 or shape.numel() <= _BLOCK):
-            return torch.stack([part.expand(shape) for part in self.solve(contact, mu, eps)], -1)
-        P = torch.empty((*shape, 2), dtype=W.dtype, device=W.device) if out is None else out
+            parts = _in_world(solve(self, contact, mu, eps), direction)
+            return torch.stack([part.expand(shape) for part in parts], -1)
+        P = torch.empty((*shape, sizes[0]), dtype=W.dtype, device=W.device) if out is None else out
+        ends = len(contact), len(contact) + 2, len(contact) + 2 + len(direction)
         for place in _blocks(shape):
             block = [_part(x, len(shape), place) for x in inputs]
-            law = replace(self, **dict(zip(varying, block[7:], strict=True))) if varying else self
-            P[(*place, 0)], P[(*place, 1)] = law.solve(Contact(*block[:5]), *block[5:7])
+            law = replace(self, **dict(zip(varying, block[ends[2] :], strict=True))) if varying else self
+            parts = solve(law, type(contact)(*block[: ends[0]]), *block[ends[0] : ends[1]])
+            for k, part in enumerate(_in_world(parts, block[ends[1] : ends[2]])):
+                P[(*place, k)] = part
         return P
+
+
+def _in_world(parts: Sequence[Tensor], direction: Sequence[Tensor]) -> Sequence[Tensor]:
+    """Components of an impulse in world axes, from those in the axes of a slip of some direction, if it has one."""
+    if not direction:
+        return parts
+    (P_1, P_2, P_n), (c, s) = parts, direction
+    return c * P_1 - s * P_2, s * P_1 + c * P_2, P_n
 
 
 def _blocks(shape: torch.Size) -> list[tuple[Any, ...]]:

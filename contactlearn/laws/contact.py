@@ -30,6 +30,40 @@ class Contact(NamedTuple):
         return cls(w_tt, w_tn, w_nn, *v_c.unbind(-1))
 
 
+class SpatialContact(NamedTuple):
+    """W (1/kg) and v_c (m/s) by component in the axes of the slip, each [..., N]: 1 along the slip, 2 across, n up.
+
+    The slip across is 0.  Where there is no slip at all, 1 is along the slip that a normal impulse would start.
+    """
+
+    w_11: Values
+    w_12: Values
+    w_22: Values
+    w_1n: Values
+    w_2n: Values
+    w_nn: Values
+    slip: Values
+    v_n: Values
+
+    @classmethod
+    def of(
+        cls, W: Float[Tensor, "*#batch 3 3"], v_c: Float[Tensor, "*#batch 3"]
+    ) -> "tuple[SpatialContact, tuple[Values, Values]]":
+        """Take W and v_c apart; return also the cosine and sine of the direction of the slip."""
+        w_xx, w_xy, w_xn, _, w_yy, w_yn, _, _, w_nn = W.flatten(-2).unbind(-1)
+        v_x, v_y, v_n = v_c.unbind(-1)
+        still = (v_x == 0) & (v_y == 0)
+        a, b = torch.where(still, w_xn, v_x), torch.where(still, w_yn, v_y)
+        a = torch.where((a == 0) & (b == 0), 1.0, a)
+        length = torch.hypot(a, b)
+        c, s = a / length, b / length
+        cc, cs, ss = c * c, c * s, s * s
+        w_11, w_22 = cc * w_xx + 2 * cs * w_xy + ss * w_yy, ss * w_xx - 2 * cs * w_xy + cc * w_yy
+        w_12 = cs * (w_yy - w_xx) + (cc - ss) * w_xy
+        slip = torch.where(still, 0.0, length)
+        return cls(w_11, w_12, w_22, c * w_xn + s * w_yn, c * w_yn - s * w_xn, w_nn, slip, v_n), (c, s)
+
+
 def slip_direction(contact: Contact) -> Values:
     """Return s = ±1, the sign of v_t, or where v_t = 0 that of the slip that a normal impulse would start."""
     s = torch.where(contact.v_t == 0, contact.w_tn, contact.v_t).sign()

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.space import require_space
 
 if TYPE_CHECKING:  # pandas takes long to load
     import pandas as pd
@@ -84,9 +85,11 @@ class Features:
 
         Raises:
             UnknownNameError: no such space.
+            ContactLearnError: the bodies do not move in a plane.
         """
         if space not in SPACES:
             raise UnknownNameError("feature space", space, SPACES)
+        require_space(f"the feature space {space}", impacts.space)
         columns, compute = SPACES[space]
         return cls(values=torch.stack(compute(impacts), -1), units=columns, trial=impacts.trial)
 

@@ -1,18 +1,20 @@
-"""Impacts: an immutable batch of measured planar impacts.  Prediction: the outcomes by a model.
+"""Impacts: an immutable batch of measured impacts.  Prediction: the outcomes by a model.
 
 Everything downstream of the data sources takes an `Impacts` and nothing reads a file again.  It holds float64 tensors
 in SI units, all on one device (`contactlearn.core.devices` moves them); validation happens once, at construction.
 
-    mass, inertia      [N]     kg, kg m²   about the centre of mass
-    r                  [N, 2]  m           contact point minus centre of mass, world axes
-    q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact
-    v_pre, v_post      [N, 3]  m/s, rad/s  (v_x, v_y, ω) before and after contact
-    q_post, time       [N, 3], [N]         optional: pose after contact, time of contact in s
-    v_pre_cov, v_post_cov  [N, 3, 3]       optional: covariances of the errors of v_pre and v_post
+    mass, inertia      [N]     kg, kg m²   about the centre of mass; in space inertia [N, 3], principal moments
+    r                  [N, d]  m           contact point minus centre of mass, world axes
+    q                  [N, 3]  m, m, rad   pose (x, y, θ) before contact; in space [N, 7], (x, y, z) and a quaternion
+    v_pre, v_post      [N, D]  m/s, rad/s  velocity of the centre of mass, then spin, before and after contact
+    q_post, time       as q, [N]           optional: pose after contact, time of contact in s
+    v_pre_cov, v_post_cov  [N, D, D]       optional: covariances of the errors of v_pre and v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
     shape                              optional: that of all bodies, or by object (`contactlearn.mechanics.bodies`)
     apparatus                          optional: estimates of its parameters from other measurements
+
+(d, D) = (2, 3) in the plane and (3, 6) in space (`mechanics.space`); r says which it is.
 """
 
 from collections.abc import Sequence
@@ -20,6 +22,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -31,32 +34,12 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes
 from contactlearn.mechanics.features import Features
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
-_PAIRS = ("vx_vx", "vx_vy", "vx_omega", "vy_vy", "vy_omega", "omega_omega")
 _ROUNDING = 1e-9  # of a correlation
-
-COMPONENTS = {
-    "mass": ("mass",),
-    "inertia": ("inertia",),
-    "r": ("rx", "ry"),
-    "q": ("x", "y", "theta"),
-    "v_pre": ("vx", "vy", "omega"),
-    "v_post": ("vx_post", "vy_post", "omega_post"),
-    "q_post": ("x_post", "y_post", "theta_post"),
-    "time": ("time",),
-    "order": ("order",),
-}
-"""The columns of a table file by the field of `Impacts` that they fill."""
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1, as numbers of a few digits do
 
 OPTIONAL = ("q_post", "time", "order")
-
-COVARIANCES = {
-    f"v_{when}_cov": tuple(f"cov_{pair}{end}" for pair in _PAIRS) for when, end in (("pre", ""), ("post", "_post"))
-}
-"""The columns of a table file by the covariance of `Impacts` that they fill: those of `UPPER`, row by row."""
-
-UPPER = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
-"""Rows and columns of the upper half of a covariance of (v_x, v_y, ω)."""
 
 IMPULSE_TARGETS = ("momentum", "least_squares", "contact")
 """Definitions of the measured impulse, see `measured_impulse`."""
@@ -78,15 +61,15 @@ class Impacts:
     """
 
     mass: Float[Tensor, "n"]
-    inertia: Float[Tensor, "n"]
-    r: Float[Tensor, "n 2"]
-    q: Float[Tensor, "n 3"]
-    v_pre: Float[Tensor, "n 3"]
-    v_post: Float[Tensor, "n 3"]
-    q_post: Float[Tensor, "n 3"] | None = None
+    inertia: Float[Tensor, "n"] | Float[Tensor, "n 3"]
+    r: Float[Tensor, "n d"]
+    q: Float[Tensor, "n pose"]
+    v_pre: Float[Tensor, "n D"]
+    v_post: Float[Tensor, "n D"]
+    q_post: Float[Tensor, "n pose"] | None = None
     time: Float[Tensor, "n"] | None = None
-    v_pre_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
-    v_post_cov: Float[Tensor, "n 3 3"] | None = field(default=None, kw_only=True)
+    v_pre_cov: Float[Tensor, "n D D"] | None = field(default=None, kw_only=True)
+    v_post_cov: Float[Tensor, "n D D"] | None = field(default=None, kw_only=True)
     order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
@@ -98,14 +81,16 @@ class Impacts:
 
     def __post_init__(self) -> None:
         n = len(self.mass)
-        for name, columns in COMPONENTS.items():
+        if self.space is SPACE and torch.as_tensor(self.inertia).ndim == 1:  # the same about every axis
+            object.__setattr__(self, "inertia", torch.as_tensor(self.inertia)[:, None].expand(-1, 3))
+        for name, columns in self.space.components.items():
             if getattr(self, name) is not None or name not in OPTIONAL:
                 self._take(name, (n,) if len(columns) == 1 else (n, len(columns)))
         if self.order is None:  # left out
             object.__setattr__(self, "order", torch.arange(1, n + 1).to(self.mass))
-        for name in COVARIANCES:
+        for name in self.space.covariances:
             if getattr(self, name) is not None:
-                self._take(name, (n, 3, 3))
+                self._take(name, (n, self.space.D, self.space.D))
         object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
         object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
         self._validate()
@@ -132,30 +117,54 @@ class Impacts:
                 row = getattr(self, name).index("") + 1
                 raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
         object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
-        for name, columns in COMPONENTS.items():
+        for name, columns in self.space.components.items():
             if (value := getattr(self, name)) is None:
                 continue
             for column, values in zip(columns, value.reshape(n, -1).unbind(-1), strict=True):
                 self._refuse(~torch.isfinite(values), column, values, "must be a finite number")
-        for column, values in (("mass", self.mass), ("inertia", self.inertia)):
+        moments = zip(self.space.inertia, self.inertia.reshape(n, -1).unbind(-1), strict=True)
+        for column, values in (("mass", self.mass), *moments):
             self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
-        for name, columns in COVARIANCES.items():
+        for name, columns in self.space.covariances.items():
             if getattr(self, name) is not None:
                 self._refuse_covariance(name, columns)
+        if self.space is SPACE:
+            self._validate_bodies()
         if self.validate:
-            self._refuse(
-                self.v_c[:, 1] >= 0,
-                "vy",
-                self.v_c[:, 1],
-                "must approach the floor: v_n = vy + rx ω < 0 before contact "
-                "(columns swapped, y down, or ω in degrees? python -m contactlearn audit FILE tells)",
-            )
+            self._check_approach()
             self._check_unique_trials()
+
+    def _validate_bodies(self) -> None:
+        """Refuse poses and moments of inertia that no body in space has."""
+        for name, column in (("q", "qw"), ("q_post", "qw_post")):
+            if (pose := getattr(self, name)) is not None:
+                length = pose[:, 3:].norm(dim=-1)
+                rule = "the quaternion (qw, qx, qy, qz) must be of length 1; are its columns mixed up?  Its length"
+                self._refuse((length - 1).abs() > _UNIT, column, length, rule)
+        most = self.inertia.argmax(-1)
+        excess = 2 * self.inertia.amax(-1) - self.inertia.sum(-1)
+        for axis, column in enumerate(self.space.inertia):
+            rule = "a moment of inertia is at most the sum of the two others; state principal moments in kg m².  Excess"
+            self._refuse((most == axis) & (excess > _ROUNDING * self.inertia.amax(-1)), column, excess, rule)
+
+    def _check_approach(self) -> None:
+        """Refuse contact points that leave the floor before contact, as in axes that are not ours."""
+        v_n = self.v_c[:, -1]
+        if self.space is PLANE:
+            rule = "v_n = vy + rx ω < 0 before contact (columns swapped, y down, or ω in degrees?"
+            rule += " python -m contactlearn audit FILE tells)"
+        else:
+            low = self.r.mean(0)
+            axis = int(low.abs().argmax())
+            lies = f"{'+-'[int(low[axis] < 0)]}{'xyz'[axis]}"
+            rule = "v_n = vz + wx ry − wy rx < 0 before contact; the normal is z, upwards, and the contact points lie "
+            rule += f"towards {lies} on average (turn the axes until that is -z; ω in degrees?)"
+        self._refuse(v_n >= 0, self.space.velocity[self.space.d - 1], v_n, f"must approach the floor: {rule}")
 
     def _refuse_covariance(self, name: str, columns: Sequence[str]) -> None:
         """Refuse a matrix that is no covariance, and make it symmetric to the last bit."""
         value: Tensor = getattr(self, name)
-        for column, i, j in zip(columns, *UPPER, strict=True):
+        for column, i, j in zip(columns, *self.space.upper, strict=True):
             both = torch.stack((value[:, i, j], value[:, j, i]), -1)
             self._refuse(~torch.isfinite(both).all(-1), column, value[:, i, j], "must be a finite number")
             size = (value[:, i, i].abs() * value[:, j, j].abs()).sqrt()
@@ -206,7 +215,7 @@ class Impacts:
         index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()].reshape(-1)
         picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in (*COMPONENTS, *COVARIANCES):
+        for name in (*self.space.components, *self.space.covariances):
             if values[name] is not None:
                 values[name] = values[name][index]
         for name in ("trial", "object"):
@@ -222,26 +231,36 @@ class Impacts:
         """Number of each trial's body, `contactlearn.mechanics.bodies.body_code` of its name."""
         return body_codes(self.object).to(self.mass.device)
 
-    @cached_property
-    def W(self) -> Float[Tensor, "n 2 2"]:
-        """Inverse effective inertia at the contact, [N, 2, 2] in 1/kg."""
-        return rigid_body.inverse_inertia(self.mass, self.inertia, self.r)
+    @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return SPACE if np.shape(self.r)[1:] == (3,) else PLANE
 
     @cached_property
-    def v_c(self) -> Float[Tensor, "n 2"]:
-        """Velocity (v_t, v_n) of the contact point before contact, [N, 2] in m/s."""
+    def world_inertia(self) -> Float[Tensor, "n"] | Float[Tensor, "n 3 3"]:
+        """Moment of inertia in kg m²: [N] in the plane, [N, 3, 3] in world axes in space."""
+        return rigid_body.inertia_in_world(self.inertia, self.q)
+
+    @cached_property
+    def W(self) -> Float[Tensor, "n d d"]:
+        """Inverse effective inertia at the contact, [N, d, d] in 1/kg."""
+        return rigid_body.inverse_inertia(self.mass, self.world_inertia, self.r)
+
+    @cached_property
+    def v_c(self) -> Float[Tensor, "n d"]:
+        """Velocity of the contact point before contact, its normal component last, [N, d] in m/s."""
         return rigid_body.contact_velocity(self.r, self.v_pre)
 
     @cached_property
     def scales(self) -> tuple[float, float, float]:
         """Medians of the radius of gyration in m, the mass in kg, and the speed of the contact point in m/s."""
-        gyration = (self.inertia / self.mass).sqrt()
+        gyration = (self.inertia.reshape(len(self), -1).mean(-1) / self.mass).sqrt()
         return gyration.median().item(), self.mass.median().item(), self.v_c.norm(dim=-1).median().item()
 
     @cached_property
-    def wrench(self) -> Float[Tensor, "n 3"]:
-        """Measured wrench (P_t, P_n, τ) [N, 3] in (N s, N s, N m s): exact and unique."""
-        return rigid_body.measured_wrench(self.mass, self.inertia, self.r, self.v_pre, self.v_post)
+    def wrench(self) -> Float[Tensor, "n D"]:
+        """Measured wrench (P, τ) [N, D] in (N s, N m s): exact and unique."""
+        return rigid_body.measured_wrench(self.mass, self.world_inertia, self.r, self.v_pre, self.v_post)
 
     def features(self, space: str) -> Features:
         """Return a feature space, `state` (10-D), `x1`, `x2` or `x2_polar`: see `contactlearn.mechanics.features`.
@@ -261,7 +280,7 @@ class Impacts:
         """Continue a fingerprint with the names and numbers of these impacts."""
         digest.add_texts("trial", self.trial)
         digest.add_texts("object", self.object)
-        for name in (*COMPONENTS, *COVARIANCES):
+        for name in (*self.space.components, *self.space.covariances):
             if (value := getattr(self, name)) is not None:
                 digest.add_numbers(name, value)
         if self.apparatus is not None:
@@ -273,26 +292,26 @@ class Impacts:
         return self[~held_out], self[held_out]
 
 
-def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n 2"]:
-    """Return the measured impulse (P_t, P_n) [N, 2] in N s, to which a law is fitted.
+def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n d"]:
+    """Return the measured impulse P [N, d] in N s, to which a law is fitted.
 
     The targets differ where the moment τ is not 0.
 
     Args:
         impacts: measurements.
-        target: `momentum` is m Δ(v_x, v_y), exact.  `least_squares` and `contact` solve Δv = M⁻¹JᵀP over (v_x, v_y, ω),
+        target: `momentum` is m Δ(v_x, v_y), exact.  `least_squares` and `contact` solve Δv = M⁻¹JᵀP over all of Δv,
             without weights (the paper's text), and weighted by M (P = M_c J Δv, the authors' published script).
 
     Raises:
         UnknownNameError: no such target.
     """
     if target == "momentum":
-        return impacts.wrench[:, :2]
+        return impacts.wrench[:, : impacts.space.d]
     dv = impacts.v_post - impacts.v_pre
     if target == "least_squares":
-        return rigid_body.least_squares_impulse(impacts.mass, impacts.inertia, impacts.r, dv)
+        return rigid_body.least_squares_impulse(impacts.mass, impacts.world_inertia, impacts.r, dv)
     if target == "contact":
-        return (rigid_body.effective_inertia(impacts.W) @ rigid_body.contact_velocity(impacts.r, dv)[..., None])[..., 0]
+        return rigid_body.times(rigid_body.effective_inertia(impacts.W), rigid_body.contact_velocity(impacts.r, dv))
     raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
 
 

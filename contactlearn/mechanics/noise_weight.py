@@ -34,9 +34,10 @@ def noise_variance(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None
         return None
     covariance = torch.stack(stated).sum(0)
     if target != "velocity":
-        step = torch.eye(3).to(covariance)[:, None].expand(3, len(impacts), 3)
-        slope = rigid_body.measured_wrench(impacts.mass, impacts.inertia, impacts.r, torch.zeros_like(step), step)
+        size = impacts.space.D
+        step = torch.eye(size).to(covariance)[:, None].expand(size, len(impacts), size)
+        slope = rigid_body.measured_wrench(impacts.mass, impacts.world_inertia, impacts.r, torch.zeros_like(step), step)
         slope = slope.permute(1, 2, 0)  # of the wrench in the change of velocity
         covariance = slope @ covariance @ slope.mT
     variance = covariance.diagonal(dim1=-2, dim2=-1)
-    return variance[:, :2] if target == "impulse" else variance
+    return variance[:, : impacts.space.d] if target == "impulse" else variance

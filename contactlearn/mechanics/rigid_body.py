@@ -1,14 +1,18 @@
-"""Planar rigid-body contact mechanics as pure functions on tensors.
+"""Rigid-body contact mechanics in the plane and in space as pure functions on tensors.
 
-World axes: x right, y up, θ counter-clockwise; contact axes: tangent t = +x, normal n = +y.
-Impulses act on the body.  Batch axes lead, N is the number of trials, everything is SI and
-float64.  Symbols are those of docs/notation.md:
+World axes of the plane: x right, y up, θ counter-clockwise; contact axes: tangent t = +x, normal n = +y.  In space z is
+up, and the contact axes are those of the world, the normal last.  Impulses act on the body.  Batch axes lead, N is the
+number of trials, everything is SI and float64.  Symbols are those of docs/notation.md:
 
-    J   = [[1, 0, −r_y], [0, 1, r_x]]        contact Jacobian, rows t then n
+    J   = [[1, 0, −r_y], [0, 1, r_x]]        contact Jacobian, rows t then n; in space (1, −[r]×)
     W   = J M⁻¹ Jᵀ                           inverse effective inertia at the contact, 1/kg
     M_c = W⁻¹                                effective inertia at the contact, kg
     v_c = J v                                velocity of the contact point, m/s
     M (v⁺ − v⁻) = Jᵀ P + (0, 0, τ)ᵀ          equation of motion, Eq. (2.2) with a moment τ
+
+Positions, impulses and velocities of the contact have d = 2 or 3 components, velocities and wrenches D = 3 or 6.  The
+moment of inertia is [..., N] in the plane, and in space [..., N, 3, 3] in world axes (`inertia_in_world`).  Only
+`moment`, `swept` and `spin`, of which the rest is made, and W know the dimension.
 
 Source: Fazeli et al. (2017), Section 2; the moment τ about the contact point is what no point
 contact can transmit.
@@ -29,18 +33,66 @@ def rotate(vector: Float[Tensor, "*#batch 2"], angle: Float[Tensor, "*#batch"]) 
     return torch.stack((c * x - s * y, s * x + c * y), -1)
 
 
-def contact_jacobian(r: Float[Tensor, "*#batch 2"]) -> Float[Tensor, "*#batch 2 3"]:
-    """Contact Jacobian J [..., 2, 3] (rows t, n) from the contact point r [..., 2] in m."""
-    one, zero = torch.ones_like(r[..., 0]), torch.zeros_like(r[..., 0])
-    rows_t = torch.stack((one, zero, -r[..., 1]), -1)
-    rows_n = torch.stack((zero, one, r[..., 0]), -1)
-    return torch.stack((rows_t, rows_n), -2)
+def rotation(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3"]:
+    """Rotation matrix R [..., 3, 3], body to world, of a quaternion (w, x, y, z) [..., 4] of any length."""
+    w, x, y, z = (quaternion / quaternion.norm(dim=-1, keepdim=True)).unbind(-1)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return torch.stack([torch.stack(row, -1) for row in rows], -2)
+
+
+def inertia_in_world(inertia: Float[Tensor, "..."], q: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Moment of inertia `I` in world axes from that of the body and its pose: R diag(I) Rᵀ in space."""
+    if q.shape[-1] == 3:
+        return inertia
+    R = rotation(q[..., 3:])
+    return (R * inertia[..., None, :]) @ R.mT
+
+
+def moment(r: Float[Tensor, "*#batch d"], P: Float[Tensor, "*#batch d"]) -> Float[Tensor, "..."]:
+    """Moment r × P [..., 1 or 3] about the mass centre in N m s of an impulse P [..., d] that acts at r."""
+    if r.shape[-1] == 3:
+        return torch.linalg.cross(*torch.broadcast_tensors(r, P))
+    (r_x, r_y), (p_t, p_n) = r.unbind(-1), P.unbind(-1)
+    return (r_x * p_n - r_y * p_t)[..., None]
+
+
+def swept(r: Float[Tensor, "*#batch d"], omega: Float[Tensor, "..."]) -> Float[Tensor, "*#batch d"]:
+    """Velocity ω × r [..., d] in m/s of an arm r that turns with ω [..., 1 or 3]."""
+    if r.shape[-1] == 3:
+        return torch.linalg.cross(*torch.broadcast_tensors(omega, r))
+    (r_x, r_y), (spin,) = r.unbind(-1), omega.unbind(-1)
+    return torch.stack((-r_y * spin, r_x * spin), -1)
+
+
+def spin(inertia: Float[Tensor, "..."], moment: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Change of spin I⁻¹ × moment [..., 1 or 3] in rad/s."""
+    return moment / inertia[..., None] if moment.shape[-1] == 1 else times(inverse(inertia), moment)
+
+
+def spin_momentum(inertia: Float[Tensor, "..."], omega: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Angular momentum I ω [..., 1 or 3] in N m s."""
+    return inertia[..., None] * omega if omega.shape[-1] == 1 else times(inertia, omega)
+
+
+def contact_jacobian(r: Float[Tensor, "*#batch d"]) -> Float[Tensor, "*#batch d D"]:
+    """Contact Jacobian J [..., d, D] (rows t, n) from the contact point r [..., d] in m."""
+    d = r.shape[-1]
+    spins = torch.eye(2 * d - 3).to(r)
+    arms = [swept(r, one.expand(*r.shape[:-1], -1)) for one in spins]
+    return torch.cat((torch.eye(d).to(r).expand(*r.shape, d), torch.stack(arms, -1)), -1)
 
 
 def inverse_inertia(
-    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "*#batch"], r: Float[Tensor, "*#batch 2"]
-) -> Float[Tensor, "*#batch 2 2"]:
-    """Inverse effective inertia W [..., 2, 2] in 1/kg at the contact point r [..., 2]."""
+    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "..."], r: Float[Tensor, "*#batch d"]
+) -> Float[Tensor, "*#batch d d"]:
+    """Inverse effective inertia W [..., d, d] in 1/kg at the contact point r [..., d]."""
+    if r.shape[-1] == 3:
+        turning = contact_jacobian(r)[..., 3:]
+        return torch.eye(3).to(r) / mass[..., None, None] + turning @ inverse(inertia) @ turning.mT
     r_x, r_y = r.unbind(-1)
     w_tt = 1 / mass + r_y**2 / inertia
     w_tn = -r_x * r_y / inertia
@@ -48,90 +100,115 @@ def inverse_inertia(
     return torch.stack((torch.stack((w_tt, w_tn), -1), torch.stack((w_tn, w_nn), -1)), -2)
 
 
-def effective_inertia(W: Float[Tensor, "*#batch 2 2"]) -> Float[Tensor, "*#batch 2 2"]:
-    """Effective inertia M_c = W⁻¹ [..., 2, 2] in kg."""
+def inverse(W: Float[Tensor, "*#batch d d"]) -> Float[Tensor, "*#batch d d"]:
+    """Inverse [..., d, d] of symmetric 2 × 2 or 3 × 3 matrices by their adjugates."""
+    if W.shape[-1] == 3:
+        first, second, third = W.unbind(-2)
+        rows = torch.stack(
+            [torch.linalg.cross(*pair) for pair in ((second, third), (third, first), (first, second))], -1
+        )
+        return rows / (first * rows[..., 0]).sum(-1)[..., None, None]
     w_tt, w_tn, w_nn = W[..., 0, 0], W[..., 0, 1], W[..., 1, 1]
     adjugate = torch.stack((torch.stack((w_nn, -w_tn), -1), torch.stack((-w_tn, w_tt), -1)), -2)
     return adjugate / (w_tt * w_nn - w_tn**2)[..., None, None]
 
 
-def contact_velocity(r: Float[Tensor, "*#batch 2"], v: Float[Tensor, "*#batch 3"]) -> Float[Tensor, "*#batch 2"]:
-    """Velocity v_c = J v [..., 2] of the contact point in m/s, from v [..., 3] = (v_x, v_y, ω)."""
-    (r_x, r_y), (v_x, v_y, omega) = r.unbind(-1), v.unbind(-1)
-    return torch.stack((v_x - r_y * omega, v_y + r_x * omega), -1)
+def effective_inertia(W: Float[Tensor, "*#batch d d"]) -> Float[Tensor, "*#batch d d"]:
+    """Effective inertia M_c = W⁻¹ [..., d, d] in kg."""
+    return inverse(W)
+
+
+def contact_velocity(r: Float[Tensor, "*#batch d"], v: Float[Tensor, "*#batch D"]) -> Float[Tensor, "*#batch d"]:
+    """Velocity v_c = J v [..., d] of the contact point in m/s, from v [..., D]."""
+    d = r.shape[-1]
+    return v[..., :d] + swept(r, v[..., d:])
 
 
 def apply_wrench(
     mass: Float[Tensor, "*#batch"],
-    inertia: Float[Tensor, "*#batch"],
-    r: Float[Tensor, "*#batch 2"],
-    v: Float[Tensor, "*#batch 3"],
-    wrench: Float[Tensor, "*#batch 3"],
-) -> Float[Tensor, "*#batch 3"]:
-    """Velocity v⁺ [..., 3] after the wrench (P_t, P_n, τ) [..., 3] in (N s, N s, N m s)."""
-    (r_x, r_y), (p_t, p_n, tau) = r.unbind(-1), wrench.unbind(-1)
-    spin = r_x * p_n - r_y * p_t + tau
-    return v + torch.stack((p_t / mass, p_n / mass, spin / inertia), -1)
+    inertia: Float[Tensor, "..."],
+    r: Float[Tensor, "*#batch d"],
+    v: Float[Tensor, "*#batch D"],
+    wrench: Float[Tensor, "*#batch D"],
+) -> Float[Tensor, "*#batch D"]:
+    """Velocity v⁺ [..., D] after the wrench (P, τ) [..., D] in (N s, N m s)."""
+    P, tau = wrench[..., : r.shape[-1]], wrench[..., r.shape[-1] :]
+    turned = spin(inertia, moment(r, P) + tau)
+    linear = P / mass[..., None]
+    if linear.shape[:-1] != turned.shape[:-1]:
+        shape = torch.broadcast_shapes(linear.shape[:-1], turned.shape[:-1])
+        linear, turned = linear.expand(*shape, -1), turned.expand(*shape, -1)
+    return v + torch.cat((linear, turned), -1)
 
 
 def velocity_per_wrench(
-    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "*#batch"], r: Float[Tensor, "*#batch 2"]
-) -> Float[Tensor, "*#batch 3 3"]:
-    """Derivative [..., 3, 3] of v⁺ (v_x, v_y, ω) in the wrench (P_t, P_n, τ): M⁻¹ (Jᵀ, (0, 0, 1)ᵀ)."""
-    turning = torch.stack((torch.zeros_like(mass), torch.zeros_like(mass), torch.ones_like(mass)), -1)
-    columns = torch.cat((contact_jacobian(r).mT, turning[..., None]), -1)
-    return columns / torch.stack((mass, mass, inertia), -1)[..., None]
+    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "..."], r: Float[Tensor, "*#batch d"]
+) -> Float[Tensor, "*#batch D D"]:
+    """Derivative [..., D, D] of v⁺ in the wrench (P, τ): M⁻¹ (Jᵀ, (0, 1)ᵀ)."""
+    size = 3 * r.shape[-1] - 3
+    each = torch.eye(size).to(r).view(size, *[1] * (r.ndim - 1), size).expand(size, *r.shape[:-1], size)
+    return apply_wrench(mass, inertia, r, torch.zeros_like(each), each).movedim(0, -1)
 
 
 def measured_wrench(
     mass: Float[Tensor, "*#batch"],
-    inertia: Float[Tensor, "*#batch"],
-    r: Float[Tensor, "*#batch 2"],
-    v_pre: Float[Tensor, "*#batch 3"],
-    v_post: Float[Tensor, "*#batch 3"],
-) -> Float[Tensor, "*#batch 3"]:
-    """The one wrench (P_t, P_n, τ) [..., 3] that takes v_pre to v_post: inverse of `apply_wrench`."""
-    (dv_x, dv_y, domega), (r_x, r_y) = (v_post - v_pre).unbind(-1), r.unbind(-1)
-    p_t, p_n = mass * dv_x, mass * dv_y
-    tau = inertia * domega - (r_x * p_n - r_y * p_t)
-    return torch.stack((p_t, p_n, tau), -1)
+    inertia: Float[Tensor, "..."],
+    r: Float[Tensor, "*#batch d"],
+    v_pre: Float[Tensor, "*#batch D"],
+    v_post: Float[Tensor, "*#batch D"],
+) -> Float[Tensor, "*#batch D"]:
+    """The one wrench (P, τ) [..., D] that takes v_pre to v_post: inverse of `apply_wrench`."""
+    change, d = v_post - v_pre, r.shape[-1]
+    P = mass[..., None] * change[..., :d]
+    tau = spin_momentum(inertia, change[..., d:]) - moment(r, P)
+    return torch.cat((P.expand(*tau.shape[:-1], -1), tau), -1)
+
+
+def squared_mass_norm(
+    mass: Float[Tensor, "*#batch"], inertia: Float[Tensor, "..."], v: Float[Tensor, "*#batch D"]
+) -> Float[Tensor, "*#batch"]:
+    """vᵀ M v [...] in J: twice the kinetic energy."""
+    d = v.shape[-1] // 3 + 1
+    linear, turning = v[..., :d], v[..., d:]
+    return mass * linear.square().sum(-1) + (turning * spin_momentum(inertia, turning)).sum(-1)
 
 
 def least_squares_impulse(
     mass: Float[Tensor, "*#batch"],
-    inertia: Float[Tensor, "*#batch"],
-    r: Float[Tensor, "*#batch 2"],
-    dv: Float[Tensor, "*#batch 3"],
-) -> Float[Tensor, "*#batch 2"]:
-    """Impulse P [..., 2] that minimises ‖Δv − M⁻¹JᵀP‖₂ over Δ(v_x, v_y, ω) [..., 3], unweighted.
+    inertia: Float[Tensor, "..."],
+    r: Float[Tensor, "*#batch d"],
+    dv: Float[Tensor, "*#batch D"],
+) -> Float[Tensor, "*#batch d"]:
+    """Impulse P [..., d] that minimises ‖Δv − M⁻¹JᵀP‖₂ over all components of Δv [..., D], unweighted.
 
     What the paper's authors identified with.  It adds metres to radians, so ω (tens of rad/s)
     outweighs the velocities: it is not the momentum change m Δv unless τ = 0.
     """
-    # In u = P/m the residual is (Δv_x − u_t, Δv_y − u_n, Δω − κ·u) with κ = m (−r_y, r_x)/I, so the
-    # normal equations (1 + κκᵀ) u = Δv + κ Δω are inverted by Sherman and Morrison's formula.
-    kappa = torch.stack((-r[..., 1], r[..., 0]), -1) * (mass / inertia)[..., None]
-    rhs = dv[..., :2] + kappa * dv[..., 2:]
-    u = rhs - kappa * ((kappa * rhs).sum(-1) / (1 + (kappa**2).sum(-1)))[..., None]
-    return mass[..., None] * u
+    A = velocity_per_wrench(mass, inertia, r)[..., : r.shape[-1]]
+    return times(inverse(A.mT @ A), times(A.mT, dv))
+
+
+def times(A: Float[Tensor, "*#batch k m"], x: Float[Tensor, "*#batch m"]) -> Float[Tensor, "*#batch k"]:
+    """Product A x [..., K] of matrices and vectors."""
+    return (A @ x[..., None])[..., 0]
 
 
 def energy_excess(
-    W: Float[Tensor, "*#batch 2 2"], v_c: Float[Tensor, "*#batch 2"], P: Float[Tensor, "*#batch 2"]
+    W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"], P: Float[Tensor, "*#batch d"]
 ) -> Float[Tensor, "*#batch"]:
     """Kinetic energy gained [...] in J: ½ Pᵀ W P + Pᵀ v_c.  At most 0 inside the energy ellipse.
 
     The energy ellipse, Eq. (2.5) with α = 1, is (P + M_c v_c)ᵀ W (P + M_c v_c) = v_cᵀ M_c v_c.
     """
-    WP = (W @ P[..., None])[..., 0]
+    WP = times(W, P)
     return (P * (0.5 * WP + v_c)).sum(-1)
 
 
 def energy_ellipse(
-    W: Float[Tensor, "*#batch 2 2"], v_c: Float[Tensor, "*#batch 2"], points: int = 181
+    W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"], points: int = 181
 ) -> Float[Tensor, "*#batch {points} 2"]:
     """Boundary of the energy ellipse as impulses [..., points, 2] in N s; it passes through P = 0."""
-    centre = -(effective_inertia(W) @ v_c[..., None])[..., 0]
+    centre = -times(effective_inertia(W), v_c)
     radius = (-(centre * v_c).sum(-1)).clamp_min(0).sqrt()
     angle = torch.linspace(0, 2 * torch.pi, points, dtype=W.dtype, device=W.device)
     circle = torch.stack((angle.cos(), angle.sin()), -1)
@@ -142,20 +219,20 @@ def energy_ellipse(
 
 
 def admissible(
-    W: Float[Tensor, "*#batch 2 2"],
-    v_c: Float[Tensor, "*#batch 2"],
-    P: Float[Tensor, "*#batch 2"],
+    W: Float[Tensor, "*#batch d d"],
+    v_c: Float[Tensor, "*#batch d"],
+    P: Float[Tensor, "*#batch d"],
     tolerance: float = 1e-9,
 ) -> Bool[Tensor, "*#batch"]:
-    """Whether P [..., 2] gains no energy, pulls nothing and leaves no penetration: bool [...].
+    """Whether P [..., d] gains no energy, pulls nothing and leaves no penetration: bool [...].
 
     `tolerance` is relative: to the incident energy v_cᵀ M_c v_c, momentum and speed.
     """
-    momentum = -(effective_inertia(W) @ v_c[..., None])[..., 0]
+    momentum = -times(effective_inertia(W), v_c)
     energy = -(momentum * v_c).sum(-1)
-    v_n = v_c[..., 1] + (W[..., 1, :] * P).sum(-1)
+    v_n = v_c[..., -1] + (W[..., -1, :] * P).sum(-1)
     return (
         (energy_excess(W, v_c, P) <= tolerance * energy)
-        & (P[..., 1] >= -tolerance * momentum.norm(dim=-1))
+        & (P[..., -1] >= -tolerance * momentum.norm(dim=-1))
         & (v_n >= -tolerance * v_c.norm(dim=-1))
     )

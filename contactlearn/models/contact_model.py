@@ -28,6 +28,7 @@ from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.body_state import BodyOutcome, BodyState
 from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
+from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
 
 RESIDUALS = ("velocity", "impulse", "wrench")
@@ -242,7 +243,7 @@ class ContactModel:
         if isinstance(self.base, ContactModel):
             return self.base.predict(impacts)
         if self.base is None:
-            return Prediction.from_wrench(impacts, pad(torch.zeros_like(impacts.r), (0, 1)))
+            return Prediction.from_wrench(impacts, torch.zeros_like(impacts.v_pre))
         return resolve(self.base, self.effects, State.of(impacts), self.base.mu, self.base.eps)
 
     def complete(self, impacts: Impacts, learned: Tensor) -> Prediction:
@@ -252,15 +253,15 @@ class ContactModel:
         base = self.base_prediction(impacts)
         if self.target == "velocity":
             v_post = base.v_post + learned
-            body = impacts.mass, impacts.inertia, impacts.r, impacts.v_pre
+            body = impacts.mass, impacts.world_inertia, impacts.r, impacts.v_pre
             return Prediction(v_post, rigid_body.measured_wrench(*body, v_post))
-        return Prediction.from_wrench(impacts, base.wrench + pad(learned, (0, 3 - learned.shape[-1])))
+        return Prediction.from_wrench(impacts, base.wrench + pad(learned, (0, impacts.space.D - learned.shape[-1])))
 
     def spread(self, impacts: Impacts, learned: Tensor, variance: Tensor) -> Tensor:
         """Covariance [..., N, 3, 3] of v_post from the variance [..., N, O] of the learned part."""
         if self.target == "velocity":
             return torch.diag_embed(variance)
-        slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.inertia, impacts.r)
+        slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.world_inertia, impacts.r)
         if self.parameters is not None:
             slope = slope @ wrench_per_parameter(self.law, impacts, learned, self.effects)
         slope = slope[..., : variance.shape[-1]]
@@ -275,6 +276,8 @@ def resolve(
     Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
     the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
     """
+    for name, effect in effects.items():
+        require_space(f"effect {name}", measured.space, effect.spaces)
     ordered = sorted(effects.values(), key=lambda effect: effect.last)
     at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
     state = actual_state(effects, measured)
@@ -285,7 +288,7 @@ def resolve(
         mu, eps = _clamped(mu, eps)
     state = state.replace(mu=mu, eps=eps)
     P = law.at(mu, eps).impulse(state.W, state.approach)
-    wrench = pad(P, (0, 1))
+    wrench = pad(P, (0, measured.space.D - measured.space.d))
     for effect in at["wrench"]:
         wrench = effect.wrench(state, wrench)
     if not at["state"] and not at["velocity"]:
@@ -295,9 +298,8 @@ def resolve(
         v_post = effect.velocity(state, v_post)
     missing = v_post - measured.v_after(wrench)  # exactly 0 where the effects vanish
     still = torch.zeros_like(missing)
-    return Prediction(
-        v_post, wrench + rigid_body.measured_wrench(measured.mass, measured.inertia, measured.r, still, missing)
-    )
+    body = measured.mass, measured.world_inertia, measured.r
+    return Prediction(v_post, wrench + rigid_body.measured_wrench(*body, still, missing))
 
 
 def actual_state(effects: Mapping[str, Effect], measured: State) -> State:

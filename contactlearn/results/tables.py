@@ -29,7 +29,8 @@ from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95, METRICS, o
 from contactlearn.inference.identification.per_trial import TrialFit
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import make_shapes
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.space import Space
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, metrics_of
 
 _IMPACTS, _PREDICTIONS = "held_out", "predictions"
@@ -37,8 +38,6 @@ _IMPACTS, _PREDICTIONS = "held_out", "predictions"
 SHOWN = 10_000
 """Held-out trials that figures and pages show: a random sample where there are more."""
 
-_V_POST, _WRENCH = COMPONENTS["v_post"], ("P_t", "P_n", "tau")
-_READ = ("trial", "model", *_V_POST, *_WRENCH)
 _ROWS = 1 << 17  # of a table that are read at a time
 
 
@@ -73,13 +72,13 @@ def save_predictions(
         pd.DataFrame(
             _names(impacts)
             | {"model": model}
-            | dict(zip(_V_POST, prediction.v_post.T.numpy(), strict=True))
-            | dict(zip(_WRENCH, prediction.wrench.T.numpy(), strict=True))
+            | dict(zip(impacts.space.components["v_post"], prediction.v_post.T.numpy(), strict=True))
+            | dict(zip(impacts.space.wrench, prediction.wrench.T.numpy(), strict=True))
             | {
                 name: metric.error(impacts, prediction).numpy() if name in metrics_of(model, norm) else math.nan
                 for name, metric in METRICS.items()
             }
-            | {"outside_admissible": outside_admissible(impacts, prediction.wrench[:, :2]).numpy()}
+            | {"outside_admissible": outside_admissible(impacts, prediction.wrench[:, : impacts.space.d]).numpy()}
         )
         for impacts, predictions in predicted
         for model, prediction in predictions.items()
@@ -127,7 +126,7 @@ def load_predictions(impacts: Impacts, path: Path, rows: Int[Tensor, " n"]) -> d
     found: dict[str, list[pd.DataFrame]] = {}
     before, chosen = defaultdict[str, int](int), rows.numpy()
     try:
-        for frame in _frames(path):
+        for frame in _frames(path, impacts.space):
             for model, part in frame.groupby("model", sort=False):
                 first = before[str(model)]
                 before[str(model)] += len(part)
@@ -145,18 +144,20 @@ def load_predictions(impacts: Impacts, path: Path, rows: Int[Tensor, " n"]) -> d
 def _prediction(impacts: Impacts, model: str, rows: pd.DataFrame, path: Path) -> Prediction:
     if tuple(rows["trial"].astype(str)) != impacts.trial:
         raise DataError(f"{path}: the trials of {model} are not the held-out ones; are the files of one run?")
-    v_post, wrench = (torch.tensor(rows[list(part)].to_numpy(float)) for part in (_V_POST, _WRENCH))
+    parts = impacts.space.components["v_post"], impacts.space.wrench
+    v_post, wrench = (torch.tensor(rows[list(part)].to_numpy(float)) for part in parts)
     return Prediction(v_post, wrench)
 
 
-def _frames(path: Path) -> Iterator[pd.DataFrame]:
+def _frames(path: Path, space: Space) -> Iterator[pd.DataFrame]:
     """The rows of a table of predictions, some at a time."""
+    read = ["trial", "model", *space.components["v_post"], *space.wrench]
     if path.suffix == ".parquet":
         with pq.ParquetFile(path) as file:
-            yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=[*_READ]))
+            yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=read))
     else:
         types = {"trial": pa.string(), "model": pa.string()}
-        names = pacsv.ConvertOptions(include_columns=[*_READ], column_types=types)
+        names = pacsv.ConvertOptions(include_columns=read, column_types=types)
         # Every number to its last digit, as pandas 2 does not.
         with pacsv.open_csv(path, convert_options=names) as reader:
             yield from (batch.to_pandas() for batch in reader)

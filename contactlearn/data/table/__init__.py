@@ -57,8 +57,9 @@ from contactlearn.mechanics.bodies import (
     make_shapes,
     per_body,
 )
-from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, UPPER, Impacts
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Shape
+from contactlearn.mechanics.space import SPACE, Space
 
 __all__ = [
     "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "header", "is_large", "load", "read",
@@ -169,7 +170,9 @@ def read_blocks(
         if len(kept):
             left = True
             values |= {name: torch.full((len(kept),), x, dtype=torch.float64) for name, x in numbers.items()}
-            impacts = _impacts(kept, values, named.computed, known_shape, known_units, validate=validate)
+            impacts = _impacts(
+                kept, values, named.computed, known_shape, known_units, space=named.space, validate=validate
+            )
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
     if not left:
         raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
@@ -219,16 +222,24 @@ def _impacts(
     shape: AnyShape | None,
     units: Units,
     *,
+    space: Space,
     validate: bool,
 ) -> Impacts:
     """Build impacts from cells under our names and the values that are known already."""
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
-    for field, names in COMPONENTS.items():
+    if space is SPACE and units.factor("theta") < 0:
+        raise DataError(
+            f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
+        )
+    for field, names in space.components.items():
+        names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
         if names[0] in cells.header:
             stacked = torch.stack([_numbers(cells, name, units) for name in names], -1)
             values[field] = stacked[:, 0] if len(names) == 1 else stacked
     values |= {
-        field: _covariance(cells, names, units) for field, names in COVARIANCES.items() if names[0] in cells.header
+        field: _covariance(cells, space, names, units)
+        for field, names in space.covariances.items()
+        if names[0] in cells.header
     }
     if shape is not None:
         values |= _computed(cells.path, computed, shape, values)
@@ -255,11 +266,11 @@ def _numbers(cells: sheet.Sheet, column: str, units: Units) -> Tensor:
     return torch.from_numpy(cells.numbers(column, units.text(column), units.factor(column)))
 
 
-def _covariance(cells: sheet.Sheet, columns: Sequence[str], units: Units) -> Tensor:
-    """The covariances [N, 3, 3] of their upper halves."""
+def _covariance(cells: sheet.Sheet, space: Space, columns: Sequence[str], units: Units) -> Tensor:
+    """The covariances [N, D, D] of their upper halves."""
     halves = [_numbers(cells, column, units) for column in columns]
-    whole = torch.zeros(len(halves[0]), 3, 3, dtype=torch.float64)
-    for i, j, values in zip(*UPPER, halves, strict=True):
+    whole = torch.zeros(len(halves[0]), space.D, space.D, dtype=torch.float64)
+    for i, j, values in zip(*space.upper, halves, strict=True):
         whole[:, i, j] = whole[:, j, i] = values
     return whole
 
@@ -323,14 +334,14 @@ def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str])
 def _columns(impacts: Impacts) -> sheet.Columns:
     """Impacts as columns of a table."""
     columns: dict[str, Sequence[Any] | np.ndarray] = {name: getattr(impacts, name) for name in NAMES}
-    for field, names in COMPONENTS.items():
+    for field, names in impacts.space.components.items():
         value = getattr(impacts, field)
         if value is not None:
             columns |= zip(names, value.reshape(len(impacts), -1).T.numpy(), strict=True)
-    for field, names in COVARIANCES.items():
+    for field, names in impacts.space.covariances.items():
         value = getattr(impacts, field)
         if value is not None:
-            columns |= zip(names, value[:, *UPPER].T.numpy(), strict=True)
+            columns |= zip(names, value[:, *impacts.space.upper].T.numpy(), strict=True)
     if impacts.apparatus is not None:
         columns |= apparatus_columns(impacts.apparatus, len(impacts))
     return columns

@@ -28,7 +28,8 @@ from types import MappingProxyType
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.mechanics.impacts import COMPONENTS, COVARIANCES, OPTIONAL
+from contactlearn.mechanics.impacts import OPTIONAL
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
 """The stated units of a table as `save` writes it."""
@@ -42,19 +43,16 @@ UNIT_FACTORS: dict[str, dict[str, float]] = {
 }
 """Factors to SI by quantity and unit."""
 
-_LENGTH, _VELOCITY = {"length": 1}, {"length": 1, "time": -1}
+_LENGTH, _VELOCITY, _SPIN = {"length": 1}, {"length": 1, "time": -1}, {"angle": 1, "time": -1}
+_INERTIA = {"mass": 1, "length": 2}
 POWERS: dict[str, dict[str, int]] = {
     "mass": {"mass": 1},
-    "inertia": {"mass": 1, "length": 2},
-    "rx": _LENGTH,
-    "ry": _LENGTH,
-    "x": _LENGTH,
-    "y": _LENGTH,
+    **dict.fromkeys(("rx", "ry", "rz", "x", "y", "z"), _LENGTH),
     "theta": {"angle": 1},
-    "vx": _VELOCITY,
-    "vy": _VELOCITY,
-    "omega": {"angle": 1, "time": -1},
+    **dict.fromkeys(("vx", "vy", "vz"), _VELOCITY),
+    **dict.fromkeys(("omega", "wx", "wy", "wz"), _SPIN),
     "time": {"time": 1},
+    **dict.fromkeys(("inertia", *SPACE.inertia), _INERTIA),
 }
 """Powers of the quantities in the unit of a column, of which those after contact and covariances follow."""
 
@@ -155,11 +153,23 @@ def _one(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> 
 
 
 NAMES = ("trial", "object")
-COLUMNS = NAMES + tuple(column for columns in (COMPONENTS | COVARIANCES | PAIRS).values() for column in columns)
-REQUIRED = tuple(column for field, columns in COMPONENTS.items() if field not in OPTIONAL for column in columns)
-BEFORE = {f"{column}_pre": column for column in COMPONENTS["v_pre"]}
-COMPUTED = {"inertia": ("inertia",), "r": ("rx", "ry")}
-"""Columns, by the field that they fill, that a known shape may replace."""
+
+
+def columns_of(space: Space) -> tuple[str, ...]:
+    """Return all columns that a table may have."""
+    groups = (space.components | space.covariances | PAIRS).values()
+    return NAMES + tuple(column for columns in groups for column in columns)
+
+
+def required_in(space: Space) -> tuple[str, ...]:
+    """Return the columns that a table must have."""
+    fields = space.components.items()
+    return tuple(column for field, columns in fields if field not in OPTIONAL for column in columns)
+
+
+COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
+COMPUTED = {"inertia": PLANE.inertia, "r": PLANE.position}
+"""Columns of the plane, by the field that they fill, that a known shape may replace."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
@@ -171,6 +181,7 @@ _APART = 0.75  # to a needed name that begins with another letter: m_g is not om
 class NamedColumns:
     """A table under our names, the file's columns that are not used, and the fields that the shape must give."""
 
+    space: Space
     cells: Sheet
     unused: tuple[str, ...]
     computed: tuple[str, ...]
@@ -192,10 +203,13 @@ def name_columns(
             slip.
         UnknownNameError: a mapping of a column that does not exist.
     """
-    names = _checked(cells, mapped)
+    space = SPACE if {*SPACE.pose[3:]} & {*cells.header, *(mapped or ())} else PLANE
+    every = columns_of(space)
+    names = _checked(cells, mapped, every)
     taken = {name for name in names.values() if name is not None}
-    ours = {name: name for name in cells.header if name in COLUMNS and name not in names and name not in taken}
-    before = {column: name for name, column in BEFORE.items() if name in cells.header and name not in taken}
+    ours = {name: name for name in cells.header if name in every and name not in names and name not in taken}
+    before = {f"{column}_pre": column for column in space.velocity}
+    before = {column: name for name, column in before.items() if name in cells.header and name not in taken}
     ours |= {column: name for column, name in before.items() if column not in ours and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
@@ -206,23 +220,30 @@ def name_columns(
                 f"column by 'data.columns={{{column}: null}}'"
             )
     unused = tuple(name for name in cells.header if name not in ours.values())
-    lacking = [column for column in REQUIRED if column not in ours and column not in stated]
-    computed = tuple(field for field, columns in COMPUTED.items() if {*columns} <= {*lacking})
+    lacking = [column for column in required_in(space) if column not in ours and column not in stated]
+    if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
+        ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
+        lacking = [column for column in lacking if column not in SPACE.inertia]
+    shapes = COMPUTED if space is PLANE else {}
+    computed = tuple(field for field, columns in shapes.items() if {*columns} <= {*lacking})
     spared = {column for field in computed if shaped for column in COMPUTED[field]}
     needed = [column for column in lacking if column not in spared]
-    free = [column for column in COLUMNS if column not in ours and column not in names and column not in stated]
+    free = [column for column in every if column not in ours and column not in names and column not in stated]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        raise DataError(f"{cells.path}: {_long(cells, needed) or _missing(slips, needed, unused, computed)}")
-    _refuse_incomplete(cells, [*ours])
+        raise DataError(f"{cells.path}: {_long(cells, needed) or _missing(space, slips, needed, unused, computed)}")
+    _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
     return NamedColumns(
-        cells=replace(cells, header=[*ours], columns=columns, written=ours), unused=unused, computed=computed
+        space=space,
+        cells=replace(cells, header=[*ours], columns=columns, written=ours),
+        unused=unused,
+        computed=computed,
     )
 
 
-def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None) -> dict[str, str | None]:
+def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Sequence[str]) -> dict[str, str | None]:
     """The mapping of names, with the file's as text."""
     if mapped is None:
         return {}
@@ -230,9 +251,9 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None) -> dict[str,
         raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
     names = {str(column): None if name is None else str(name) for column, name in mapped.items()}
     for column, name in names.items():
-        if column not in COLUMNS:
-            turned = f" (our name comes first: {{{name}: {column}}})" if name in COLUMNS else ""
-            raise UnknownNameError(f"column in data.columns{turned}:", column, COLUMNS)
+        if column not in known:
+            turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
+            raise UnknownNameError(f"column in data.columns{turned}:", column, known)
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
@@ -265,7 +286,9 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
     return {name: found[name] for name in unused if name in found}
 
 
-def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]) -> str:
+def _missing(
+    space: Space, slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]
+) -> str:
     """Describe which columns are missing, which look like them, and how to map their names."""
     lacking = [column for column in needed if column not in slips.values()]
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
@@ -284,8 +307,8 @@ def _missing(slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[s
         parts.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
     if "mass" in lacking:
         parts.append("or state the mass of every body in kg, data.mass=…")
-    plain = [column for column in COLUMNS if not column.startswith(("cov_", "apparatus_"))]
-    every = f"needed: {', '.join(REQUIRED)}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
+    plain = [column for column in columns_of(space) if not column.startswith(("cov_", "apparatus_"))]
+    every = f"needed: {', '.join(required_in(space))}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
     parts.append(every if few else "optional columns: docs/tables.md")
     return "; ".join(parts)
 
@@ -307,9 +330,10 @@ def _quoted(name: str) -> str:
     return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'
 
 
-def _refuse_incomplete(cells: Sheet, ours: Sequence[str]) -> None:
+def _refuse_incomplete(space: Space, cells: Sheet, ours: Sequence[str]) -> None:
     """Refuse a table that has a part of columns that come together."""
-    groups = [(COMPONENTS["q_post"], "all three"), *((columns, "all six") for columns in COVARIANCES.values())]
+    several = {3: "all three", 6: "all six", 7: "all seven", 21: "all 21"}
+    groups = [(columns, several[len(columns)]) for columns in (space.components["q_post"], *space.covariances.values())]
     groups += [(pair, "both") for pair in PAIRS.values()]
     if any(column in ours for pair in PAIRS.values() for column in pair):
         groups.append((NEEDED, "all four"))

@@ -26,14 +26,14 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import Z_95
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia
+from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia, squared_mass_norm, times
 
 
 def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """Compute √(eᵀ M e) / √(v_postᵀ M v_post) over (v_x, v_y, ω) [..., N]."""
-    M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
-    error = (M * (prediction.v_post - impacts.v_post) ** 2).sum(-1)
-    return (error / (M * impacts.v_post**2).sum(-1)).sqrt()
+    body = impacts.mass, impacts.world_inertia
+    error = squared_mass_norm(*body, prediction.v_post - impacts.v_post)
+    return (error / squared_mass_norm(*body, impacts.v_post)).sqrt()
 
 
 def euclidean_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
@@ -48,7 +48,7 @@ def normalised_euclidean_error(impacts: Impacts, prediction: Prediction) -> Floa
 
 def velocity_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """Compute ‖v̂_post − v_post‖₂ of the centre of mass [..., N] in m/s."""
-    return (prediction.v_post - impacts.v_post)[..., :2].norm(dim=-1)
+    return (prediction.v_post - impacts.v_post)[..., : impacts.space.d].norm(dim=-1)
 
 
 class Metric(NamedTuple):
@@ -89,24 +89,25 @@ def headline_metric(norm: str) -> str:
     return bounded_metrics(norm)[0]
 
 
-def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n 2"]) -> Bool[Tensor, "*batch n"]:
-    """Find the impulses [..., N, 2] that gain energy, pull or leave penetration: bool [..., N].
+def outside_admissible(impacts: Impacts, impulse: Float[Tensor, "*batch n d"]) -> Bool[Tensor, "*batch n"]:
+    """Find the impulses [..., N, d] that gain energy, pull or leave penetration: bool [..., N].
 
     For a point contact (τ = 0): see `mechanics.admissible`.
     """
     return ~admissible(impacts.W, impacts.v_c, impulse, tolerance=1e-7)
 
 
-def back_spin(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"]) -> Bool[Tensor, "*batch n"]:
-    """Find the outcomes v_post [..., N, 3] whose impulse lies beyond the line of sticking: bool [..., N].
+def back_spin(impacts: Impacts, v_post: Float[Tensor, "*batch n D"]) -> Bool[Tensor, "*batch n"]:
+    """Find the outcomes v_post [..., N, D] whose impulse lies beyond the line of sticking: bool [..., N].
 
     Friction does more than end the slip v_t + W_tn P_n that the same normal impulse leaves without friction; it
     reverses it.  P is that of the contact point, M_c J Δv.  Source: Fazeli et al. (2017), Section 2.1.
     """
     after = contact_velocity(impacts.r, v_post)
-    friction = (effective_inertia(impacts.W) @ (after - impacts.v_c)[..., None])[..., 0, 0]
-    without = after[..., 0] - impacts.W[:, 0, 0] * friction
-    return after[..., 0] * without.sign() < -1e-7 * impacts.v_c.norm(dim=-1)
+    friction = times(effective_inertia(impacts.W), after - impacts.v_c)[..., :-1]
+    slip = after[..., :-1]
+    without = slip - times(impacts.W[:, :-1, :-1], friction)
+    return (slip * without).sum(-1) < -1e-7 * impacts.v_c.norm(dim=-1) * without.norm(dim=-1)
 
 
 def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
@@ -117,7 +118,7 @@ def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, 
 def negative_log_density(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
     """Compute −log of the predicted density of the measured v_post [..., N], in nats; v_post in (m/s, m/s, rad/s)."""
     white, root = _whitened(impacts, prediction)
-    return 0.5 * white.square().sum(-1) + root.log().sum(-1) + 1.5 * math.log(2 * math.pi)
+    return 0.5 * white.square().sum(-1) + root.log().sum(-1) + white.shape[-1] / 2 * math.log(2 * math.pi)
 
 
 def _whitened(impacts: Impacts, prediction: Prediction) -> tuple[Tensor, Tensor]:
@@ -149,12 +150,12 @@ def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], 
     return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 
-def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n 3"]:
+def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n D"]:
     """Find which of (v_x, v_y, ω) after contact lie in their 95 % intervals: bool [..., N, 3]."""
     return (impacts.v_post - prediction.v_post).abs() <= Z_95 * predicted_spread(prediction)
 
 
-def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n 3"]:
+def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n D"]:
     """Compute the standard deviations [..., N, 3] of the measured v_post about the prediction, (m/s, m/s, rad/s)."""
     return _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
 
@@ -238,7 +239,7 @@ class ErrorSums:
         chosen = [predictions[name] for name in self.models]
         for name, metric in METRICS.items():
             self._moments[name].add(torch.stack([metric.error(impacts, one) for one in chosen]).cpu())
-        outside = [outside_admissible(impacts, one.wrench[..., :2]).sum() for one in chosen]
+        outside = [outside_admissible(impacts, one.wrench[..., : impacts.space.d]).sum() for one in chosen]
         self._outside += torch.stack(outside).cpu()
         self._back_spin += torch.stack([back_spin(impacts, one.v_post).sum() for one in chosen]).cpu()
         self._measured_back_spin += back_spin(impacts, impacts.v_post).sum().item()

@@ -10,6 +10,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import require_space
 
 _NODES = 33, 17  # of μ and ε; eight times as many change no share of the published drops by 0.01
 _JUMP = 0.2  # of the energy ellipse's radius: a wider cell spans a jump of the law
@@ -29,6 +30,7 @@ def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[T
     (Whittaker's law has one) is left out.  The admissible impulses are half of the energy ellipse, since the line
     v_n⁺ = 0 runs through its centre; the few of them that pull count as well.
     """
+    require_space("the share of the admissible impulses", impacts.space)
     mu, eps = (nodes.to(impacts.mass) for nodes in grid(box or Box(), _NODES))
     W, v_c = impacts.W, impacts.v_c
     P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)

@@ -20,6 +20,7 @@ from torch import Tensor
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
+from contactlearn.mechanics.space import require_space
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
 
@@ -55,6 +56,7 @@ def identify_trials(
 
     The arguments are those of `identify`; `box.nodes` is not used.
     """
+    require_space("the identification of single trials", impacts.space)
     P = measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
     W, v_c, P = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))

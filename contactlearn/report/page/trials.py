@@ -15,7 +15,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
-from contactlearn.mechanics.impacts import COMPONENTS, Impacts, Prediction
+from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report.figures.browser import as_plotly, plotly_style
 from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors
 from contactlearn.report.figures.style import MILLI
@@ -52,7 +52,7 @@ def trial_columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
     found = {
         column: values
         for name in ("r", "q", "v_pre", "v_post")
-        for column, values in zip(COMPONENTS[name], getattr(impacts, name).T, strict=True)
+        for column, values in zip(impacts.space.components[name], getattr(impacts, name).T, strict=True)
     }
     return found | dict(zip(("P_t", "P_n", "tau"), MILLI * impacts.wrench.T, strict=True))
 
@@ -62,7 +62,7 @@ def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"], norm: Norm = "
 
     `error` [M, N] is the headline of the norm, `parts` [M, N, 3] are the shares of its square in v_x, v_y and ω.
     """
-    wrench = rigid_body.measured_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, v_post)
+    wrench = rigid_body.measured_wrench(impacts.mass, impacts.world_inertia, impacts.r, impacts.v_pre, v_post)
     parts = weights(impacts, norm).mT * (v_post - impacts.v_post).square()
     return {
         "v_post": v_post,
