@@ -26,6 +26,7 @@ from contactlearn.effects import Effect, EffectId, named_effects
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, require_impacts
+from contactlearn.mechanics.space import require_space
 
 
 def diagnose(
@@ -93,6 +94,7 @@ def diagnose(
 def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], thresholds: Thresholds) -> None:
     """Refuse anything but impacts, too few trials, and limits that make no sense, before any work is done."""
     require_impacts(impacts)
+    require_space("a diagnosis", impacts.space)
     fewest = thresholds.fewest_trials
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")

@@ -37,6 +37,7 @@ from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 _ROUNDING = 1e-9  # of a correlation
+_FEWEST, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1, as numbers of a few digits do
 
 OPTIONAL = ("q_post", "time", "order")
@@ -131,6 +132,8 @@ class Impacts:
         if self.space is SPACE:
             self._validate_bodies()
         if self.validate:
+            if self.space is SPACE:
+                self._check_handedness()
             self._check_approach()
             self._check_unique_trials()
 
@@ -146,6 +149,18 @@ class Impacts:
         for axis, column in enumerate(self.space.inertia):
             rule = "a moment of inertia is at most the sum of the two others; state principal moments in kg m².  Excess"
             self._refuse((most == axis) & (excess > _ROUNDING * self.inertia.amax(-1)), column, excess, rule)
+
+    def _check_handedness(self) -> None:
+        """Refuse spins that turn against the axes: the changes of spin are then opposite to the moments of Δv."""
+        change = self.v_post - self.v_pre
+        spun = rigid_body.spin_momentum(self.world_inertia, change[:, 3:])
+        moment = rigid_body.moment(self.r, self.mass[:, None] * change[:, :3])
+        apart, opposite = ((spun - sign * moment).norm(dim=-1).median().item() for sign in (1, -1))
+        if len(self) >= _FEWEST and opposite < _OPPOSITE * apart:
+            raise DataError(
+                f"{self.source}: axes must be right-handed, and I Δω is nearer to −r × m Δv ({opposite:.3g} N m s) "
+                f"than to r × m Δv ({apart:.3g}); turn the signs of wx, wy, wz, or mirror one axis of all columns"
+            )
 
     def _check_approach(self) -> None:
         """Refuse contact points that leave the floor before contact, as in axes that are not ours."""

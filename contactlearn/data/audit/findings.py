@@ -41,6 +41,7 @@ from contactlearn.data.audit.trials import (
     trial_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import require_space
 
 _FEWEST = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _QUICK = 500  # trials of a quick audit
@@ -52,6 +53,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
+    require_space("the audit", impacts.space)
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = apparatus_notes(impacts)

@@ -31,6 +31,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.space import require_space
 
 Norm = Literal["mass", "euclidean"]
 NORMS: tuple[Norm, ...] = get_args(Norm)
@@ -41,7 +42,7 @@ _SLACK = 1e-14  # of the disc's radius: an edge that round-off shortens below a 
 _NEWTON_STEPS = 50  # from a bound below λ it converges monotonically; 10 were the most seen
 
 
-def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = "mass") -> Float[Tensor, "*batch n"]:
+def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n D"], norm: str = "mass") -> Float[Tensor, "*batch n"]:
     """Compute the distance [..., N] of v_post [..., N, 3] from the measured post velocity.
 
     √(eᵀ M e) in √J for `mass`, √(eᵀ e) over (v_x, v_y, ω) in m/s and rad/s for `euclidean`; nothing is normalised, as
@@ -50,7 +51,11 @@ def distance(impacts: Impacts, v_post: Float[Tensor, "*batch n 3"], norm: str = 
     Raises:
         UnknownNameError: no such norm.
     """
-    return (weights(impacts, norm).mT * (v_post - impacts.v_post).square()).sum(-1).sqrt()
+    if norm not in NORMS:
+        raise UnknownNameError("norm", norm, NORMS)
+    error = v_post - impacts.v_post
+    squared = rigid_body.squared_mass_norm(impacts.mass, impacts.world_inertia, error)
+    return (squared if norm == "mass" else error.square().sum(-1)).sqrt()
 
 
 def best_post_hoc(
@@ -94,6 +99,7 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
         UnknownNameError: no such norm.
         ContactLearnError: a width that is negative, not finite or of a shape that does not fit.
     """
+    require_space("the IRB bound", impacts.space)
     D = weights(impacts, norm)
     width = torch.as_tensor(patch, dtype=torch.float64, device=impacts.mass.device)
     narrowest, widest = (x.item() for x in width.aminmax())

@@ -1,0 +1,160 @@
+"""Bodies in space: the same core, which must agree with the plane where both exist."""
+
+import pytest
+import torch
+from spatial import in_space, tossed, vectors, velocities
+
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.data import table
+from contactlearn.data.audit.findings import audit
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.effects import find_effect
+from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
+from contactlearn.laws import find
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
+
+EXACT = {"rtol": 1e-12, "atol": 1e-12}
+PLANAR = synthetic.load(300, seed=3)
+SPATIAL = in_space(PLANAR)
+TOSSED = tossed(300)
+
+
+def test_a_planar_body_is_the_same_in_space():
+    torch.testing.assert_close(SPATIAL.v_c, vectors(PLANAR.v_c), **EXACT)
+    torch.testing.assert_close(SPATIAL.W[:, ::2, ::2], PLANAR.W, **EXACT)
+    assert (SPATIAL.W[:, 1, ::2].abs() < 1e-12).all()
+    torch.testing.assert_close(SPATIAL.wrench, velocities(PLANAR.wrench), **EXACT)
+    for target in IMPULSE_TARGETS:
+        torch.testing.assert_close(
+            measured_impulse(SPATIAL, target), vectors(measured_impulse(PLANAR, target)), **EXACT
+        )
+
+
+def test_metrics_agree_with_the_plane():
+    predicted = PLANAR.v_post * torch.linspace(0.5, 1.5, 300)[:, None].double()
+    predictions = [Prediction(predicted, PLANAR.wrench), Prediction(velocities(predicted), SPATIAL.wrench)]
+    for metric in METRICS.values():
+        plane, space = (metric.error(*pair) for pair in zip((PLANAR, SPATIAL), predictions, strict=True))
+        torch.testing.assert_close(space, plane, **EXACT)
+    for norm in bounds.NORMS:
+        there = bounds.distance(SPATIAL, velocities(predicted), norm)
+        torch.testing.assert_close(there, bounds.distance(PLANAR, predicted, norm), **EXACT)
+    assert torch.equal(back_spin(SPATIAL, velocities(predicted)), back_spin(PLANAR, predicted))
+    outside = [outside_admissible(x, 1.5 * measured_impulse(x)) for x in (PLANAR, SPATIAL)]
+    assert torch.equal(*outside)
+    assert outside[0].any()
+
+
+def test_the_wrench_is_that_of_the_motion():
+    wrench = TOSSED.wrench
+    body = TOSSED.mass, TOSSED.world_inertia, TOSSED.r
+    after = rigid_body.apply_wrench(*body, TOSSED.v_pre, wrench)
+    torch.testing.assert_close(after, TOSSED.v_post, **EXACT)
+    # Angular momentum about the contact point changes by τ alone.
+    change = TOSSED.v_post - TOSSED.v_pre
+    spun = (TOSSED.world_inertia @ change[:, 3:, None])[..., 0]
+    about = spun - torch.linalg.cross(TOSSED.r, TOSSED.mass[:, None] * change[:, :3])
+    torch.testing.assert_close(wrench[:, 3:], about, **EXACT)
+    slope = rigid_body.velocity_per_wrench(*body)
+    torch.testing.assert_close((slope @ wrench[..., None])[..., 0], change, **EXACT)
+    J = rigid_body.contact_jacobian(TOSSED.r)
+    torch.testing.assert_close((J @ TOSSED.v_pre[..., None])[..., 0], TOSSED.v_c, **EXACT)
+    torch.testing.assert_close(TOSSED.W, J @ slope[..., :3], **EXACT)
+    energy = rigid_body.squared_mass_norm(*body[:2], TOSSED.v_post) - rigid_body.squared_mass_norm(
+        *body[:2], TOSSED.v_pre
+    )
+    point = wrench * torch.tensor((1, 1, 1, 0, 0, 0))
+    after = rigid_body.apply_wrench(*body, TOSSED.v_pre, point)
+    energy = rigid_body.squared_mass_norm(*body[:2], after) - rigid_body.squared_mass_norm(*body[:2], TOSSED.v_pre)
+    gained = rigid_body.energy_excess(TOSSED.W, TOSSED.v_c, point[:, :3])
+    torch.testing.assert_close(energy / 2, gained, **EXACT)
+
+
+def test_a_rotation_turns_the_body_to_the_world():
+    turn = torch.tensor((0.6, 0.0, 0.0, 0.8), dtype=torch.float64)  # about z by 2 atan(4/3)
+    x = rigid_body.rotation(2 * turn) @ torch.tensor((1.0, 0.0, 0.0), dtype=torch.float64)
+    torch.testing.assert_close(x, torch.tensor((-0.28, 0.96, 0.0), dtype=torch.float64))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_table_in_space_is_read_as_it_was_saved(tmp_path, suffix):
+    cov = torch.eye(6).expand(300, 6, 6).double() + 0.1
+    impacts = TOSSED.replace(v_pre_cov=cov, q_post=TOSSED.q, time=TOSSED.order, source=str(tmp_path / f"t{suffix}"))
+    table.save(impacts, impacts.source)
+    read = table.load(impacts.source)
+    assert read.fingerprint() == impacts.fingerprint()
+    assert read.space is impacts.space
+    frame = table.header(tmp_path / f"t{suffix}")
+    assert {"rz", "qw", "wz_post", "inertia_z", "cov_vz_wx"} <= {*frame}
+
+
+def test_one_moment_of_inertia_is_that_about_every_axis():
+    ball = TOSSED.replace(inertia=TOSSED.inertia[:, 0])
+    torch.testing.assert_close(ball.world_inertia, ball.inertia[:, :1, None] * torch.eye(3).double(), **EXACT)
+
+
+def broken(column, value):
+    impacts = in_space(synthetic.load(20, seed=1))
+    fields = {name: getattr(impacts, name).clone() for name in ("r", "q", "v_pre", "v_post", "inertia")}
+    fields[column[0]][(3, *column[1:])] = value
+    return impacts.replace(**fields)
+
+
+REFUSED = {
+    "quaternion": (lambda: broken(("q", 3), 2.0), r"row 4 .* column qw: the quaternion .* length 1"),
+    "inertia": (
+        lambda: broken(("inertia", 1), 1.0),
+        r"row 4 .* column inertia_y: .* at most the sum of the two others",
+    ),
+    "approach": (
+        lambda: TOSSED.replace(
+            r=TOSSED.r.roll(1, -1), v_pre=TOSSED.v_pre * torch.tensor((1, 1, -1, 0, 0, 0)), v_post=TOSSED.v_pre
+        ),
+        r"column vz: must approach the floor: .* the normal is z, upwards, and the contact points lie towards -x",
+    ),
+    "left-handed": (
+        lambda: SPATIAL.replace(
+            v_post=SPATIAL.v_post * torch.tensor((1, 1, 1, -1, -1, -1)),
+            v_pre=SPATIAL.v_pre * torch.tensor((1, 1, 1, -1, -1, -1)),
+            validate=True,
+        ),
+        r"axes must be right-handed, and I Δω is nearer to −r × m Δv",
+    ),
+    "shape": (lambda: SPATIAL.replace(q=PLANAR.q), r"q must have shape \(300, 7\), got \(300, 3\)"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_mistakes_are_refused_in_one_line(name):
+    make, message = REFUSED[name]
+    with pytest.raises(DataError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+PLANE_ALONE = {
+    "audit": lambda: audit(SPATIAL),
+    "diagnosis": lambda: diagnose(SPATIAL),
+    "feature space": lambda: SPATIAL.features("x1"),
+    "law whittaker .fazeli2017.": lambda: find("whittaker", "fazeli2017").at(0.1, 0.5).impulse(SPATIAL.W, SPATIAL.v_c),
+    "effect contact_patch": lambda: ContactModel(
+        base=find("whittaker").at(0.1, 0.5), effects={"contact_patch": find_effect("contact_patch")()}
+    ).predict(SPATIAL),
+}
+
+
+@pytest.mark.parametrize("what", PLANE_ALONE)
+def test_what_exists_in_the_plane_alone_says_so(what):
+    with pytest.raises(ContactLearnError, match=f"{what}.* exists for bodies that move in a plane alone"):
+        PLANE_ALONE[what]()
+
+
+def test_a_spatial_table_needs_its_columns(tmp_path):
+    path = tmp_path / "drops.csv"
+    path.write_text("mass,qw,qx,qy,qz\n1,1,0,0,0\n")
+    with pytest.raises(DataError, match=r"needed: mass, inertia_x, .* qz, vx, vy, vz, wx"):
+        table.load(path)
