@@ -138,25 +138,25 @@ class Law(ABC):
             raise ContactLearnError(
                 f"W [..., N, d, d] and v_c [..., N, d] must be tensors, such as impacts.W and impacts.v_c, got {seen}"
             )
-        if sizes[0] == 2:
-            contact, direction, solve = Contact.of(W, v_c), (), type(self).solve
+        if v_c.shape[-1] == 2:
+            contact, direction, kind, solve = Contact.of(W, v_c), (), Contact, "solve"
         else:
             require_space(f"law {self.name} ({self.variant})", SPACE, self.spaces)
-            (contact, direction), solve = SpatialContact.of(W, v_c), type(self).solve_in_space
+            (contact, direction), kind, solve = SpatialContact.of(W, v_c), SpatialContact, "solve_in_space"
         mu, eps = (torch.as_tensor(x, dtype=W.dtype, device=W.device) for x in (self.mu, self.eps))
         varying = {name: value for name, value in self.options.items() if isinstance(value, Tensor)}
         inputs = (*contact, mu, eps, *direction, *varying.values())
         shape = torch.broadcast_tensors(*inputs)[0].shape
         grad = torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
         if out is None and (grad or len(shape) < 2 or shape.numel() <= _BLOCK):
-            parts = _in_world(solve(self, contact, mu, eps), direction)
+            parts = _in_world(getattr(self, solve)(contact, mu, eps), direction)
             return torch.stack([part.expand(shape) for part in parts], -1)
-        P = torch.empty((*shape, sizes[0]), dtype=W.dtype, device=W.device) if out is None else out
+        P = torch.empty((*shape, v_c.shape[-1]), dtype=W.dtype, device=W.device) if out is None else out
         ends = len(contact), len(contact) + 2, len(contact) + 2 + len(direction)
         for place in _blocks(shape):
             block = [_part(x, len(shape), place) for x in inputs]
             law = replace(self, **dict(zip(varying, block[ends[2] :], strict=True))) if varying else self
-            parts = solve(law, type(contact)(*block[: ends[0]]), *block[ends[0] : ends[1]])
+            parts = getattr(law, solve)(kind(*block[: ends[0]]), *block[ends[0] : ends[1]])
             for k, part in enumerate(_in_world(parts, block[ends[1] : ends[2]])):
                 P[(*place, k)] = part
         return P
