@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # pandas takes long to load
     from contactlearn.mechanics.impacts import Impacts
 
 
-class Space(NamedTuple):
+class FeatureSpace(NamedTuple):
     """A feature space: its symbols with units, and how it is computed."""
 
     columns: dict[str, str]
@@ -57,10 +57,10 @@ def _x2_polar(impacts: "Impacts") -> tuple[Tensor, ...]:
 
 _STATE = {"m": "kg", "I": "kg m²", "r_x": "m", "r_y": "m", "x": "m", "y": "m", "cos θ": "–", "sin θ": "–"}
 SPACES = {
-    "state": Space(_STATE | {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"}, _state),
-    "x1": Space({"M_c,tt": "kg", "M_c,tn": "kg", "M_c,nn": "kg", "v_t": "m/s", "v_n": "m/s"}, _x1),
-    "x2": Space({"p_t": "N s", "p_n": "N s"}, _x2),
-    "x2_polar": Space({"angle": "rad", "norm": "N s"}, _x2_polar),
+    "state": FeatureSpace(_STATE | {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"}, _state),
+    "x1": FeatureSpace({"M_c,tt": "kg", "M_c,tn": "kg", "M_c,nn": "kg", "v_t": "m/s", "v_n": "m/s"}, _x1),
+    "x2": FeatureSpace({"p_t": "N s", "p_n": "N s"}, _x2),
+    "x2_polar": FeatureSpace({"angle": "rad", "norm": "N s"}, _x2_polar),
 }
 """Each feature space by name."""
 

@@ -326,7 +326,7 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor
     if target == "least_squares":
         return rigid_body.least_squares_impulse(impacts.mass, impacts.world_inertia, impacts.r, dv)
     if target == "contact":
-        return rigid_body.times(rigid_body.effective_inertia(impacts.W), rigid_body.contact_velocity(impacts.r, dv))
+        return rigid_body.matvec(rigid_body.effective_inertia(impacts.W), rigid_body.contact_velocity(impacts.r, dv))
     raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
 
 

@@ -70,12 +70,12 @@ def swept(r: Float[Tensor, "*#batch d"], omega: Float[Tensor, "..."]) -> Float[T
 
 def spin(inertia: Float[Tensor, "..."], moment: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """Change of spin I⁻¹ × moment [..., 1 or 3] in rad/s."""
-    return moment / inertia[..., None] if moment.shape[-1] == 1 else times(inverse(inertia), moment)
+    return moment / inertia[..., None] if moment.shape[-1] == 1 else matvec(inverse(inertia), moment)
 
 
 def spin_momentum(inertia: Float[Tensor, "..."], omega: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """Angular momentum I ω [..., 1 or 3] in N m s."""
-    return inertia[..., None] * omega if omega.shape[-1] == 1 else times(inertia, omega)
+    return inertia[..., None] * omega if omega.shape[-1] == 1 else matvec(inertia, omega)
 
 
 def contact_jacobian(r: Float[Tensor, "*#batch d"]) -> Float[Tensor, "*#batch d D"]:
@@ -185,10 +185,10 @@ def least_squares_impulse(
     outweighs the velocities: it is not the momentum change m Δv unless τ = 0.
     """
     A = velocity_per_wrench(mass, inertia, r)[..., : r.shape[-1]]
-    return times(inverse(A.mT @ A), times(A.mT, dv))
+    return matvec(inverse(A.mT @ A), matvec(A.mT, dv))
 
 
-def times(A: Float[Tensor, "*#batch k m"], x: Float[Tensor, "*#batch m"]) -> Float[Tensor, "*#batch k"]:
+def matvec(A: Float[Tensor, "*#batch k m"], x: Float[Tensor, "*#batch m"]) -> Float[Tensor, "*#batch k"]:
     """Product A x [..., K] of matrices and vectors."""
     return (A @ x[..., None])[..., 0]
 
@@ -200,7 +200,7 @@ def energy_excess(
 
     The energy ellipse, Eq. (2.5) with α = 1, is (P + M_c v_c)ᵀ W (P + M_c v_c) = v_cᵀ M_c v_c.
     """
-    WP = times(W, P)
+    WP = matvec(W, P)
     return (P * (0.5 * WP + v_c)).sum(-1)
 
 
@@ -208,7 +208,7 @@ def energy_ellipse(
     W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"], points: int = 181
 ) -> Float[Tensor, "*#batch {points} 2"]:
     """Boundary of the energy ellipse as impulses [..., points, 2] in N s; it passes through P = 0."""
-    centre = -times(effective_inertia(W), v_c)
+    centre = -matvec(effective_inertia(W), v_c)
     radius = (-(centre * v_c).sum(-1)).clamp_min(0).sqrt()
     angle = torch.linspace(0, 2 * torch.pi, points, dtype=W.dtype, device=W.device)
     circle = torch.stack((angle.cos(), angle.sin()), -1)
@@ -228,7 +228,7 @@ def admissible(
 
     `tolerance` is relative: to the incident energy v_cᵀ M_c v_c, momentum and speed.
     """
-    momentum = -times(effective_inertia(W), v_c)
+    momentum = -matvec(effective_inertia(W), v_c)
     energy = -(momentum * v_c).sum(-1)
     v_n = v_c[..., -1] + (W[..., -1, :] * P).sum(-1)
     return (

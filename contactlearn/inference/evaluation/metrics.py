@@ -26,7 +26,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import Z_95
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia, squared_mass_norm, times
+from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia, matvec, squared_mass_norm
 
 
 def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
@@ -104,9 +104,9 @@ def back_spin(impacts: Impacts, v_post: Float[Tensor, "*batch n D"]) -> Bool[Ten
     reverses it.  P is that of the contact point, M_c J Δv.  Source: Fazeli et al. (2017), Section 2.1.
     """
     after = contact_velocity(impacts.r, v_post)
-    friction = times(effective_inertia(impacts.W), after - impacts.v_c)[..., :-1]
+    friction = matvec(effective_inertia(impacts.W), after - impacts.v_c)[..., :-1]
     slip = after[..., :-1]
-    without = slip - times(impacts.W[:, :-1, :-1], friction)
+    without = slip - matvec(impacts.W[:, :-1, :-1], friction)
     return (slip * without).sum(-1) < -1e-7 * impacts.v_c.norm(dim=-1) * without.norm(dim=-1)
 
 
