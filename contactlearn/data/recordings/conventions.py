@@ -35,6 +35,7 @@ _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
 _EDGE = 2  # windows before and after one that hold one motion as well: a contact begins at the edge of a window
 _SURE = 8.0  # standard deviations of an acceleration that is not zero
+_APART = 6.0  # standard errors between rest and flight in a window that can distinguish them
 _NEAR = 0.05  # relative distance of accelerations that are the same
 _FEWEST = 6  # windows that agree
 _TRIED = 300
@@ -107,6 +108,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_TRIED, len(sure))).astype(int))]
         apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
+        agree &= _APART * motions.error < sizes[tried, None]
         best = agree[int(agree.sum(1).argmax())]
         if best.sum() >= _FEWEST:
             return _shared(motions, best, drag)
@@ -127,6 +129,7 @@ def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity:
     for _ in range(_ROUNDS):
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
+        agree &= _APART * motions.error < np.linalg.norm(known[:-1])
         known, covariance = _fitted(motions[agree])
     d = motions.velocity.shape[1]
     enough = len(np.unique(motions.block[agree])) >= _BLOCKS * (d + 1)  # for their scatter to show a drag's error

@@ -1,0 +1,105 @@
+"""Simulated rigs: mechanics of the bodies, faults of the camera, and the impacts that are found on them."""
+
+import math
+import sys
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contactlearn.data.recordings.conventions import find_gravity
+from contactlearn.data.recordings.track import Recording
+
+sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
+from accuracy.rigs import GRAVITY, SIDE, Rig, move, record
+
+QUIET = Rig(noise=0.0, duration=6e-4)
+STEP = 1e-4  # s; contacts of half a millisecond have a handful of them
+
+
+@cache
+def moved(body: str, others: float = 0.0):
+    return move([replace(QUIET, body=body)] * 8, seed=1, seconds=0.45, others=others, step=STEP)
+
+
+def test_flights_are_parabolas_and_contacts_lose_energy():
+    """Without plates the velocity after a contact and gravity give the one before the next."""
+    found, energy = record(QUIET, moved("square"), seed=0), []
+    for one, next_ in pairwise(found.contacts):
+        if one.recording != next_.recording:
+            continue
+        after = next_.time[0] - one.time[1]
+        np.testing.assert_allclose(next_.v[0], one.v[1] + after * one.a[1], atol=1e-9)
+        np.testing.assert_allclose(one.a[1], (0, -GRAVITY, 0), atol=1e-12)
+    for one in found.contacts:
+        kinetic = (one.v**2 * (1, 1, QUIET.gyration_squared)).sum(1) / 2
+        energy.append(np.diff(kinetic + GRAVITY * one.q[:, 1])[0])
+    assert len(energy) > 10
+    assert max(energy) < 0
+
+
+def test_impulses_act_at_the_lowest_corner():
+    """I Δω = r × m Δv, but for the turn of a corner in the contact's duration."""
+    for one in record(QUIET, moved("square"), seed=0).contacts:
+        flat = abs((one.q[0, 2] + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+        if flat < 0.2 or one.v[0, 1] > -0.5:  # where the next corner follows within the contact
+            continue
+        change, theta = one.v[1] - one.v[0], one.q[:, 2].mean()
+        corner = SIDE / math.sqrt(2) * np.exp(1j * (theta + np.pi / 4 + np.arange(4) * np.pi / 2))
+        x, y = min((c.real, c.imag) for c in corner if c.imag == corner.imag.min())
+        moment = x * change[1] - y * change[0]
+        spun = QUIET.gyration_squared * change[2]
+        assert spun == pytest.approx(moment, abs=0.05 * SIDE * np.hypot(*change[:2]))
+
+
+def test_the_camera_records_what_the_faults_say():
+    plain = record(QUIET, moved("square"), seed=0)
+    rig = replace(QUIET, scale=1.02, pace=0.98, sense=-1, zero=0.1, height=-0.01, tracked=(2e-3, -1e-3))
+    wrong = record(rig, moved("square"), seed=0)
+    theta = plain.table.theta.to_numpy()
+    x, y = rig.tracked
+    np.testing.assert_allclose(wrong.table.time, plain.table.time / 0.98)
+    np.testing.assert_allclose(
+        wrong.table.x, 1.02 * (plain.table.x + np.cos(theta) * x - np.sin(theta) * y), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        wrong.table.y, 1.02 * (plain.table.y - 0.01 + np.sin(theta) * x + np.cos(theta) * y), atol=1e-12
+    )
+    assert np.abs(np.exp(1j * (wrong.table.theta + theta - 0.1)) - 1).max() < 1e-12
+    for one, other in zip(plain.contacts, wrong.contacts, strict=True):
+        assert other.stated == pytest.approx(one.stated / 0.98)
+        np.testing.assert_allclose(other.v[:, 2], -0.98 * one.v[:, 2])
+
+
+@pytest.mark.parametrize("body", ["square", "ellipse"])
+def test_frames_are_lost_at_contacts_alone(body):
+    kept, lost = (record(replace(QUIET, body=body, lost=share), moved(body), seed=0) for share in (0.0, 1.0))
+    hard = [one for one in lost.contacts if one.skipped]
+    missing = len(kept.table) - len(lost.table)
+    assert 0 < missing == sum(one.skipped for one in hard)
+    assert min(-one.v[0, 1] for one in hard) > 0.9
+
+
+def test_scenes_that_are_no_drops_touch_something_else_or_for_long():
+    found = record(QUIET, moved("square", others=1.0), seed=0)
+    assert "drop" not in found.scenes
+    for number, scene in enumerate(found.scenes, 1):
+        if scene in ("wall", "hand"):
+            assert not all(one.floor for one in found.contacts if one.recording == number)
+    assert not all(one.single for one in found.contacts)
+
+
+def test_gravity_is_found_though_bodies_rest_for_most_of_the_time():
+    """Some hop so fast that their noise looks large, and at rest they agree with any small acceleration."""
+    rig = replace(QUIET, noise=5e-5, duration=3e-3)
+    table = record(rig, move([rig] * 6, seed=0, seconds=1.2, step=2e-4), seed=0).table
+    recordings = [
+        Recording(name=str(name), source="rig", time=one.time.to_numpy(), position=one[["x", "y"]].to_numpy(),
+                  angle=one.theta.to_numpy())
+        for name, one in table.groupby("recording")
+    ]  # fmt: skip
+    found = find_gravity(recordings)
+    assert abs(found.size - GRAVITY) < 3 * found.error < 0.05
