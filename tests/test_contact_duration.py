@@ -109,7 +109,7 @@ def test_it_is_tried_where_a_late_frame_stands_for_it():
     impacts = states.replace(v_post=model.predict(states).v_post + noise)
     candidates = {key: find_effect(key.name)().prepare(impacts) for key in (late, lasting)}
     pool = Pool({"mirtich": find("mirtich")}, impacts, candidates, {}, FitOptions())
-    assert lasting not in identities(frozenset(pool.quadratic(pool.fitted(Spec("mirtich"))).groups))
+    assert lasting not in identities(frozenset(pool.quadratics([pool.fitted(Spec("mirtich"))])[0].groups))
     Search(pool, 1).run()
     assert pool.best().spec.effects == {lasting}
     assert pool.best().fit.values[2].item() == pytest.approx(4e-3, rel=CLOSE)

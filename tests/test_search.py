@@ -70,7 +70,7 @@ def test_a_small_effect_gains_what_its_linearisation_predicts():
     impacts = planted(300, inertia_error={"kappa": 0.012}, contact_patch={"c": 0.00006})
     pool = pooled(impacts, SPIN, INERTIA, PATCH)
     base = pool.models[Spec("wang_mason")]
-    quadratic = pool.quadratic(base)
+    quadratic = pool.quadratics([base])[0]
     sets = [frozenset(), *(frozenset({Group(effect)}) for effect in (INERTIA, PATCH))]
     losses, theta = quadratic.losses(sets)
     for one, loss, values in zip(sets[1:], losses[1:], theta[1:], strict=True):
@@ -83,7 +83,7 @@ def test_a_small_effect_gains_what_its_linearisation_predicts():
     impacts = planted(300, inertia_error={"kappa": 0.015}, spin_damping={"c": 0.1})
     pool = pooled(impacts, SPIN, INERTIA)
     both = pool.fitted(spec(SPIN, INERTIA))
-    quadratic = pool.quadratic(both)
+    quadratic = pool.quadratics([both])[0]
     present = frozenset({Group(SPIN), Group(INERTIA)})
     assert quadratic.present == present
     losses, _ = quadratic.losses([present, present - {Group(INERTIA)}])
@@ -95,7 +95,7 @@ def test_a_small_effect_gains_what_its_linearisation_predicts():
     drops = synthetic.load(size=200, seed=2)
     faster = drops.replace(v_post=drops.v_post * torch.tensor((1.0, 1.0, 1.1)), validate=False)
     pool = pooled(faster, SPIN)
-    quadratic = pool.quadratic(pool.models[Spec("wang_mason")])
+    quadratic = pool.quadratics([pool.models[Spec("wang_mason")]])[0]
     _, theta = quadratic.losses([frozenset({Group(SPIN)})])
     assert theta[0, -1] == 0
 
@@ -173,7 +173,7 @@ def test_springs_are_tried_where_another_rebound_is_found():
     pool = pooled(impacts, slip, spring, SPIN, laws=("mirtich",))
     assert Search(pool, 1).run()
     assert pool.best().spec == spec(spring, law="mirtich")
-    assert spring not in identities(frozenset(pool.quadratic(pool.models[spec(law="mirtich")]).groups))
+    assert spring not in identities(frozenset(pool.quadratics([pool.models[spec(law="mirtich")]])[0].groups))
 
 
 def test_law_and_effects_are_found_together():

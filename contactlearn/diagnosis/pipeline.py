@@ -6,12 +6,14 @@ tested on all trials (`sampling`).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 
 import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.core.errors import DataError
+from contactlearn.core.workers import second_core
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.discrimination.experiment import state_limits
@@ -85,7 +87,9 @@ def diagnose(
         seconds=seconds,
         on_event=on_event,
     )
-    with threadpool_limits(1):  # the tensors here are small: beside other work two threads take seven times as long
+    import_module("contactlearn.models.gp.exact")  # before there is a copy, which would take as long again
+    # The tensors here are small: beside other work two threads take seven times as long.
+    with threadpool_limits(1), second_core():
         if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
             return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
         return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)

@@ -72,9 +72,9 @@ from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxi
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
 from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
 from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
-from contactlearn.effects import EffectId
+from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
@@ -125,18 +125,22 @@ def diagnose_audited(
 
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
     """Compute the held-out error of each law with the given effects, and its coefficients without any."""
-
-    def fit(law: Law) -> LawFit:
-        alone = _fit_alone(question, law, impacts)
-        start = None if question.given else torch.stack(alone.coefficients)
-        return LawFit.of(alone, held_out_error(law, question.given, impacts, folds, question.options, start))
-
-    return tuple(side_by_side([partial(fit, question.laws[name]) for name in fitted_first(question.laws)]))
+    laws = [question.laws[name] for name in fitted_first(question.laws)]
+    return tuple(
+        side_by_side([partial(_law_fit, law, question.given, impacts, folds, question.options) for law in laws])
+    )
 
 
-def _fit_alone(question: Question, law: Law, impacts: Impacts) -> Law:
+def _law_fit(law: Law, given: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: FitOptions) -> LawFit:
+    """Fit a law without any effect, and validate it with the given ones."""
+    alone = _fit_alone(law, impacts, options)
+    start = None if given else torch.stack(alone.coefficients)
+    return LawFit.of(alone, held_out_error(law, given, impacts, folds, options, start))
+
+
+def _fit_alone(law: Law, impacts: Impacts, options: FitOptions) -> Law:
     """Fit a law without any effect to all trials."""
-    options = replace(question.options, starts=2, standard_errors=False)
+    options = replace(options, starts=2, standard_errors=False)
     return identify_jointly(law, {}, impacts, options=options).model.law
 
 
@@ -480,7 +484,8 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
     if all(fit.name != selection.law.name for fit in fits):
         fits = [*fits, LawFit.of(selection.base.fit.model.law, selection.base.mean_error)]
     if search.notes:
-        fits = [LawFit.of(_fit_alone(question, question.laws[fit.name], selection.impacts), fit.error) for fit in fits]
+        alone = [_fit_alone(question.laws[fit.name], selection.impacts, question.options) for fit in fits]
+        fits = [LawFit.of(law, fit.error) for law, fit in zip(alone, fits, strict=True)]
     if missing:
         fits = [replace(fit, error_with_effects=selection.error_around(question.laws[fit.name])) for fit in fits]
     return tuple(fits)

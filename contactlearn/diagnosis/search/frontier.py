@@ -16,13 +16,11 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
 
@@ -223,9 +221,8 @@ class Search:
 
     def _approximate(self, models: Sequence[ScoredFit]) -> None:
         """Approximate the losses about models that have not been."""
-        calls = {model.spec: partial(self.pool.quadratic, model) for model in models}
-        calls = {spec: call for spec, call in calls.items() if spec not in self.quadratics}
-        self.quadratics |= zip(calls, side_by_side(list(calls.values())), strict=True)
+        new = {model.spec: model for model in models if model.spec not in self.quadratics}
+        self.quadratics |= zip(new, self.pool.quadratics(new.values()), strict=True)
 
     def _fit(self, proposals: Sequence[Proposal], worthwhile: float = math.inf, most: int = _FITTED) -> None:
         """Fit the most promising proposals of those that may be better than a score."""

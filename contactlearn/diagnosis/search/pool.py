@@ -26,7 +26,6 @@ from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _STARTS = 4
-_FEWEST = 3  # fits that two cores share
 _TOLERANCE = 3e-4  # nats a trial; scores differ by nats over all trials
 
 
@@ -104,14 +103,16 @@ class Pool:
 
     def all_fitted(self, starts: Mapping[Spec, Float[Tensor, " k"] | None]) -> list[ScoredFit]:
         """Return models, each fitted from its start likewise."""
-        calls = [partial(self._fit, spec, start) for spec, start in starts.items() if spec not in self.models]
-        self.models |= {model.spec: model for model in side_by_side(calls, fewest=_FEWEST)}
+        options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
+        fit = partial(identify_jointly, impacts=self.impacts, options=options)
+        new = {spec: start for spec, start in starts.items() if spec not in self.models}
+        calls = [partial(fit, self.laws[spec.law], self.effects(spec), start=start) for spec, start in new.items()]
+        for spec, found in zip(new, side_by_side(calls), strict=True):
+            self.models[spec] = self._scored(spec, found)
         return [self.models[spec] for spec in starts]
 
-    def _fit(self, spec: Spec, start: Float[Tensor, " k"] | None) -> ScoredFit:
+    def _scored(self, spec: Spec, fit: JointFit) -> ScoredFit:
         effects = self.effects(spec)
-        options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
-        fit = identify_jointly(self.laws[spec.law], effects, self.impacts, options=options, start=start)
         return ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
 
     def adopt(self, law: str, model: ScoredFit) -> None:
@@ -126,8 +127,7 @@ class Pool:
         fit = identify_jointly(
             self.laws[spec.law], model.effects, self.impacts, options=self.options, start=model.fit.values
         )
-        score = self.score(spec, model.effects, fit.loss.item())
-        self.models[spec] = ScoredFit(spec, model.effects, fit, score)
+        self.models[spec] = self._scored(spec, fit)
         return self.models[spec]
 
     def score(self, spec: Spec, effects: Mapping[str, Effect], loss: float) -> float:
@@ -173,17 +173,16 @@ class Pool:
         """Return the model with the least score, of all or of some."""
         return min(self.models.values() if models is None else models, key=lambda model: model.score)
 
-    def quadratic(self, model: ScoredFit) -> Quadratic:
-        """Approximate the loss about a model."""
-        return Quadratic.about(
-            self.laws[model.spec.law],
-            model.effects,
-            model.fit,
-            self.impacts,
+    def quadratics(self, models: Iterable[ScoredFit]) -> list[Quadratic]:
+        """Approximate the losses about models."""
+        about = partial(
+            Quadratic.about,
+            impacts=self.impacts,
             given=tuple(self.given),
             candidates=self._vanishing,
             options=self.options,
         )
+        return side_by_side([partial(about, self.laws[one.spec.law], one.effects, one.fit) for one in models])
 
     def start(self, spec: Spec, about: ScoredFit, values: Mapping[EffectId, Float[Tensor, " k"]]) -> Tensor:
         """Return values to fit a model from: those given, else those of another model, else the effects' own."""
