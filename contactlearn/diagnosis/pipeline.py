@@ -69,7 +69,6 @@ def diagnose(
     """
     thresholds, on_event = thresholds or Thresholds(), ignore if on_event is None else on_event
     law, given = None if law is None else named(law), named_effects(effects)
-    options = FitOptions(noise=noise, thresholds=thresholds.fit)
     _check(impacts, limits or {}, thresholds)
     findings = audit(impacts, thresholds.audit)
     on_event(AuditFindings(findings=findings))
@@ -81,15 +80,14 @@ def diagnose(
         given={name: effect.prepare(impacts) for name, effect in given.items()},
         candidates=candidates or all_candidates(),
         laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
-        options=options,
+        options=FitOptions(noise=noise, thresholds=thresholds.fit),
         limits=limits or {},
         thresholds=thresholds,
         seconds=seconds,
         on_event=on_event,
     )
     import_module("contactlearn.models.gp.exact")  # before there is a copy, which would take as long again
-    # The tensors here are small: beside other work two threads take seven times as long.
-    with threadpool_limits(1), second_core():
+    with threadpool_limits(1), second_core():  # tensors here are small: two threads take longer, up to seven times
         if len(impacts) <= thresholds.whole and affordable(len(impacts), memory):
             return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(seed))
         return diagnose_subsamples(question, impacts, findings, seed=seed, memory=memory, resume_folder=resume_folder)
