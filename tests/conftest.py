@@ -2,12 +2,14 @@
 
 import gc
 import os
+import pickle
 import sys
 
 import hypothesis
 import pytest
 import quick
 import torch
+import yaml
 from browser import chromium, of_width
 from fontTools.subset import Options
 from hydra._internal.hydra import Hydra
@@ -65,10 +67,20 @@ def pytest_collection_finish():
 def no_work_in_vain():
     """What other packages do in this process and no test looks at.
 
-    Hydra composes each configuration twice, at first to see whether it sets `hydra.mode`, which none here does; the
-    PDF of each figure gets its fonts' rules for scripts that nothing here is written in.
+    Hydra composes each configuration twice, at first to see whether it sets `hydra.mode`, which none here does, and
+    parses the shipped files again in each run; the PDF of each figure gets its fonts' rules for scripts that nothing
+    here is written in.
     """
+    parse, parsed = yaml.load, {}
+
+    def once(stream, Loader):
+        text = stream if isinstance(stream, str | bytes) else stream.read()
+        if (text, Loader.__name__) not in parsed:
+            parsed[text, Loader.__name__] = pickle.dumps(parse(text, Loader))
+        return pickle.loads(parsed[text, Loader.__name__])
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml, "load", once)
         patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
         patch.setattr(Options, "_drop_tables_default", [*Options._drop_tables_default, "GDEF", "GPOS", "GSUB"])
         yield

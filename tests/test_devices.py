@@ -247,12 +247,12 @@ def test_errors(drops, device):
     "target", ["momentum", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("least_squares", "contact"))]
 )
 def test_shared_parameters(target, drops, device):
-    orders = nested_orders(60, 3, torch.Generator().manual_seed(0))
+    drops, orders = drops[:30], nested_orders(30, 3, torch.Generator().manual_seed(0))
 
     def computed(drops, orders):
-        box = Box(nodes=9)
-        fit = identify("mirtich", drops, sizes=(20, 40), orders=orders, target=target, box=box)
-        one = identify("whittaker", drops, sizes=(60,), repetitions=1, target=target, box=box)
+        box = Box(nodes=5)
+        fit = identify("mirtich", drops, sizes=(10, 20), orders=orders, target=target, box=box)
+        one = identify("whittaker", drops, sizes=(30,), repetitions=1, target=target, box=box)
         return fit, one, cost_surface(one.to_law(), drops, *box.axes(), target=target)
 
     expected = computed(drops, orders)
@@ -373,14 +373,14 @@ def test_learning_curves(drops, device):
     assert_alike(computed(*moved((pool, test), device)), computed(pool, test), device, FITTED)
 
 
-SMALL = ("data.size=50", "train.size=15", "train.repetitions=2", "bootstrap=20", "model=analytical")
+SMALL = ("data.size=32", "train.size=10", "train.repetitions=2", "bootstrap=20", "model=analytical")
 COMMANDS = {
     "law": ("train.py", *SMALL, "law=mirtich"),
     "effects": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2"),
     "learned": ("train.py", *SMALL, "effect=[spin_damping]", "fit.starts=2", "model=residual_wrench"),
     "evaluation": (
         "evaluate.py", *SMALL, "effect=[spin_damping]", "fit.starts=2", "figures.repetitions=2", "laws=[whittaker]",
-        "model=[residual_wrench]", "curves.sizes=[10]", "curves.seeds=2",
+        "model=[residual_wrench]", "curves.sizes=[8]", "curves.seeds=2",
     ),
     "transfer": (
         "evaluate.py", "experiment=transfer", *SMALL, "model=[x1_wrench]", "transfer.sizes=[10]", "transfer.seeds=2",

@@ -27,7 +27,7 @@ EXACT = {"rtol": 1e-13, "atol": 0}  # one contact and a batch may differ in how 
 
 NEWTON = ("whittaker", "anitescu_potra_newton", "wang_mason_newton")
 POISSON = ("anitescu_potra_poisson", "drumwright_shell", "wang_mason")
-PROFILE = settings(derandomize=True, deadline=None, database=None, max_examples=60)
+PROFILE = settings(derandomize=True, deadline=None, database=None, max_examples=30)
 
 N = 100_000
 CONTACTS = random_contacts(N, seed=0)

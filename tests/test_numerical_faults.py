@@ -221,7 +221,7 @@ def measures(drops: Impacts, mass: float = 1.0, length: float = 1.0) -> dict[str
 
 @cache
 def as_they_are() -> tuple[Impacts, dict[str, Tensor]]:
-    drops = synthetic.load(size=24)
+    drops = synthetic.load(size=SIZE)
     return drops, measures(drops)
 
 

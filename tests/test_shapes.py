@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import shapecheck
-from commands import SMALL, run_alone
+from commands import run_alone
 from repetitions import repeated
 
 TESTS = Path(__file__).parent
@@ -31,9 +31,9 @@ print(run(*{}))
 """
 COMMANDS = {
     "evaluate": (
-        "evaluate.py", *SMALL[:2], "train.repetitions=1", "figures.repetitions=1", "bootstrap=50",
+        "evaluate.py", "data.size=40", "train.size=10", "train.repetitions=1", "figures.repetitions=1", "bootstrap=50",
         "laws=[drumwright_shell]", "effect=[side_drag]", "tables=csv", "model=[x1_wrench,parameters_likelihood]",
-        "curves.sizes=[10]", "curves.seeds=2", "workers=1",
+        "curves.sizes=[8]", "curves.seeds=2", "workers=1",
     ),
     "diagnose": ("diagnose.py", "data.size=40", "law=wang_mason", "seconds=1"),
 }  # fmt: skip

@@ -14,6 +14,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table, tracks
+from contactlearn.data.recordings import survey
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
@@ -212,9 +213,10 @@ def test_the_sources_compose(tmp_path, plain):
     assert impacts.fingerprint() == found.impacts.fingerprint()
 
 
-def test_a_long_file_is_shared_between_processes(tmp_path):
-    """In the file's order, with its refusals, and with progress by pieces of 16 recordings."""
-    recordings, _ = simulate(20, PLAIN, seed=9)
+def test_a_long_file_is_shared_between_processes(tmp_path, monkeypatch):
+    """In the file's order, with its refusals, and with progress by pieces of so many recordings."""
+    monkeypatch.setattr(survey, "_CHUNK", 4)
+    recordings, _ = simulate(6, PLAIN, seed=9)
     names = ("time", "x", "y", "theta")
     parts = [
         pd.DataFrame(dict(zip(names, (r.time, *r.position.T, r.angle), strict=True))).assign(recording=r.name)
@@ -229,22 +231,14 @@ def test_a_long_file_is_shared_between_processes(tmp_path):
             pieces.append(len(part))
             yield part
 
-    found = [
-        tracks.find_impacts(
-            tmp_path / "long.csv",
-            mass=MASS,
-            shape=SHAPE,
-            options=tracks.track_options(unit="m", workers=workers),
-            progress=counted,
-        )
-        for workers in (1, 2)
-    ]
-    assert pieces == [16, 4] * 2
+    path, options = tmp_path / "long.csv", [tracks.track_options(unit="m", workers=workers) for workers in (1, 2)]
+    found = [tracks.find_impacts(path, mass=MASS, shape=SHAPE, options=each, progress=counted) for each in options]
+    assert pieces == [4, 2] * 2
     alone, shared = found
     assert shared.impacts.trial == alone.impacts.trial
     assert torch.equal(shared.impacts.v_post_cov, alone.impacts.v_post_cov)
     assert [str(one) for one in shared.survey.refusals] == [str(one) for one in alone.survey.refusals]
-    assert shared.survey.recordings == alone.survey.recordings == 19
+    assert shared.survey.recordings == alone.survey.recordings == 5
     assert sum(one.reason is Reason.NOT_READ for one in shared.survey.refusals) == 1
 
 

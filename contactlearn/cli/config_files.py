@@ -48,6 +48,7 @@ _UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train",
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
 
+@lru_cache
 def groups(command: str) -> list[str]:
     """Return the names of the groups of choices of a command: those of its defaults list."""
     entries = _content(Path(CONFIGS, f"{command}.yaml"))["defaults"]
