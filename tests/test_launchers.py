@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from unittest.mock import patch
 
@@ -28,8 +29,12 @@ LAUNCHERS = {
 
 
 def needs(launcher):
+    """A mark of what is skipped without a launcher, before its fixtures are made."""
     extra, module = LAUNCHERS[launcher]
-    pytest.importorskip(module, reason=f"hydra/launcher={launcher} needs contactlearn[{extra}]")
+    return pytest.mark.skipif(not find_spec(module), reason=f"hydra/launcher={launcher} needs contactlearn[{extra}]")
+
+
+EACH = pytest.mark.parametrize("launcher", [pytest.param(name, marks=needs(name)) for name in LAUNCHERS])
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +44,8 @@ def undisturbed(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("launcher", LAUNCHERS)
+@EACH
 def test_a_launcher_gives_the_results_of_any_other(launcher, undisturbed, tmp_path):
-    needs(launcher)
     status, printed = ended(started(tmp_path, *JOBS[:-1], "law=wang_mason", f"hydra/launcher={launcher}"))
     assert status == 0, printed
     assert "UserWarning" not in printed
@@ -52,9 +56,8 @@ def test_a_launcher_gives_the_results_of_any_other(launcher, undisturbed, tmp_pa
     assert f"{COUNT} jobs, 3 finished before" in printed
 
 
-@pytest.mark.parametrize("launcher", LAUNCHERS)
+@EACH
 def test_failures_on_a_launcher(launcher, tmp_path):
-    needs(launcher)
     status, printed = ended(started(tmp_path, *JOBS[:-2], "train.size=1000,10", f"hydra/launcher={launcher}"))
     assert status == 1
     assert "1 finished, 1 failed" in printed
@@ -62,9 +65,9 @@ def test_failures_on_a_launcher(launcher, tmp_path):
     assert "Traceback" not in printed
 
 
+@needs("joblib")
 def test_killed_workers_take_no_job_with_them(undisturbed, tmp_path):
     """The system kills a process that needs too much memory; the pool breaks, and the sweep goes on."""
-    needs("joblib")
     sweep = started(tmp_path, *JOBS, "hydra/launcher=joblib")
     while not list(tmp_path.glob("*/.hydra")) and sweep.poll() is None:
         time.sleep(0.05)
@@ -85,8 +88,8 @@ def _works_for(parent, pid):
     return int(fields[1]) == parent and "popen_loky" in words
 
 
+@needs("joblib")
 def test_killed_on_all_cores(undisturbed, tmp_path):
-    needs("joblib")
     words = (*JOBS, "hydra/launcher=joblib")
     assert survive(tmp_path, kills=2, longest=9, words=words) == (2, [])
     status, printed = ended(started(tmp_path, *words))
@@ -96,17 +99,17 @@ def test_killed_on_all_cores(undisturbed, tmp_path):
     assert len(finished(tmp_path)) == COUNT
 
 
+@needs("joblib")
 def test_jobs_at_a_time_are_limited_on_all_cores(tmp_path):
-    needs("joblib")
     words = (*JOBS[:-2], "train.size=10,15", "hydra/launcher=joblib")
     status, printed = ended(started(tmp_path, *words, "hydra.sweeper.gigabytes=100000"))
     assert status == 0, printed
     assert "Parallel(n_jobs=1," in printed
 
 
+@needs("submitit_local")
 def test_slurm_on_this_machine_starts_no_more_than_fit(tmp_path):
     """submitit starts all local jobs at once; they are handed to it in portions."""
-    needs("submitit_local")
     sizes = ",".join(map(str, range(10, 10 + 2 * jobs_at_a_time(-1, 2))))
     status, printed = ended(started(tmp_path, *JOBS[:-2], f"train.size={sizes}", "hydra/launcher=submitit_local"))
     assert status == 0, printed
@@ -146,9 +149,9 @@ def test_requests_to_slurm_and_ray():
     assert cluster.ray.remote.memory == 2 * GIB
 
 
+@needs("submitit_local")
 def test_slurm_script(tmp_path):
     """What submitit would hand to sbatch from our configuration."""
-    needs("submitit_local")
     from submitit.slurm.slurm import _make_sbatch_string
 
     found = hydra_main.compose("train", ["hydra/launcher=submitit_slurm"], return_hydra_config=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 import torch
-from contacts import DIFFER, DISTINCT, EVERY, VARIANTS, Contacts, impulse, random_contacts, shared
+from contacts import DIFFER, DISTINCT, VARIANTS, Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from repetitions import crossed
@@ -279,20 +279,10 @@ def test_chatterjee_ruina_on_the_cone_keeps_its_line():
     assert min(on_cone.sum(), (~on_cone).sum()) > N / 10
 
 
-def test_lemke_agrees_with_enumeration():
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        half = rng.normal(size=(4, 4))
-        M, q = half @ half.T, rng.normal(size=4)  # positive definite: one solution
-        (z,) = contacts.enumerate_lcp(M, q)
-        np.testing.assert_allclose(contacts.lemke(M.tolist(), q.tolist()), z, rtol=1e-6, atol=1e-9)
-
-
 @pytest.mark.parametrize("restitution", ["newton", "poisson"])
-@pytest.mark.parametrize(("solver", "count"), [("enumeration", 300), ("lemke", 2000)])
-def test_anitescu_potra_against_complementarity(restitution, solver, count):
-    c = random_contacts(count, seed=1)
-    reference, extra = contacts.anitescu_potra(c, restitution, solver)
+def test_anitescu_potra_against_complementarity(restitution):
+    c = random_contacts(500, seed=1)
+    reference, extra = contacts.anitescu_potra(c, restitution)
     assert relative_error(evaluate(f"anitescu_potra_{restitution}", c), reference).max() < 1e-9
     if restitution == "poisson":  # decompression never needs more than ε P_n^c
         assert extra.max() < 1e-9
@@ -423,7 +413,7 @@ def viscous_work(c: Contacts, p: torch.Tensor) -> torch.Tensor:
     return work
 
 
-@pytest.mark.parametrize(("name", "variant"), EVERY)
+@pytest.mark.parametrize(("name", "variant"), DISTINCT)
 def test_broadcasting(name, variant):
     W, v_c, mu, eps = random_contacts(30, seed=7)
     call = functools.partial(impulse, name, W, v_c, variant=variant)
@@ -507,19 +497,19 @@ def test_gradients(name, variant):
     assert error[away].max() < DIFFERENCE
 
 
-@pytest.mark.parametrize(("name", "variant"), EVERY)
-def test_gradcheck(name, variant):
+@pytest.mark.parametrize(("name", "variant"), DISTINCT)
+def test_gradients_broadcast(name, variant):
+    """In grids of μ and ε over the contacts."""
     c = moderate(name, variant)
-    x = torch.zeros(len(c.mu), 8, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(functools.partial(relative, name, variant, c), x, rtol=1e-5, atol=1e-6)
     grids = [torch.tensor(g, dtype=torch.float64, requires_grad=True) for g in ([[[0.31]], [[0.82]]], [[0.23], [0.64]])]
-    W, v_c = c.W[:3], c.v_c[:3]
-    assert torch.autograd.gradcheck(lambda mu, eps: impulse(name, W, v_c, mu, eps, variant=variant), grids, atol=1e-6)
+    assert torch.autograd.gradcheck(
+        lambda mu, eps: impulse(name, c.W, c.v_c, mu, eps, variant=variant), grids, atol=1e-6
+    )
 
 
 def moderate(name: str, variant: str) -> Contacts:
-    """A dozen contacts away from the modes' boundaries, with numbers near 1."""
-    c = random_contacts(3000, seed=10)
+    """Three contacts away from the modes' boundaries, with numbers near 1."""
+    c = random_contacts(300, seed=10)
     c = c[(c.W.abs().amax((1, 2)) < 20) & (c.W.diagonal(dim1=1, dim2=2).amin(-1) > 0.1) & (c.v_c.abs().amax(-1) < 10)]
     n = len(c.mu)
     function = functools.partial(relative, name, variant, c)
@@ -527,7 +517,7 @@ def moderate(name: str, variant: str) -> Contacts:
     near = [impulse(name, c.W, c.v_c, m + 1e-4, e, variant=variant) for m in (0.31, 0.82) for e in (0.23, 0.64)]
     jump = (torch.stack(near) - torch.stack(grid)).norm(dim=-1).amax(0) / torch.stack(grid).norm(dim=-1).amax(0)
     away = (differences(function, n, 1e-6) - differences(function, n, 1e-4)).abs().amax((1, 2)) < 1e-5
-    return c[away & (jump < 1e-2)][:12]
+    return c[away & (jump < 1e-2)][:3]
 
 
 @pytest.mark.parametrize(("name", "variant"), DISTINCT)
