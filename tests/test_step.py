@@ -57,7 +57,7 @@ def test_the_covariance_is_that_of_samples_of_the_parameters():
     found = model.step(state, uncertainty=True)
     small = 1e-4 * model.parameter_covariance
     draws = torch.distributions.MultivariateNormal(torch.stack(model.values), small)
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         sampled = model.at(draws.sample((4000, 1)).unbind(-1)).step(state).velocity
     assert torch.allclose(1e4 * sampled.T.cov(), found.covariance, rtol=0.1, atol=0.1 * found.covariance.max())
