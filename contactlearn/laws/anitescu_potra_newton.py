@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values, complementary
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, complementary, complementary_in_space
 
 
 @dataclass(frozen=True)
@@ -27,3 +27,7 @@ class AnitescuPotraNewton(Law):
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
         return complementary(contact, mu, -(1 + eps) * contact.v_n)
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s, of a circular cone."""
+        return complementary_in_space(contact, mu, -(1 + eps) * contact.v_n)

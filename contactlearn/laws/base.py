@@ -24,7 +24,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.laws.contact import Contact, SpatialContact, Values
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
 _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then stay in cache
@@ -95,7 +95,7 @@ class Law(ABC):
             mu, eps: to be used instead of the law's own.
         """
 
-    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> tuple[Values, Values, Values]:
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
         """Return the impulse (P_1, P_2, P_n) in N s along the slip, across it and along the normal, as `solve`."""
         raise AssertionError(f"`impulse` refuses {self.name} in space")
 

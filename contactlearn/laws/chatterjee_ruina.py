@@ -15,7 +15,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import finite_number
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values, stick
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, stick, stick_in_space
 
 
 @dataclass(frozen=True)
@@ -49,3 +49,14 @@ class ChatterjeeRuina(Law):
         on_cone = mu * normal / torch.where(slides, d_t.abs() - mu * d_n, 1.0)
         factor = torch.where(slides, on_cone, free)
         return factor * d_t, normal + factor * d_n
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s; the segment from P_I to P_II leaves the cone as in the plane."""
+        d_1, d_2, n_2 = stick_in_space(contact, -contact.v_n)
+        n_1 = -contact.v_n / contact.w_nn
+        d_t, d_n, normal = torch.hypot(d_1, d_2), n_2 - n_1, (1 + eps) * n_1
+        free = 1 + torch.as_tensor(self.e_t, dtype=normal.dtype, device=normal.device)
+        slides = free * d_t > mu * (normal + free * d_n)
+        on_cone = mu * normal / torch.where(slides, d_t - mu * d_n, 1.0)
+        factor = torch.where(slides, on_cone, free)
+        return factor * d_1, factor * d_2, normal + factor * d_n

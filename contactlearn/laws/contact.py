@@ -12,6 +12,8 @@ from torch import Tensor
 
 Values = Float[Tensor, "*#batch"]
 """Values of each trial, broadcast against [..., N]."""
+Impulse = tuple[Values, Values, Values]
+"""(P_1, P_2, P_n) in N s along the slip, across it and along the normal."""
 
 
 class Contact(NamedTuple):
@@ -95,3 +97,100 @@ def complementary(contact: Contact, mu: Values, target: Values) -> tuple[Values,
     sticks = t_stick.abs() <= mu * n_stick
     n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
     return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
+
+
+def stick_in_space(contact: SpatialContact, target: Values) -> Impulse:
+    """Return (P_1, P_2, P_n) that ends the slip, with v_n⁺ − v_n = `target` (m/s)."""
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, _ = contact
+    a_11, a_1n, a_nn = w_22 * w_nn - w_2n**2, w_12 * w_2n - w_1n * w_22, w_11 * w_22 - w_12**2
+    a_12, a_2n = w_1n * w_2n - w_12 * w_nn, w_12 * w_1n - w_11 * w_2n
+    det = w_11 * a_11 + w_12 * a_12 + w_1n * a_1n
+    return (
+        (target * a_1n - slip * a_11) / det,
+        (target * a_2n - slip * a_12) / det,
+        (target * a_nn - slip * a_1n) / det,
+    )
+
+
+def complementary_in_space(contact: SpatialContact, mu: Values, target: Values) -> Impulse:
+    """Solve the contact with v_n⁺ − v_n = `target` > 0 and friction in a circular cone against the *final* slip.
+
+    The normal impulse is eliminated: P_n = (target − w·P_t)/W_nn with w = W_tn, and v_t⁺ = A P_t + b with
+    A = W_tt − w wᵀ/W_nn and b = v_t + w target/W_nn, so that P_t ends the slip or `opposes` it.
+    """
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, _ = contact
+    w_1, w_2 = w_1n / w_nn, w_2n / w_nn
+    reduced = w_11 - w_1 * w_1n, w_12 - w_1 * w_2n, w_22 - w_2 * w_2n
+    u_1, u_2 = opposing(reduced, (slip + w_1 * target, w_2 * target), mu * target / w_nn, (mu * w_1, mu * w_2))
+    stuck = stick_in_space(contact, target)
+    sticks = torch.hypot(stuck[0], stuck[1]) <= mu * stuck[2]
+    n = target / torch.where(sticks, 1.0, w_nn + mu * (u_1 * w_1n + u_2 * w_2n))
+    slides = mu * n * u_1, mu * n * u_2, n
+    return where(sticks, stuck, slides)
+
+
+def where(condition: Values, yes: Impulse, no: Impulse) -> Impulse:
+    """Choose between impulses, contact by contact."""
+    first, second, third = (torch.where(condition, *pair) for pair in zip(yes, no, strict=True))
+    return first, second, third
+
+
+def opposing(
+    A: tuple[Values, Values, Values], b: tuple[Values, Values], radius: Values, pull: tuple[Values, Values]
+) -> tuple[Values, Values]:
+    """Return the direction u of the friction P_t = −λ⁻¹ v_t⁺ with v_t⁺ = A P_t + b, |P_t| = radius − pull·P_t, λ > 0.
+
+    P_t(λ) = −(A + λ)⁻¹ b, and (radius − pull·P_t)/|P_t| grows from below 1, if friction cannot end the slip, without
+    bound: it is nearly linear in λ, and Newton's method finds where it is 1 (Conn, Gould & Toint 2000, §7.3).  The last
+    step is taken with gradients, which makes them exact (implicit function theorem).
+
+    Args:
+        A: 11, 12 and 22 of a positive definite matrix.
+        b: slip without friction.
+        radius: of the cone.
+        pull: fall of the radius by P_t.
+    """
+    with torch.no_grad():
+        q_1, q_2 = shifted(A, b, torch.zeros_like(radius))
+        least = _LEAST * torch.hypot(q_1, q_2).clamp_min(1e-200)
+    radius = torch.maximum(radius, least)
+    with torch.no_grad():
+        low = torch.zeros_like(least)
+        high = torch.hypot(*b) * (1 + torch.hypot(*pull)) / radius
+        shift = low
+        for _ in range(_STEPS):
+            excess, slope, _ = _beyond(A, b, radius, pull, shift)
+            low, high = torch.where(excess < 0, shift, low), torch.where(excess < 0, high, shift)
+            shift = shift - excess / slope
+            shift = torch.where((shift >= low) & (shift <= high), shift, 0.5 * (low + high))
+    excess, slope, _ = _beyond(A, b, radius, pull, shift)
+    q_1, q_2 = shifted(A, b, shift - excess / slope.detach())
+    length = torch.hypot(q_1, q_2).clamp_min(1e-300)
+    return -q_1 / length, -q_2 / length
+
+
+_LEAST = 1e-10  # of the impulse that ends the slip: the direction is then that of no friction at all
+_STEPS = 8
+
+
+def shifted(A: tuple[Values, Values, Values], b: tuple[Values, Values], shift: Values) -> tuple[Values, Values]:
+    """(A + shift)⁻¹ b."""
+    a_11, a_12, a_22 = A[0] + shift, A[1], A[2] + shift
+    det = a_11 * a_22 - a_12 * a_12
+    return (a_22 * b[0] - a_12 * b[1]) / det, (a_11 * b[1] - a_12 * b[0]) / det
+
+
+def _beyond(
+    A: tuple[Values, Values, Values],
+    b: tuple[Values, Values],
+    radius: Values,
+    pull: tuple[Values, Values],
+    shift: Values,
+) -> Impulse:
+    """(radius + pull·q)/|q| − 1 of q = (A + shift)⁻¹ b, its derivative in the shift, and |q|."""
+    q = shifted(A, b, shift)
+    g = shifted(A, q, shift)
+    length = torch.hypot(*q).clamp_min(1e-300)
+    reach = (radius + pull[0] * q[0] + pull[1] * q[1]) / length
+    slope = reach * (q[0] * g[0] + q[1] * g[1]) / length**2 - (pull[0] * g[0] + pull[1] * g[1]) / length
+    return reach - 1, slope, length

@@ -17,7 +17,7 @@ from typing import ClassVar
 import torch
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values, stick
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, shifted, stick, stick_in_space, where
 
 
 def compression(contact: Contact, mu: Values) -> tuple[Values, Values]:
@@ -28,6 +28,68 @@ def compression(contact: Contact, mu: Values) -> tuple[Values, Values]:
     n_edge = (slope * v_t - v_n) / (w_nn + slope * (slope * w_tt - 2 * w_tn))
     sticks = t_stick.abs() <= mu * n_stick
     return torch.where(sticks, t_stick, -slope * n_edge), torch.where(sticks, n_stick, n_edge)
+
+
+def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
+    """Return (P_1, P_2, P_n) of compression in N s: the point of the cone that is nearest to −M_c v_c in the metric W.
+
+    On the cone it is (W + λ diag(1, 1, −μ²)) P = −v_c with λ > 0 for which |P_t| = μ P_n.  With t = μ λ, w = W_tn and
+    B = (μ W_tt + t)⁻¹ that is
+
+        P_n = ν/σ,  P_t = −μ y/σ,   y = B (σ v_t + ν w),  ν = −v_n + μ wᵀ B v_t,  σ = W_nn − μ t − μ wᵀ B w,
+
+    and |y| = |ν|.  |P_t|² − μ² P_n² falls without bound up to the pole σ = 0, and rises from there; P_n is positive at
+    the root before it where ν is positive at the pole, and otherwise at the root beyond (Conn, Gould & Toint, §7.3).
+    """
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_n = contact
+    stuck = stick_in_space(contact, -v_n)
+    sticks = torch.hypot(stuck[0], stuck[1]) <= mu * stuck[2]
+    rough = mu.clamp_min(_SMOOTH)
+    with torch.no_grad():
+        pole = w_nn / rough
+        for _ in range(_POLE_STEPS):
+            sigma, _, _, slope, *_ = _secular(contact, rough, pole)
+            pole = pole - sigma / slope
+        beyond = _secular(contact, rough, pole)[1] < 0
+        low = torch.where(beyond, pole, 0.0)
+        high = torch.where(beyond, torch.inf, pole)
+        t = torch.where(beyond, 2 * pole, torch.minimum(slip * w_nn / -v_n, 0.5 * pole))
+        for _ in range(_STEPS):
+            _, _, _, _, excess, slope = _secular(contact, rough, t)
+            left = (excess > 0) != beyond
+            low, high = torch.where(left, t, low), torch.where(left, high, t)
+            t = t - excess / slope
+            middle = torch.where(high < torch.inf, 0.5 * (low + high), 4 * low)
+            t = torch.where((t >= low) & (t <= high), t, middle)
+    _, _, _, _, excess, slope = _secular(contact, rough, t)
+    sigma, _, y, *_ = _secular(contact, rough, t - excess / slope.detach())
+    length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-300)
+    u_1, u_2 = y[0] / length, y[1] / length
+    form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
+    n = (-v_n - mu * slip * u_1) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))
+    slides = mu * n * u_1, mu * n * u_2, n
+    return where(sticks, stuck, slides)
+
+
+_SMOOTH = 1e-10  # friction below which the direction of the impulse is that of none
+_POLE_STEPS, _STEPS = 8, 20  # the second may bisect
+
+
+def _secular(
+    contact: SpatialContact, mu: Values, t: Values
+) -> tuple[Values, Values, tuple[Values, Values], *tuple[Values, ...]]:
+    """σ, ν, y and dσ/dt of `compression_in_space`, and |y| − |ν| with its derivative."""
+    A, slip = (mu * contact.w_11, mu * contact.w_12, mu * contact.w_22), contact.slip
+    a = shifted(A, (contact.w_1n, contact.w_2n), t)
+    e = shifted(A, (slip, torch.zeros_like(slip)), t)
+    sigma = contact.w_nn - mu * (t + contact.w_1n * a[0] + contact.w_2n * a[1])
+    nu = -contact.v_n + mu * slip * a[0]
+    y = sigma * e[0] + nu * a[0], sigma * e[1] + nu * a[1]
+    d_sigma, d_nu = mu * (a[0] ** 2 + a[1] ** 2 - 1), -mu * (a[0] * e[0] + a[1] * e[1])
+    b = shifted(A, y, t)
+    dy = d_sigma * e[0] + d_nu * a[0] - b[0], d_sigma * e[1] + d_nu * a[1] - b[1]
+    length = torch.hypot(*y).clamp_min(1e-300)
+    return sigma, nu, y, d_sigma, length - nu.abs(), (y[0] * dy[0] + y[1] * dy[1]) / length - nu.sign() * d_nu
 
 
 @dataclass(frozen=True)
@@ -42,6 +104,11 @@ class DrumwrightShell(Law):
         """Return (P_t, P_n) in N s; see the module."""
         t_c, n_c = compression(contact, mu)
         return (1 + eps) * t_c, (1 + eps) * n_c
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s, of a circular cone."""
+        P_1, P_2, P_n = compression_in_space(contact, mu)
+        return (1 + eps) * P_1, (1 + eps) * P_2, (1 + eps) * P_n
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ import torch
 from torch import Tensor
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
+from contactlearn.laws.hodograph import Hodograph, after_work
 from contactlearn.laws.wang_mason import routh_path
 
 
@@ -52,6 +53,12 @@ class Mirtich(Law):
         work_left = torch.where(crosses, eps**2 * work_first - work_end, 0.0)
         p_crossed = p_slip + 2 * work_left / (v_end + (v_end**2 + 2 * path.stiffness_after * work_left).sqrt())
         return path.impulse(torch.where(compressed_first, torch.where(crosses, p_crossed, p_first), p_second))
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
+        path = Hodograph(contact, mu)
+        compressed = path.compressed()
+        return path.followed(compressed, after_work((1 - eps**2) * compressed.work)).impulse
 
 
 @dataclass(frozen=True)

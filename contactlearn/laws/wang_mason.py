@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values, slip_direction, within
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, slip_direction, within
+from contactlearn.laws.hodograph import Hodograph, after_impulse
 
 
 class Path(NamedTuple):
@@ -83,3 +84,9 @@ class WangMason(Law):
         """Return (P_t, P_n) in N s; see the module."""
         path = routh_path(contact, mu)
         return path.impulse((1 + eps) * path.p_c)
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
+        path = Hodograph(contact, mu)
+        compressed = path.compressed()
+        return path.followed(compressed, after_impulse((1 + eps) * compressed.P_n)).impulse

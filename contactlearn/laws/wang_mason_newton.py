@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
+from contactlearn.laws.hodograph import Hodograph, until
 from contactlearn.laws.wang_mason import routh_path
 
 
@@ -28,3 +29,8 @@ class WangMasonNewton(Law):
         """Return (P_t, P_n) in N s; see the module."""
         path = routh_path(contact, mu)
         return path.impulse(path.until(-(1 + eps) * contact.v_n))
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
+        path = Hodograph(contact, mu)
+        return path.followed(path.compressed(), until(-eps * contact.v_n)).impulse

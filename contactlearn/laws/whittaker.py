@@ -14,7 +14,16 @@ from typing import ClassVar
 import torch
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values, slip_direction, stick
+from contactlearn.laws.contact import (
+    Contact,
+    Impulse,
+    SpatialContact,
+    Values,
+    slip_direction,
+    stick,
+    stick_in_space,
+    where,
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,21 @@ class Whittaker(Law):
         sticks = t_stick.abs() <= mu * n_stick
         n_slide = target / torch.where(sticks, 1.0, contact.w_nn - slope * contact.w_tn)
         return torch.where(sticks, t_stick, -slope * n_slide), torch.where(sticks, n_stick, n_slide)
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s; in space sliding keeps the direction of the initial slip.
+
+        Where friction in that direction drives the contact into the floor, whatever P_n, it is that of sticking.
+        """
+        target = -(1 + eps) * contact.v_n
+        stuck = stick_in_space(contact, target)
+        sticks = torch.hypot(stuck[0], stuck[1]) <= mu * stuck[2]
+        size = torch.where(sticks, 1.0, torch.hypot(stuck[0], stuck[1]))
+        slides = contact.w_nn > mu * contact.w_1n
+        u_1, u_2 = torch.where(slides, -1.0, stuck[0] / size), torch.where(slides, 0.0, stuck[1] / size)
+        n = target / torch.where(sticks, 1.0, contact.w_nn + mu * (u_1 * contact.w_1n + u_2 * contact.w_2n))
+        slides = mu * n * u_1, mu * n * u_2, n
+        return where(sticks, stuck, slides)
 
 
 @dataclass(frozen=True)

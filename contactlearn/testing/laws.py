@@ -11,6 +11,7 @@ except where it says otherwise, mirrors and scales, gives the same in one batch,
 gradients.
 """
 
+import math
 from typing import NamedTuple, Self
 
 import torch
@@ -20,6 +21,7 @@ from torch import Tensor
 from contactlearn import laws
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.space import SPACE
 
 N = 4000
 SPEED = 2.5  # factor by which speeds and masses are scaled
@@ -30,8 +32,8 @@ REPEATED = 1e-13  # a batch and a single contact may differ in how a last digit 
 class Contacts(NamedTuple):
     """Random contacts and coefficients."""
 
-    W: Float[Tensor, "n 2 2"]
-    v_c: Float[Tensor, "n 2"]
+    W: Float[Tensor, "n d d"]
+    v_c: Float[Tensor, "n d"]
     mu: Float[Tensor, " n"]
     eps: Float[Tensor, " n"]
 
@@ -50,13 +52,42 @@ class Contacts(NamedTuple):
         v_c[::8, 0], mu[1::8], eps[2::8], eps[3::8] = 0.0, 0.0, 0.0, 1.0
         return cls(rigid_body.inverse_inertia(mass, mass * radius**2, r), v_c, mu, eps)
 
+    @classmethod
+    def draw_in_space(cls, count: int = N, seed: int = 9) -> Self:
+        """Draw bodies of three moments of inertia in any pose, as `draw`; |r| is at most twice √(I/m)."""
+        generator = torch.Generator().manual_seed(seed)
+
+        def uniform(low: float, high: float, *shape: int) -> Tensor:
+            return low + (high - low) * torch.rand(count, *shape, generator=generator, dtype=torch.float64)
+
+        mass, size = 10 ** uniform(-2, 1), 10 ** uniform(-2, 0)
+        axes = uniform(0.4, 1, 3) * size[:, None]
+        moments = mass[:, None] * (axes.square().sum(-1, keepdim=True) - axes.square())
+        q = torch.cat((torch.zeros(count, 3), uniform(-1, 1, 4)), -1)
+        azimuth, height = uniform(0, 2 * math.pi), uniform(0.05, 1)
+        flat = (1 - height**2).sqrt()
+        r = torch.stack((flat * azimuth.cos(), flat * azimuth.sin(), -height), -1) * (2 * size * uniform(0, 1))[:, None]
+        slip, angle = uniform(0, 5), uniform(0, 2 * math.pi)
+        v_c = torch.stack((slip * angle.cos(), slip * angle.sin(), -(10 ** uniform(-1, 1))), -1)
+        mu, eps = uniform(0, 1), uniform(0, 1)
+        v_c[::8, :2], mu[1::8], eps[2::8], eps[3::8] = 0.0, 0.0, 0.0, 1.0
+        return cls(rigid_body.inverse_inertia(mass, rigid_body.inertia_in_world(moments, q), r), v_c, mu, eps)
+
+    def seen_in_space(self) -> "Contacts":
+        """Return planar contacts in space, where nothing couples them with the axis across the plane."""
+        W = torch.zeros(len(self.mu), 3, 3, dtype=torch.float64)
+        W[:, ::2, ::2], W[:, 1, 1] = self.W, 0.7 * self.W[:, 0, 0]
+        v_c = torch.zeros(len(self.mu), 3, dtype=torch.float64)
+        v_c[:, ::2] = self.v_c
+        return Contacts(W, v_c, self.mu, self.eps)
+
     def part(self, which: slice) -> "Contacts":
         """Return some of the contacts."""
         return Contacts(*(values[which] for values in self))
 
     def size(self) -> Float[Tensor, " n"]:
         """Return |M_c v_c| in N s, the impulse that would stop the contact point."""
-        return (rigid_body.effective_inertia(self.W) @ self.v_c[..., None])[..., 0].norm(dim=-1)
+        return rigid_body.matvec(rigid_body.effective_inertia(self.W), self.v_c).norm(dim=-1)
 
 
 class LawContract:
@@ -64,22 +95,23 @@ class LawContract:
 
     law: Law
 
-    def impulse(self, c: Contacts) -> Float[Tensor, "n 2"]:
+    def impulse(self, c: Contacts) -> Float[Tensor, "n d"]:
         """Return P in N s."""
         return self.law.at(c.mu, c.eps).impulse(c.W, c.v_c)
 
-    def differences(self) -> dict[str, bool]:
+    def differences(self, c: Contacts | None = None) -> dict[str, bool]:
         """Return for each way in which a law may differ from a rigid contact whether this one is seen to do so."""
-        c = Contacts.draw()
+        c = Contacts.draw() if c is None else c
         elastic = c._replace(eps=torch.ones_like(c.eps))
         P, scale = self.impulse(c), c.size()
-        v_n = (c.v_c + (c.W @ P[..., None])[..., 0])[:, 1]
+        v_n = (c.v_c + rigid_body.matvec(c.W, P))[:, -1]
         added = torch.cat([rigid_body.energy_excess(x.W, x.v_c, self.impulse(x)) for x in (c, elastic)])
-        brought = 0.5 * (c.v_c * (rigid_body.effective_inertia(c.W) @ c.v_c[..., None])[..., 0]).sum(-1).repeat(2)
+        momentum = rigid_body.matvec(rigid_body.effective_inertia(c.W), c.v_c)
+        brought = 0.5 * (c.v_c * momentum).sum(-1).repeat(2)
         return {
             "adds_energy": bool((added > ROUNDING * brought).any()),
-            "leaves_cone": bool((P[:, 0].abs() - c.mu * P[:, 1] > ROUNDING * scale).any()),
-            "pulls": bool((P[:, 1] < -ROUNDING * scale).any()),
+            "leaves_cone": bool((P[:, :-1].norm(dim=-1) - c.mu * P[:, -1] > ROUNDING * scale).any()),
+            "pulls": bool((P[:, -1] < -ROUNDING * scale).any()),
             "penetrates": bool((v_n < -ROUNDING * c.v_c.norm(dim=-1)).any()),
         }
 
@@ -147,6 +179,48 @@ class LawContract:
         for part in P.unbind(-1):
             for gradient in torch.autograd.grad(part.sum(), inputs, retain_graph=True, allow_unused=True):
                 assert gradient is None or gradient.isfinite().all()
+
+    def test_in_space_it_is_a_rigid_contact_but_for_what_it_declares(self) -> None:
+        """The same rules, where the law exists in space."""
+        if SPACE in self.law.spaces:
+            seen = self.differences(Contacts.draw_in_space())
+            undeclared = [name for name, differs in seen.items() if differs and not getattr(self.law, name)]
+            assert not undeclared, f"declare {', '.join(f'{name} = True' for name in undeclared)}, or fix the law"
+
+    def test_in_space_it_agrees_with_the_plane(self) -> None:
+        """A contact of the plane has the impulse of the plane."""
+        if SPACE in self.law.spaces:
+            c = Contacts.draw()
+            P, expected = self.impulse(c.seen_in_space()), self.impulse(c)
+            assert self._close(P[:, ::2], expected, c)
+            assert (P[:, 1].abs() <= ROUNDING * c.size().maximum(expected.norm(dim=-1))).all()
+
+    def test_in_space_it_turns_with_the_contact(self) -> None:
+        """A turn about the normal turns the impulse; a mirror image mirrors it, and k times the speed gives k times."""
+        if SPACE not in self.law.spaces:
+            return
+        c = Contacts.draw_in_space()
+        turn = rigid_body.rotation(torch.tensor((0.8, 0.0, 0.0, 0.6), dtype=torch.float64))
+        mirror = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
+        for R in (turn, *((mirror,) if self.law.mirror_symmetric else ())):
+            image = c._replace(W=R @ c.W @ R.mT, v_c=c.v_c @ R.mT)
+            assert self._close(self.impulse(image), self.impulse(c) @ R.mT, c)
+        if self.law.scales:
+            faster = c._replace(v_c=SPEED * c.v_c)
+            assert self._close(self.impulse(faster), SPEED * self.impulse(c), faster)
+
+    def test_in_space_its_gradients_are_finite(self) -> None:
+        """In W, v_c, μ and ε, and batched as in a loop."""
+        if SPACE not in self.law.spaces:
+            return
+        c = Contacts.draw_in_space(400)
+        inputs = [values.clone().requires_grad_() for values in c]
+        P = self.impulse(Contacts(*inputs))
+        for gradient in torch.autograd.grad(P.sum(), inputs, allow_unused=True):
+            assert gradient is None or gradient.isfinite().all()
+        each = zip(*c.part(slice(24)), strict=True)
+        loop = torch.stack([self.law.at(mu.item(), eps.item()).impulse(W, v_c) for W, v_c, mu, eps in each])
+        torch.testing.assert_close(P[:24].detach(), loop, rtol=1e-9, atol=0)
 
     def _close(self, P: Tensor, expected: Tensor, c: Contacts) -> bool:
         error = (P - expected).norm(dim=-1) / c.size().maximum(expected.norm(dim=-1))
