@@ -9,6 +9,7 @@ import pytest
 import torch
 from commands import run
 from pyarrow import parquet
+from repetitions import repeated
 
 from contactlearn.cli.commands import loading
 from contactlearn.cli.hydra_main import compose
@@ -156,7 +157,7 @@ def test_the_gaussian_limit_is_that_of_the_bootstrap(monkeypatch):
     assert (limit.high - limit.low) / (drawn.high - drawn.low) == pytest.approx(1, abs=0.15)  # of 500 resamples
 
 
-@SUFFIXES
+@pytest.mark.parametrize("suffix", repeated("parquet", "csv"))
 def test_an_evaluation_in_blocks_is_that_in_memory(suffix, drops, small_blocks, tmp_path, monkeypatch):
     path = table.save(drops, tmp_path / f"drops.{suffix}")
     out = {}

@@ -53,7 +53,7 @@ def test_a_launcher_gives_the_results_of_any_other(launcher, undisturbed, tmp_pa
     assert sorted(map(str, content(tmp_path).values())) == sorted(map(str, expected.values()))
     status, printed = ended(started(tmp_path, *JOBS, f"hydra/launcher={launcher}"))
     assert status == 0, printed
-    assert f"{COUNT} jobs, 3 finished before" in printed
+    assert f"{COUNT} jobs, {COUNT // 2} finished before" in printed
 
 
 @EACH

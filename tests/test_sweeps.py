@@ -257,7 +257,7 @@ def test_killed_at_random_moments(kills, undisturbed, tmp_path):
 
     Fifty kills are in benchmarks/speed/sweeps.py.
     """
-    hits, lost = survive(tmp_path, kills=kills, longest=3, start=ForkedSweep)
+    hits, lost = survive(tmp_path, kills=kills, longest=2, start=ForkedSweep)
     assert (hits, lost) == (kills, [])
     status, printed = ended(ForkedSweep(tmp_path, *JOBS))
     assert status == 0, printed

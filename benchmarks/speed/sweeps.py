@@ -26,10 +26,10 @@ from contactlearn.results.state import Done, finish, locked, read_done
 
 ROOT = Path(__file__).resolve().parents[2]
 JOBS = (
-    "data.size=80", "train.repetitions=2", "bootstrap=20", "model=analytical", "train.size=10,15,20",
+    "data.size=80", "train.repetitions=2", "bootstrap=20", "model=analytical", "train.size=10,20",
     "law=wang_mason,whittaker",
 )  # fmt: skip
-COUNT = 6
+COUNT = 4
 CORES = {"short": (800, 300), "long": (2400, 1200)}  # trials and training trials of a job
 
 
