@@ -1,7 +1,10 @@
 """Bodies in space: the same core, which must agree with the plane where both exist."""
 
+import clarabel
+import numpy as np
 import pytest
 import torch
+from scipy import sparse
 from spatial import in_space, tossed, vectors, velocities
 
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -158,3 +161,66 @@ def test_a_spatial_table_needs_its_columns(tmp_path):
     path.write_text("mass,qw,qx,qy,qz\n1,1,0,0,0\n")
     with pytest.raises(DataError, match=r"needed: mass, inertia_x, .* qz, vx, vy, vz, wx"):
         table.load(path)
+
+
+@pytest.mark.parametrize("norm", bounds.NORMS)
+def test_the_bound_agrees_with_the_plane(norm):
+    plane, space = bounds.irb(PLANAR, norm), bounds.irb(SPATIAL, norm)
+    distances = [bounds.distance(x, found.v_post, norm) for x, found in ((PLANAR, plane), (SPATIAL, space))]
+    torch.testing.assert_close(*distances, rtol=1e-9, atol=1e-9)  # a root: squares agree to rounding
+    torch.testing.assert_close(space.wrench, velocities(plane.wrench), rtol=1e-9, atol=1e-9)
+
+
+def least(impacts, row, norm):
+    """The bound of a trial by a solver of cone programmes."""
+    W, v_c = impacts.W[row].numpy(), impacts.v_c[row].numpy()
+    L = np.linalg.cholesky(W)
+    slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.world_inertia, impacts.r)[row, :, :3].numpy()
+    change = (impacts.v_post - impacts.v_pre)[row].numpy()
+    D = np.eye(6)
+    if norm == "mass":
+        D[:3, :3], D[3:, 3:] = impacts.mass[row].item() * np.eye(3), impacts.world_inertia[row].numpy()
+    start = np.linalg.solve(L, v_c)
+    size = np.linalg.norm(start)
+    # Unknown p = Lᵀ P / |L⁻¹ v_c|: the energy ball is |p + start/size| ≤ 1.
+    slope = slope @ np.linalg.inv(L.T) * size
+    H = sparse.csc_matrix(np.triu(2 * slope.T @ D @ slope))
+    up, rise = np.linalg.inv(L.T)[2], L[2]
+    A = np.vstack((np.zeros(3), -np.eye(3), -up, -rise))
+    b = np.concatenate(((1.0,), start / size, (0.0,), (v_c[2] / size,)))
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = False, 1e-13, 1e-13, 1e-13
+    cones = [clarabel.SecondOrderConeT(4), clarabel.NonnegativeConeT(2)]
+    x = np.array(
+        clarabel.DefaultSolver(H, -2 * slope.T @ D @ change, sparse.csc_matrix(A), b, cones, settings).solve().x
+    )
+    missed = change - slope @ x
+    return np.sqrt(missed @ D @ missed)
+
+
+@pytest.mark.parametrize("norm", bounds.NORMS)
+def test_the_bound_is_that_of_a_solver(norm):
+    """Outcomes of every kind: inside, of too much energy, that pull, that penetrate, and those at two limits."""
+    found = bounds.irb(TOSSED, norm)
+    distance = bounds.distance(TOSSED, found.v_post, norm).numpy()
+    assert not outside_admissible(TOSSED, found.wrench[:, :3]).any()
+    assert (found.wrench[:, 3:] == 0).all()
+    expected = np.array([least(TOSSED, row, norm) for row in range(120)])
+    np.testing.assert_allclose(distance[:120], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_best_post_hoc_and_the_bound_hold_for_laws():
+    laws = {name: find(name).at(0.2, 0.4) for name in ("whittaker", "wang_mason", "mirtich", "drumwright_shell")}
+    predictions = {name: ContactModel(base=law).predict(TOSSED) for name, law in laws.items()}
+    best, chosen = bounds.best_post_hoc(TOSSED, predictions)
+    least = bounds.distance(TOSSED, bounds.irb(TOSSED).v_post)
+    errors = torch.stack([bounds.distance(TOSSED, one.v_post) for one in predictions.values()])
+    torch.testing.assert_close(bounds.distance(TOSSED, best.v_post), errors.amin(0))
+    assert len({*chosen.tolist()}) == 4
+    gains = outside_admissible(TOSSED, predictions["wang_mason"].wrench[:, :3])
+    assert (least <= errors[1] + 1e-9)[~gains].all()
+
+
+def test_a_patch_is_of_the_plane():
+    with pytest.raises(ContactLearnError, match="a contact patch exists for bodies that move in a plane alone"):
+        bounds.irb(SPATIAL, patch=0.01)

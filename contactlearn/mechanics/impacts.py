@@ -345,7 +345,7 @@ class Prediction:
     @classmethod
     def from_wrench(cls, impacts: Impacts, wrench: Float[Tensor, "*#batch n 3"]) -> "Prediction":
         """The post velocity follows from the wrench (P_t, P_n, τ) by the equation of motion."""
-        v_post = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, wrench)
+        v_post = rigid_body.apply_wrench(impacts.mass, impacts.world_inertia, impacts.r, impacts.v_pre, wrench)
         return cls(v_post, wrench)
 
 

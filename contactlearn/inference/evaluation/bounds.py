@@ -17,6 +17,9 @@ edges of these.  A minimiser over a ball is (H + λ)⁻¹ g with the λ ≥ 0 th
 |x(λ)| = ρ (Conn, Gould & Toint, *Trust-Region Methods*, 2000, Section 7.3), by Newton's method on
 1/|x(λ)|; over an edge it is a clamped parabola.  All trials and all widths are solved at once.
 
+In space the contact is a point, and v_c⁺ = ρ L x with W = L Lᵀ, |x| ≤ 1: a ball cut by two half-spaces, P_n ≥ 0 and
+v_n⁺ ≥ 0.  The nearest point is in the ball, on one of two discs, or on the segment in which these meet.
+
 `best_post_hoc` is the other bound: trial by trial, the prediction of whichever model comes closest.
 Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 """
@@ -31,13 +34,14 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.space import require_space
+from contactlearn.mechanics.space import SPACE, require_space
 
 Norm = Literal["mass", "euclidean"]
 NORMS: tuple[Norm, ...] = get_args(Norm)
 """√(eᵀ M e), in √J, and ‖e‖₂ over (v_x, v_y, ω), which adds metres to radians as the paper does."""
 
 _TINY = torch.finfo(torch.float64).tiny
+_EDGE = 1e-11  # of the ball's radius, by which a point may lie beyond an edge that it is computed on
 _SLACK = 1e-14  # of the disc's radius: an edge that round-off shortens below a point is still a point
 _NEWTON_STEPS = 50  # from a bound below λ it converges monotonically; 10 were the most seen
 
@@ -93,14 +97,12 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
             gives the curve of the bound over K widths.  0 is a point contact, τ = 0.
 
     Returns:
-        v_post and wrench [..., N, 3]; `distance(impacts, prediction.v_post, norm)` is the bound.
+        v_post and wrench [..., N, D]; `distance(impacts, prediction.v_post, norm)` is the bound.
 
     Raises:
         UnknownNameError: no such norm.
         ContactLearnError: a width that is negative, not finite or of a shape that does not fit.
     """
-    require_space("the IRB bound", impacts.space)
-    D = weights(impacts, norm)
     width = torch.as_tensor(patch, dtype=torch.float64, device=impacts.mass.device)
     narrowest, widest = (x.item() for x in width.aminmax())
     if not 0 <= narrowest <= widest < torch.inf:
@@ -112,6 +114,12 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
             f"as widths[:, None], shape (K, 1); got shape {tuple(width.shape)}"
         )
     shape = torch.broadcast_shapes(width.shape, impacts.mass.shape)
+    if widest > 0:
+        require_space("a contact patch", impacts.space)
+    if impacts.space is SPACE:
+        wrench = torch.nn.functional.pad(_in_ball(impacts, norm), (0, 3))
+        return Prediction.from_wrench(impacts, wrench.expand(*shape, 6))
+    D = weights(impacts, norm)
     if widest == 0:
         P, _ = _point_contact(impacts, D, torch.zeros_like(impacts.mass))
         wrench = torch.stack((*P, torch.zeros_like(P[0])), -1)
@@ -198,6 +206,60 @@ def _free_moment(impacts: Impacts, weights: Tensor) -> tuple[Tensor, Tensor]:
     gap = (weights * (target - v_post).square()).sum(1)
     gap[0] = torch.where(ball[1] + r_x * ball[2] >= 0, gap[0], torch.inf)
     return rigid_body.measured_wrench(m, inertia, impacts.r, impacts.v_pre, v_post.mT), gap
+
+
+def _in_ball(impacts: Impacts, norm: str) -> Tensor:
+    """Best impulse P [N, 3] of a point contact in space; see the module."""
+    body = impacts.mass, impacts.world_inertia, impacts.r
+    L, v_c = torch.linalg.cholesky(impacts.W), impacts.v_c[..., None]
+    x_0 = torch.linalg.solve_triangular(L, v_c, upper=False)
+    rho = x_0.norm(dim=-2, keepdim=True)
+    x_0 = x_0 / rho
+    eye = torch.eye(3).to(L).expand_as(L)
+    impulse = rho * torch.linalg.solve_triangular(L.mT, eye, upper=True)  # P = impulse (x − x₀)
+    B = rigid_body.velocity_per_wrench(*body)[..., :3] @ impulse
+    target = (impacts.v_post - impacts.v_pre)[..., None] + B @ x_0
+    scaled = B
+    if norm == "mass":
+        spun = rigid_body.spin_momentum(impacts.world_inertia[:, None], B[:, 3:].mT).mT
+        scaled = torch.cat((impacts.mass[:, None, None] * B[:, :3], spun), -2)
+    H, g = scaled.mT @ B, (scaled.mT @ target)[..., 0]
+    up = torch.zeros_like(g)
+    up[:, 2] = 1.0  # P_n grows along the last axis alone
+    planes = torch.stack((up, L[:, 2] / L[:, 2].norm(dim=-1, keepdim=True)))
+    bounds = torch.stack((x_0[:, 2, 0], torch.zeros_like(up[:, 0])))
+    found = [
+        _on_flat(H, g, torch.zeros_like(g), eye),
+        *(_on_disc(H, g, *one) for one in zip(planes, bounds, strict=True)),
+    ]
+    # Both planes: x = foot + t along.
+    along = torch.linalg.cross(*planes)
+    sine = along.norm(dim=-1, keepdim=True).clamp_min(_TINY)
+    foot = torch.linalg.cross(bounds[0, :, None] * planes[1] - bounds[1, :, None] * planes[0], along / sine) / sine
+    found.append(_on_flat(H, g, foot, (along / sine)[..., None]))
+    x = torch.stack(found)
+    inside = ((planes[:, None] * x).sum(-1) >= bounds[:, None] - _EDGE).all(0) & (x.norm(dim=-1) <= 1 + _EDGE)
+    value = (x * (rigid_body.matvec(H, x) - 2 * g)).sum(-1)
+    x = _pick(x, torch.where(inside, value, torch.inf).argmin(0))
+    P = rigid_body.matvec(impulse, x - x_0[..., 0])
+    return torch.cat((P[:, :2], P[:, 2:].clamp_min(0)), -1)
+
+
+def _on_disc(H: Tensor, g: Tensor, normal: Tensor, bound: Tensor) -> Tensor:
+    """argmin of xᵀ H x − 2 gᵀ x on the disc normal·x = bound, |x| ≤ 1."""
+    mirror = normal.clone()
+    mirror[:, 2] += torch.copysign(torch.ones_like(bound), normal[:, 2])
+    across = torch.eye(3).to(H) - 2 * mirror[..., None] * mirror[:, None] / mirror.square().sum(-1)[:, None, None]
+    return _on_flat(H, g, bound[:, None] * normal, across[..., :2])
+
+
+def _on_flat(H: Tensor, g: Tensor, foot: Tensor, basis: Tensor) -> Tensor:
+    """argmin of xᵀ H x − 2 gᵀ x over x = foot + basis y in the unit ball; the foot is the nearest to its centre."""
+    values, turn = torch.linalg.eigh(basis.mT @ H @ basis)
+    basis = basis @ turn
+    slope = rigid_body.matvec(basis.mT, g - rigid_body.matvec(H, foot))
+    radius = _root(1 - foot.square().sum(-1))
+    return foot + rigid_body.matvec(basis, _least_in_ball(values.mT, slope.mT, radius).mT)
 
 
 def _nearest_in_disc(
