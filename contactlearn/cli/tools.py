@@ -26,6 +26,7 @@ named on it, with the reason."""
 def add_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add a parser for each command."""
     _add_data_tools(add)
+    _add_export(add)
     _add_result_tools(add)
 
 
@@ -54,20 +55,6 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="a .csv or .parquet table, or data=NAME for another source, and their settings, data.KEY=…",
     )
     audit.set_defaults(run=run_audit)
-    export = add(
-        "export",
-        help="write any data source, or its feature spaces, to a CSV or Parquet table",
-        description="Write any data source to a table that data=table reads back exactly; or a feature space of it, "
-        "what learned models see, with the unit of each column in its header.",
-        epilog="examples: contactlearn export drops.csv data=ellipse_drops data.inertia=uniform_disc; "
-        "contactlearn export x1.csv data=ellipse_drops --features x1",
-    )
-    export.add_argument("file", help="where to write: a .csv or .parquet file")
-    export.add_argument(
-        "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
-    )
-    export.add_argument("--features", metavar="SPACE", help="state (10-D), x1, x2 or x2_polar, in SI units")
-    export.set_defaults(run=run_export)
     impacts = add(
         "impacts",
         help="find the impacts in recordings of tracked poses",
@@ -85,6 +72,30 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
     impacts.set_defaults(run=run_impacts)
+
+
+def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
+    export = add(
+        "export",
+        help="write a model as C, NumPy, JAX or PyTorch, or any data source as a table",
+        description="With --to, write the law and the effects of a run's model as one file: a function of the impact, "
+        "its parameters as constants, and a self-test. Without it, write any data source to a table that data=table "
+        "reads back exactly; or a feature space of it, what learned models see, with units in the header.",
+        epilog="examples: contactlearn export outputs/diagnose/2026-01-31_12-00-00 --to c -o impact.c; "
+        "contactlearn export drops.csv data=ellipse_drops data.inertia=uniform_disc; "
+        "contactlearn export x1.csv data=ellipse_drops --features x1",
+    )
+    export.add_argument("file", metavar="RUN|FILE", help="a run folder or model.pt; without --to the table to write")
+    export.add_argument("--to", help="numpy, jax, torch, c, or json for all constants of the model in full")
+    export.add_argument(
+        "-o", "--out", metavar="FILE", help="with --to: the file to write (default: impact.c or the like)"
+    )
+    export.add_argument("--without-residual", action="store_true", help="leave out the model's Gaussian processes")
+    export.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
+    )
+    export.add_argument("--features", metavar="SPACE", help="without --to: state (10-D), x1, x2 or x2_polar")
+    export.set_defaults(run=run_export)
 
 
 def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -179,10 +190,15 @@ def run_audit(options: argparse.Namespace) -> str:
 
 
 def run_export(options: argparse.Namespace) -> str:
-    """Write a data source, or one of its feature spaces, to a table; return a line with its path."""
+    """Write a model of a run for use elsewhere, or a data source as a table; return a line with the path."""
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
 
+    if options.to is not None:
+        from contactlearn.cli.commands.export import export_model
+
+        data = load_data(_source("export", options.overrides)) if options.overrides else None
+        return export_model(options.file, options.to, options.out, data, without_residual=options.without_residual)
     impacts = load_data(_source("export", options.overrides))
     if options.features is None:
         path = table.save(impacts, options.file)

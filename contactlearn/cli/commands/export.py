@@ -1,0 +1,69 @@
+"""A model of a run as a file for use elsewhere."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from contactlearn.cli.checkpoints import TrainedModel, load_model
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.core.numerics import atomic_write
+from contactlearn.diagnosis.record import Record
+from contactlearn.mechanics.bodies import make_shapes
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.export import source
+from contactlearn.simulation import synthetic
+
+TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "json": ".json"}
+"""Suffix of the file by what it is for."""
+
+_ROWS = 10  # of the self-test
+
+
+def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, without_residual: bool) -> str:
+    """Write a model; return what was written, in a line or two.
+
+    Args:
+        run: a run folder or a checkpoint.
+        to: one of `TARGETS`.
+        out: the file; impact.c or the like in this folder if None.
+        data: impacts of the body, for its shape and for the self-test; those of the run if None.
+        without_residual: whether processes are left out.
+
+    Raises:
+        ContactLearnError: the model has no such form, or the file cannot be written.
+    """
+    if to == "onnx":
+        raise ContactLearnError("ONNX's runtime has no atan2 and cos in float64; --to c is one file without a library")
+    if to not in TARGETS:
+        raise UnknownNameError("target of --to", to, TARGETS)
+    trained = load_model(run)
+    model = source.without_residual(trained.model) if without_residual else trained.model
+    path = Path(out or f"impact{TARGETS[to]}")
+    if path.suffix != TARGETS[to]:
+        raise ContactLearnError(f"--to {to} writes a {TARGETS[to]} file, got {path}")
+    if to == "json":
+        text = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
+    else:
+        rows = data or impacts_of_run(run) or _made_up(trained)
+        text = source.source_code(model, to, rows[:_ROWS])
+    try:
+        with atomic_write(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error.strerror}") from None
+    left_out = ["without the Gaussian processes that correct it"] if model is not trained.model else []
+    return "\n".join([str(model), *left_out, f"written to {path}"])
+
+
+def impacts_of_run(run: str) -> Impacts | None:
+    """Return the impacts that a run folder holds, those of a diagnosis; None if it holds none."""
+    folder = Path(run) if Path(run).is_dir() else Path(run).parent
+    return Record.load(folder).impacts if (folder / "record.npz").exists() else None
+
+
+def _made_up(trained: TrainedModel) -> Impacts:
+    """Simulated drops of a body of the shape that the settings of the training's data state, or of none."""
+    data = {} if trained.provenance is None else trained.provenance.config.get("data")
+    shape = make_shapes(data.get("shape")) if isinstance(data, dict) else None
+    body = next(iter(shape)) if isinstance(shape, Mapping) else "body"
+    return synthetic.load(_ROWS).replace(shape=shape, object=(body,) * _ROWS)

@@ -1,0 +1,280 @@
+"""A law with its effects as one file of NumPy, JAX, PyTorch or C99: one function of an impact, and a self-test.
+
+    text = source.source_code(model, "c", rows=impacts[:10])
+
+The fitted parameters are constants with their standard errors as comments.  Nothing of contactlearn is needed to use
+the file.  Python functions take arrays [...], the C function one impact.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import torch
+from jinja2 import Environment, PackageLoader
+
+from contactlearn.core import __version__
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.effects import State
+from contactlearn.mechanics.bodies import AnyShape
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel, resolve
+from contactlearn.models.export.tracing import LEAVES, Program, Tracer
+
+_INPUTS = {
+    "mass": ("mass",),
+    "inertia": ("inertia",),
+    "r": ("r_x", "r_y"),
+    "pose": ("x", "y", "theta"),
+    "velocity": ("v_x", "v_y", "omega"),
+    "order": ("order",),
+    "body": ("body",),
+}
+"""Arguments of the function by their components; the last two only where the model depends on them."""
+
+_RESULTS = ("v_x_after", "v_y_after", "omega_after", "P_t", "P_n", "tau")
+
+_LONGEST = 100  # characters of an expression that is written where its value is used, if that is once
+_TRUTH = ("lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not")
+_INFIX = {
+    "add": "+",
+    "sub": "-",
+    "mul": "*",
+    "div": "/",
+    "lt": "<",
+    "le": "<=",
+    "gt": ">",
+    "ge": ">=",
+    "eq": "==",
+    "ne": "!=",
+}
+
+
+class Constant(NamedTuple):
+    """A fitted parameter: name in the file, symbol, value, unit, standard error."""
+
+    name: str
+    symbol: str
+    value: float
+    unit: str
+    error: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traced:
+    """A model as operations on single numbers."""
+
+    program: Program
+    constants: tuple[Constant, ...]
+    arguments: Mapping[str, tuple[str, ...]]
+
+
+def trace(model: ContactModel, shape: AnyShape | None = None) -> Traced:
+    """Record the arithmetic of a law with its effects.
+
+    Args:
+        model: without processes, see `without_residual`, and of one value for each parameter.
+        shape: of the body, if an effect needs it.
+
+    Raises:
+        ContactLearnError: a model of another kind, or the shape is not known.
+    """
+    _check(model, shape)
+    constants = tuple(_constants(model))
+    tracer = Tracer()
+    with torch.no_grad(), tracer:
+        given = {
+            argument: [tracer.value("input", name, _EXAMPLE[name]) for name in names]
+            for argument, names in _INPUTS.items()
+        }
+        moved = model.at([tracer.value("parameter", one.name, one.value) for one in constants])
+        vectors = {name: torch.stack(given[name], -1) for name in ("r", "pose", "velocity")}
+        state = State(
+            mass=given["mass"][0],
+            inertia=given["inertia"][0],
+            r=vectors["r"],
+            q=vectors["pose"],
+            v_pre=vectors["velocity"],
+            order=given["order"][0],
+            shape=shape,
+            body=given["body"][0],
+        )
+        found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
+        numbers = (*found.v_post.unbind(-1), *found.wrench.unbind(-1))
+        program = tracer.finish(dict(zip(_RESULTS, numbers, strict=True)))
+    optional = {"order", "body"} - _leaves(program)
+    arguments = {name: parts for name, parts in _INPUTS.items() if name not in optional}
+    return Traced(program=program, constants=constants, arguments=arguments)
+
+
+_EXAMPLE = {
+    **{"mass": 0.05, "inertia": 1e-5, "r_x": 0.01, "r_y": -0.02, "x": 0.1, "y": 0.02, "theta": 0.3},
+    **{"v_x": 1.0, "v_y": -2.0, "omega": 5.0, "order": 1.0, "body": 0.0},
+}
+
+
+def _check(model: ContactModel, shape: AnyShape | None) -> None:
+    if model.regressor is not None or isinstance(model.base, ContactModel):
+        raise ContactLearnError(
+            "the model has Gaussian processes, which no such file can hold; --without-residual exports its law and "
+            "effects alone"
+        )
+    sizes = {value.numel() for value in (*model.law.coefficients, *model.values)}
+    if sizes != {1}:
+        raise ContactLearnError(f"a model of one value for each parameter can be exported, got {max(sizes)} values")
+    lacking = [name for name, effect in model.effects.items() if effect.needs_shape]
+    if lacking and shape is None:
+        raise DataError(
+            f"effect {lacking[0]} needs the body's shape, which this run does not state; give its data: data=…"
+        )
+
+
+def without_residual(model: ContactModel) -> ContactModel:
+    """Return the law and the effects of a model, without the processes that correct them.
+
+    Raises:
+        ContactLearnError: without its processes there is no law, or no μ and ε.
+    """
+    if model.under.base is None or model.under.parameters is not None:
+        raise ContactLearnError("without its Gaussian processes this model has no law with μ and ε to export")
+    under = model.under
+    return ContactModel(under.law, effects=under.effects, parameter_covariance=under.parameter_covariance)
+
+
+def _constants(model: ContactModel) -> Iterator[Constant]:
+    named = [("MU", "μ", "–"), ("EPS", "ε", "–")]
+    named += [
+        (f"{key}_{p.name}".upper(), p.symbol, p.unit) for key, one in model.effects.items() for p in one.parameters
+    ]
+    for (name, symbol, unit), value, error in zip(named, model.values, model.standard_errors(), strict=True):
+        yield Constant(name, symbol, value.item(), unit, error)
+
+
+def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
+    """Return the text of the file.
+
+    Args:
+        model: see `trace`.
+        to: one of `LANGUAGES`.
+        rows: impacts of the self-test, whose outcomes are the model's own, with the body's shape if an effect needs it.
+
+    Raises:
+        UnknownNameError: no such language.
+        ContactLearnError: see `trace`.
+    """
+    if to not in LANGUAGES:
+        raise UnknownNameError("language", to, LANGUAGES)
+    traced, found = trace(model, rows.shape), model.predict(rows)
+    columns = {"mass": rows.mass, "inertia": rows.inertia, "r": rows.r, "pose": rows.q, "velocity": rows.v_pre}
+    columns |= {"order": rows.order, "body": rows.body.double()}
+    table = torch.cat([columns[name].reshape(len(rows), -1) for name in traced.arguments], 1)
+    template, spelled, module = LANGUAGES[to]
+    environment = Environment(loader=PackageLoader("contactlearn.models.export"), trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template(template).render(
+        version=__version__,
+        equation=str(model).replace("\\", "/").splitlines(),
+        module=module,
+        constants=traced.constants,
+        used={name for name in _leaves(traced.program)},
+        arguments=traced.arguments,
+        statements=list(_statements(traced.program, spelled)),
+        results=_RESULTS,
+        rows=list(zip(table.tolist(), torch.cat((found.v_post, found.wrench), 1).tolist(), strict=True)),
+    )
+
+
+def _leaves(program: Program) -> set[str]:
+    """Names of the inputs and parameters on which the results depend."""
+    needed = (program.operations[place] for place in _needed(program))
+    return {values[0] for kind, values in needed if kind in ("input", "parameter")}
+
+
+def _needed(program: Program) -> list[int]:
+    """Places of the operations on which the results depend, in order."""
+    needed, left = set[int](), [*program.results.values()]
+    while left:
+        if (place := left.pop()) not in needed:
+            needed.add(place)
+            kind, operands = program.operations[place]
+            left += [] if kind in LEAVES else operands
+    return sorted(needed)
+
+
+class Language(NamedTuple):
+    """A template of the file, the spelling of an operation, and the name of the module of its functions."""
+
+    template: str
+    spelled: Callable[[str, list[str]], str]
+    module: str
+
+
+def _statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
+    """Yield name, expression and whether it is a truth value, of each value that is used again, or is long."""
+    needed = _needed(program)
+    uses = Counter(
+        k for place in needed if program.operations[place][0] not in LEAVES for k in program.operations[place][1]
+    )
+    uses.update(program.results.values())
+    text, truth = dict[int, str](), dict[int, bool]()
+    for place in needed:
+        kind, operands = program.operations[place]
+        if kind in LEAVES:
+            text[place], truth[place] = (repr(operands[0]) if kind == "constant" else operands[0]), False
+            if kind == "constant":
+                text[place] = spelled(kind, [text[place]])
+            continue
+        text[place] = spelled(kind, [text[k] for k in operands])
+        truth[place] = kind in _TRUTH or (kind == "where" and truth[operands[1]])
+        if uses[place] > 1 or len(text[place]) > _LONGEST:
+            yield (name := f"k{place}"), text[place], truth[place]
+            text[place] = name
+    for name, place in program.results.items():
+        yield name, text[place], False
+
+
+def _infix(kind: str, operands: list[str], names: Mapping[str, str], prefix: str) -> str:
+    """An expression in what Python and C have in common."""
+    if kind == "constant":
+        return f"({operands[0]})" if operands[0].startswith("-") else operands[0]
+    if kind in _INFIX:
+        return f"({operands[0]} {_INFIX[kind]} {operands[1]})"
+    if kind == "neg":
+        return f"(-{operands[0]})"
+    return f"{prefix}{names.get(kind, kind)}({', '.join(operands)})"
+
+
+def _c_expression(kind: str, operands: list[str]) -> str:
+    if kind == "constant":
+        operands = [{"inf": "INFINITY", "-inf": "-INFINITY", "True": "1", "False": "0"}.get(operands[0], operands[0])]
+    if kind == "where":
+        return f"({operands[0]} ? {operands[1]} : {operands[2]})"
+    if kind in ("and", "or"):
+        return f"({operands[0]} {'&&' if kind == 'and' else '||'} {operands[1]})"
+    names = {"abs": "fabs", "minimum": "least", "maximum": "greatest", "sign": "sign_of", "not": "!"}
+    return _infix(kind, operands, names, "")
+
+
+def _python_expression(module: str, names: Mapping[str, str], kind: str, operands: list[str]) -> str:
+    if kind == "constant":
+        operands = [{"inf": f"{module}.inf", "-inf": f"-{module}.inf"}.get(operands[0], operands[0])]
+    if kind in ("and", "or"):
+        return f"({operands[0]} {'&' if kind == 'and' else '|'} {operands[1]})"
+    if kind == "not":
+        return f"(~{operands[0]})"
+    own = names.get(kind, "")
+    return _infix(kind, operands, names, "" if own.startswith("_") else f"{module}.")
+
+
+def _python(module: str, names: Mapping[str, str]) -> Language:
+    return Language("module.py.j2", partial(_python_expression, module, names), module)
+
+
+LANGUAGES = {
+    "numpy": _python("np", {"atan2": "arctan2", "atanh": "arctanh"}),
+    "jax": _python("jnp", {"atan2": "arctan2", "atanh": "arctanh"}),
+    "torch": _python("torch", {"minimum": "_minimum", "maximum": "_maximum", "where": "_where"}),
+    "c": Language("impact.c.j2", _c_expression, ""),
+}
+"""Languages by name."""
