@@ -173,6 +173,8 @@ def test_one_sentence_supports_the_headline(found):
     message = text.misfit(replace(found, budget=budget, remainder=quiet))
     assert message.startswith("The residual is 5 times as large as the stated noise implies")
     assert text.misfit(replace(found, remainder=quiet)) == ""  # it was estimated
+    too_large = replace(budget, noise=None)
+    assert text.misfit(replace(found, budget=too_large, remainder=quiet)).endswith("; is fit.noise too large?")
     agreeing = replace(budget, noise=Interval(0.09, 0.08, 0.1))
     assert text.misfit(replace(found, budget=agreeing, remainder=quiet)) == ""
 

@@ -1,5 +1,6 @@
 """The verdict is a function of the budget and of the names, and no combination contradicts itself."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,31 @@ import pytest
 from diagnoses import made_up, remainder
 
 from contactlearn.diagnosis.error_budget import NoiseFloor, error_budget, verdict
-from contactlearn.diagnosis.result import ErrorLimits, Finding, Level, NoiseSource, Verdict, clearly_better
+from contactlearn.diagnosis.result import (
+    Candidate,
+    Coefficient,
+    Diagnosis,
+    ErrorLimits,
+    Finding,
+    Level,
+    NoiseSource,
+    Rung,
+    RungKind,
+    StateDependence,
+    VariableShare,
+    Verdict,
+)
 from contactlearn.diagnosis.stages import trust_balance
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.text import headline, phrase, support
+from contactlearn.report.text import effect_label, headline, phrase, support
 
 MUCH = Thresholds().form_error
+FRICTION = StateDependence(
+    coefficient=Coefficient.FRICTION, variables=(VariableShare(symbol="vx", share=1.0),), p_value=1e-9,
+    share=Interval(0.3, 0.2, 0.4), large=False,
+)  # fmt: skip
 NAMES = EffectId("surface_tilt", "computed"), EffectId("spin_damping", "after")
 
 
@@ -22,54 +40,91 @@ def around(mean: float, width: float) -> Interval:
     return Interval(mean, mean * (1 - width), mean * (1 + width))
 
 
-def random_case(rng: np.random.Generator):
-    """A budget whose errors have the only order that a ladder guarantees, and what the search tells beside it."""
+def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagnosis, bool]:
+    """Make up a diagnosis whose errors have the only order that a ladder guarantees, and whose verdict follows them.
+
+    Whether a better law was among those compared is told as well.
+    """
     width = rng.uniform(0.01, 0.2)
     base = rng.uniform(0.01, 0.5)
-    named = base * rng.choice([1.0, rng.uniform(0.05, 1.0)])
+    names = rng.choice([0, 1, 2])
+    named = base * rng.uniform(0.05, 1.0) if names else base
     with_candidates = rng.choice([None, named * rng.uniform(0.3, 1.0)])
-    flexible, floor = named * rng.uniform(0.3, 1.1), named * rng.uniform(0.05, 1.5)
-    source = NoiseSource(rng.choice([str(one) for one in NoiseSource]))
+    flexible, ceiling, floor = (
+        named * rng.uniform(0.3, 1.1),
+        base * rng.uniform(0.1, 1.1),
+        named * rng.uniform(0.05, 1.5),
+    )
     budget = error_budget(
-        ErrorLimits(base=around(base, width), ceiling=around(flexible, width), bound=around(base / 2, width)),
+        ErrorLimits(base=around(base, width), ceiling=around(ceiling, width), bound=around(base / 2, width)),
         base=around(base, width),
         named=around(named, width),
         flexible=around(flexible, width),
-        floor=NoiseFloor(error=around(floor, width), source=source),
+        floor=NoiseFloor(error=around(floor, width), source=NoiseSource(rng.choice([str(one) for one in NoiseSource]))),
         with_candidates=with_candidates,
     )
-    flags = {name: bool(rng.integers(2)) for name in ("named", "predictable", "complete")}
-    return budget, flags
+    share = 1 - flexible / named
+    left = replace(
+        remainder(around(share, 0.1)), large=bool(rng.integers(2)) and share > MUCH,
+        state_dependence=rng.choice([None, replace(FRICTION, large=True), FRICTION]),
+    )  # fmt: skip
+    levels = sorted(rng.uniform(0.5, 1.0, names), reverse=True)
+    missing = tuple(
+        replace(one, confidence=p, level=Level.of(p)) for one, p in zip(found.missing, levels, strict=False)
+    )
+    rungs = (
+        Rung(kind=RungKind.EFFECT, effect=one.effect, error=error)
+        for one, error in zip(missing, [budget.base, budget.named][-names:] if names else [], strict=True)
+    )
+    candidate = Candidate(
+        effect=EffectId("side_drag", "linear"), equation="", parameters=(), error_reduction=0.1 * base, confidence=0.3
+    )
+    laws = tuple(replace(one, error=base * rng.uniform(0.9, 2.0)) for one in found.laws)
+    complete = bool(rng.integers(2))
+    shown = replace(
+        found, missing=missing, ladder=(Rung(kind=RungKind.LAW, error=budget.base), *rungs, *budget.rungs),
+        budget=budget, remainder=left, laws=laws, complete=complete, candidates=(candidate,) if with_candidates else (),
+    )  # fmt: skip
+    better = shown.better_law is not None
+    flags = {"named": bool(names), "predictable": left.unknown, "better_law": better, "complete": complete}
+    physics = verdict(budget, **flags, thresholds=Thresholds())
+    return replace(shown, physics=physics, verdict=physics), better
 
 
-def test_no_verdict_contradicts_its_budget():
-    rng, seen = np.random.default_rng(0), set()
-    found = made_up(12, *NAMES)
-    for _ in range(2000):
-        budget, flags = random_case(rng)
-        flags["better_law"] = clearly_better(found.laws, budget.named.mean, Thresholds()) is not None
-        physics = verdict(budget, **flags, thresholds=Thresholds())
+def test_no_verdict_sentence_and_budget_contradict_each_other():
+    rng, seen, found = np.random.default_rng(0), set(), made_up(12, *NAMES)
+    for _ in range(3000):
+        shown, better = random_diagnosis(found, rng)
+        budget, left, physics = shown.budget, shown.remainder, shown.physics
         shares = budget.shares
         seen.add(physics)
-        if physics is Verdict.NONE:
+        if physics in (Verdict.NONE, Verdict.EFFECTS):
+            assert not better
+            assert not left.unknown
             assert shares.unnamed <= MUCH
-            assert not flags["predictable"] or flags["better_law"]
             limit = 2 * MUCH if budget.noise_source is NoiseSource.ESTIMATED else MUCH
             exceeds = budget.noise is not None and budget.named.low > budget.noise.high
             assert not (exceeds and shares.left > limit)
-        if shares.noise is not None:
-            assert shares.noise * budget.base.mean <= min(budget.flexible.mean, budget.named.mean) * (1 + 1e-12)
+        if budget.noise is not None:
+            models = budget.base, budget.named, budget.flexible, budget.ceiling
+            assert budget.noise.low <= budget.noise.mean <= budget.noise.high
+            assert budget.noise.mean <= min(one.mean for one in models) * (1 + 1e-12)
+            assert shares.noise * budget.base.mean == pytest.approx(budget.noise.mean)
             assert shares.noise + shares.explained + shares.left == pytest.approx(1.0)
-        missing = tuple(
-            replace(one, confidence=p, level=Level.of(p)) for one, p in zip(found.missing, (0.95, 0.6), strict=True)
-        )
-        shown = replace(found, physics=physics, budget=budget, missing=missing if flags["named"] else ())
-        text = headline(shown)
-        assert ("no effect missing" in text) == (physics is Verdict.NONE and not flags["named"])
+            assert min(shares.noise, shares.unnamed, shares.unexplained) >= -1e-12
+        text, size = headline(shown), phrase("size", shown)
+        assert ("no effect missing" in text or "No known effect" in text) == (physics is Verdict.NONE), text
         assert ("unknown" in text or "does not describe" in text) == (physics is Verdict.UNKNOWN), text
-        assert ("is missing from Wang–Mason, and probably" in text) <= flags["named"]
+        assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
+        assert all(effect_label(one.effect) in text.lower() for one in shown.missing)
+        assert ("missing" in text and "probably" in text) == any(one.level is Level.PROBABLE for one in shown.missing)
+        assert ("depends on v_x" in text) <= (left.state_dependence is not None)
+        if physics is Verdict.UNKNOWN and not better:
+            assert ("depends on v_x" in text) == (left.state_dependence is not None and left.state_dependence.large)
+            assert "no effect" not in text or " 0\u00a0% is unexplained" not in size or "unnamed" in size, (text, size)
         assert ("noise floor is unknown" in support(shown)) == (budget.noise is None)
-        assert ("rest is noise or unexplained" in phrase("shares", budget)) == (budget.noise is None)
+        assert ("rest is noise or unexplained" in size) == (budget.noise is None)
+        assert not re.search(r"(?<!\d)−|(?:nan|inf)\b", f"{size} {support(shown)}")
     assert seen == {Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, Verdict.UNFINISHED}
 
 

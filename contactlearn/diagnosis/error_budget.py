@@ -169,12 +169,13 @@ def error_budget(
         base: error of the law, on the ladder.
         named: error with all effects, on the ladder.
         flexible: error with processes on the residual of that model.
-        floor: the noise; an estimate that processes clearly undercut is none.
+        floor: the noise; one that a model clearly undercuts is none, and no other exceeds the least error of a model.
         with_candidates: mean error with the candidates as well; None without any.
     """
-    usable = floor.source is not NoiseSource.ESTIMATED or floor.error.low <= min(flexible.high, named.high)
+    models = named, flexible, limits.ceiling
+    usable = floor.error.low <= min(model.high for model in models)
     best = named.mean if with_candidates is None else min(named.mean, with_candidates)
-    noise = min(floor.error.mean, best, flexible.mean)
+    noise = min(floor.error.mean, best, *(model.mean for model in models))
     whole = base.mean or 1.0  # of exact data
     shares = ErrorShares(
         noise=noise / whole if usable else None,
@@ -189,7 +190,7 @@ def error_budget(
         bound=limits.bound,
         named=named,
         flexible=flexible,
-        noise=floor.error if usable else None,
+        noise=Interval(noise, min(floor.error.low, noise), floor.error.high) if usable else None,
         noise_source=floor.source,
         shares=shares,
     )

@@ -451,7 +451,7 @@ def _result(
         shapeless=_shapeless(question, impacts),
         unwanted=_unwanted(selection, missing),
         frontier=_frontier(selection, generator),
-        hidden=_hidden(selection, generator),
+        hidden=_hidden(selection, budget.shares.unnamed, generator),
         complete=selection.complete,
         thresholds=thresholds,
         record=Record(
@@ -559,8 +559,11 @@ def _frontier(selection: Selection, generator: torch.Generator) -> tuple[Frontie
     )
 
 
-def _hidden(selection: Selection, generator: torch.Generator) -> float | None:
-    """Bound the share of the error that one more effect removes, by the best model of the pool with one more."""
+def _hidden(selection: Selection, unnamed: float, generator: torch.Generator) -> float | None:
+    """Bound the share of the error that one more effect removes, by the best model of the pool with one more.
+
+    It is at least the share that candidates remove.
+    """
     chosen, pool = selection.spec.effects, selection.pool
     larger = [
         one for one in pool.models.values() if chosen < one.spec.effects and len(one.spec.effects) == len(chosen) + 1
@@ -569,4 +572,4 @@ def _hidden(selection: Selection, generator: torch.Generator) -> float | None:
         return None
     best = validated(pool, selection.folds, pool.best(larger))
     gain = held_out_interval(selection.present.error - best.error, generator)
-    return max(0.0, gain.high) / selection.present.mean_error if selection.present.mean_error else 0.0
+    return max(unnamed, gain.high / selection.present.mean_error if selection.present.mean_error else 0.0)

@@ -51,7 +51,7 @@ class Thresholds:
     """Mean error inside a region over that of the rest; noise alone, in v_pre as in v_post, makes it 1.3 between some
     orientations of the published ellipse."""
     stated_noise_ratio: float = 1.4
-    """Residual over stated noise, or its inverse, beyond which the statement is questioned: its units, most often."""
+    """Residual over stated noise beyond which the statement is questioned: its units, most often."""
     audit: AuditThresholds = field(default_factory=AuditThresholds)
     """Limits of mistakes in the measurements."""
     fit: FitThresholds = field(default_factory=FitThresholds)

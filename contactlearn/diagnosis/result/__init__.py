@@ -152,7 +152,7 @@ class ErrorShares:
 class ErrorBudget:
     """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone.
 
-    `noise` is None where it could not be estimated: processes clearly undercut the estimate.
+    `noise` is None where a model clearly undercuts it; otherwise it is no larger than any other error.
     """
 
     base: Interval

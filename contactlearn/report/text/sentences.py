@@ -141,13 +141,12 @@ def confidence(missing: MissingEffect) -> str:
 def misfit(found: Diagnosis) -> str:
     """Question stated noise that does not agree with the residual; empty where it does, or is not stated."""
     budget, left = found.budget, found.remainder
-    if budget is None or budget.noise is None or left is None or budget.noise_source is not NoiseSource.STATED:
+    if budget is None or left is None or budget.noise_source is not NoiseSource.STATED:
         return ""
-    limit = found.thresholds.stated_noise_ratio
+    if budget.noise is None:
+        return phrase("misfit", None)
     ratio = budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0
-    if ratio >= 1 / limit and (ratio <= limit or left.found):
-        return ""
-    return phrase("misfit", ratio)
+    return phrase("misfit", ratio) if ratio > found.thresholds.stated_noise_ratio and not left.found else ""
 
 
 def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
