@@ -59,6 +59,7 @@ from contactlearn.diagnosis.result import (
     MissingEffect,
     PlausibleModel,
     Region,
+    Remainder,
     StateDependence,
     Verdict,
     clearly_better,
@@ -109,16 +110,16 @@ def diagnose_audited(
             folds = blocked_folds(drift, search.selection, generator)
             search = search_effects(question, law, fits, impacts, folds, generator)
             search = drop_proxy_effects(question, search, generator, drift.found.block)
-    comparison = compare_effects(question, search, generator)
-    decomposition = decompose_error(question, search, comparison.ladder, generator)
-    confidence = _confidence(question, impacts, comparison.ladder.missing, decomposition)
+    rungs, learned = _climb(question, search, generator)
+    confidence = _confidence(question, impacts, rungs, learned.remainder)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
-        comparison = compare_effects(question, search, generator)
-        decomposition = decompose_error(question, search, comparison.ladder, generator)
-    question.on_event(EffectsFound(effects=comparison.ladder.missing, regions=search.regions))
-    question.on_event(RemainderLearned(remainder=decomposition.learned.remainder))
+        rungs, learned = _climb(question, search, generator)
+    comparison = compare_effects(question, search, rungs, generator)
+    decomposition = decompose_error(question, search, rungs, learned, generator)
+    question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
+    question.on_event(RemainderLearned(remainder=learned.remainder))
     findings = (*findings, *search.notes)
     return trust_balance(_result(question, search, comparison, decomposition, confidence, fits, findings, generator))
 
@@ -330,6 +331,17 @@ def _learn(
 # --- What the effects explain, and what they do not --------------------------------------------
 
 
+def _climb(question: Question, search: SearchResult, generator: torch.Generator) -> tuple[Ladder, LearnedRemainder]:
+    """Climb the ladder, and learn what the model at its top leaves."""
+    selection = search.selection
+    impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
+    rungs = ladder(selection, search.regions, generator)
+    learned = _learn(question, selection.present, impacts, selection.folds, generator)
+    serial = find_serial_dependence(impacts, fit, question.options, thresholds) if question.ordered else None
+    remainder = replace(learned.remainder, serial_dependence=serial, state_dependence=search.state_dependence)
+    return rungs, replace(learned, remainder=remainder)
+
+
 @dataclass(frozen=True, kw_only=True)
 class EffectComparison:
     """The ladder, rivals of its effects, and the experiment that separates them."""
@@ -339,10 +351,11 @@ class EffectComparison:
     experiment: Experiment | None
 
 
-def compare_effects(question: Question, search: SearchResult, generator: torch.Generator) -> EffectComparison:
-    """Order the effects by what they explain, and find what else could explain the same."""
+def compare_effects(
+    question: Question, search: SearchResult, rungs: Ladder, generator: torch.Generator
+) -> EffectComparison:
+    """Find what else could explain what the effects of the ladder do."""
     selection = search.selection
-    rungs = ladder(selection, search.regions, generator)
     rivals = find_rivals(selection, question.thresholds, question.progress("rivals of the effects"))
     models = {
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
@@ -364,16 +377,11 @@ class ErrorDecomposition:
 
 
 def decompose_error(
-    question: Question, search: SearchResult, rungs: Ladder, generator: torch.Generator
+    question: Question, search: SearchResult, rungs: Ladder, learned: LearnedRemainder, generator: torch.Generator
 ) -> ErrorDecomposition:
-    """Learn what the full model leaves, and divide the error of the law."""
-    selection = search.selection
+    """Find formulas for what the full model leaves, and divide the error of the law."""
+    selection, remainder, found = search.selection, learned.remainder, ()
     impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
-    learned = _learn(question, selection.present, impacts, selection.folds, generator)
-    serial = find_serial_dependence(impacts, fit, question.options, thresholds) if question.ordered else None
-    remainder = replace(learned.remainder, serial_dependence=serial, state_dependence=search.state_dependence)
-    learned = replace(learned, remainder=remainder)
-    found = ()
     if remainder.large:
         try:
             component = remainder.components[0]
@@ -487,7 +495,8 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
         alone = [_fit_alone(question.laws[fit.name], selection.impacts, question.options) for fit in fits]
         fits = [LawFit.of(law, fit.error) for law, fit in zip(alone, fits, strict=True)]
     if missing:
-        fits = [replace(fit, error_with_effects=selection.error_around(question.laws[fit.name])) for fit in fits]
+        errors = side_by_side([partial(selection.error_around, question.laws[fit.name]) for fit in fits])
+        fits = [replace(fit, error_with_effects=error) for fit, error in zip(fits, errors, strict=True)]
     return tuple(fits)
 
 
@@ -523,15 +532,13 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
     return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
 
 
-def _confidence(
-    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], decomposition: ErrorDecomposition
-) -> dict[EffectId, float]:
+def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
-    remainder, named, others = decomposition.learned.remainder, decomposition.budget.named.mean, len(missing) - 1
+    missing, named = rungs.missing, rungs.rungs[-1].error.mean
     alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
-        sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, others)
+        sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
     return found
 

@@ -171,8 +171,8 @@ def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 
     """
     scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
     for _ in range(30):
-        distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+        distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
         scatter = residual.mT @ (8 / (5 + distance)[..., None] * residual) / residual.shape[-2]
         scatter = scatter + 1e-12 * torch.eye(3, dtype=residual.dtype)
-    distance = (residual * torch.linalg.solve(scatter, residual.mT).mT).sum(-1)
+    distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
     return scatter * (distance.median(-1).values / _CHI_SQUARED_50).clamp_min(1e-6)[..., None, None]  # of exact data

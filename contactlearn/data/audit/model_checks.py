@@ -148,12 +148,13 @@ def averaging_notes(
     Returns:
         A note for each such velocity, with its correction.
     """
-    found, error = [], held_out(impacts)
+    found, error = [], None
     residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
     for k, (name, letter, unit) in enumerate(_COLUMNS):
         spread = impacts.v_pre[:, k].std().item()
         if not 0 < spread < _NOISY_SPREAD * residual[k].item():
             continue
+        error = held_out(impacts) if error is None else error
         changed = correct(impacts, [name])
         with_mean = held_out(changed)
         if with_mean <= error:

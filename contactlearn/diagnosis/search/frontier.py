@@ -14,7 +14,7 @@ Sources: Hofmann, Gatu & Kontoghiorghes 2007, for exchanges; Efroymson 1960, for
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -161,43 +161,38 @@ class Search:
             return
         self.refined.add(model.spec)
         worthwhile = self.pool.score_at(model.spec, model.fit.values) + _DOUBT * len(self.pool.impacts)
-        starts: dict[Spec, Tensor] = {}
+        tried: dict[Spec, Tensor] = {}
         for effect, other in self.pool.siblings(model.spec):
             spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
             if spec not in self.pool.models and not self.late:
-                tried = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
-                _, best = self._best_of(spec, torch.stack(tried))
-                score, best = self._best_of(spec, _shifted(best))
-                if score < worthwhile:
-                    starts[spec] = best
-        self.pool.all_fitted(starts)
+                points = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
+                tried[spec] = torch.stack(points)
+        shifted = {spec: _shifted(best) for spec, (_, best) in self._best_of(tried).items()}
+        found = self._best_of(shifted).items()
+        self.pool.all_fitted({spec: best for spec, (score, best) in found if score < worthwhile})
 
     def _transfer(self, model: ScoredFit) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters.
 
         A law that refines others must do better than the model at one of a few ε.
         """
-        own, starts = self.pool.score_at(model.spec, model.fit.values), dict[Spec, Tensor | None]()
-        for name, law in self.pool.laws.items():
-            spec = model.spec.with_law(name)
-            if spec in self.pool.models:
-                continue
-            score, best = self.pool.score_at(spec, model.fit.values), model.fit.values
-            if abs(score - own) < _IDENTICAL:
-                self.pool.adopt(name, model)
-                continue
-            limit = own + HOPELESS * len(self.pool.impacts)
-            if law.refines:
-                (score, best), limit = self._best_of(spec, _shifted(best)), own
-            if score < limit:
-                starts[spec] = best if spec.effects or not law.refines else None
-        self.pool.all_fitted(starts)
+        pool, values = self.pool, model.fit.values
+        own, starts = pool.score_at(model.spec, values), dict[Spec, Tensor | None]()
+        new = {spec: law for name, law in pool.laws.items() if (spec := model.spec.with_law(name)) not in pool.models}
+        scores = pool.scores_at({spec: _shifted(values) if law.refines else values[None] for spec, law in new.items()})
+        for (spec, law), tried in zip(new.items(), scores, strict=True):
+            if abs(tried[0] - own) < _IDENTICAL:
+                pool.adopt(law.name, model)
+            elif law.refines and min(tried) < own:
+                starts[spec] = _shifted(values)[tried.index(min(tried))] if spec.effects else None
+            elif not law.refines and tried[0] < own + HOPELESS * len(pool.impacts):
+                starts[spec] = values
+        pool.all_fitted(starts)
 
-    def _best_of(self, spec: Spec, tried: Float[Tensor, "c k"]) -> tuple[float, Float[Tensor, " k"]]:
-        """Return the least score of a model at some values, and these values."""
-        scores = self.pool.scores_at(spec, tried)
-        best = min(range(len(scores)), key=scores.__getitem__)
-        return scores[best], tried[best]
+    def _best_of(self, tried: Mapping[Spec, Float[Tensor, "c k"]]) -> dict[Spec, tuple[float, Float[Tensor, " k"]]]:
+        """Return the least score of each model at some values, and these values."""
+        scores = zip(tried, self.pool.scores_at(tried), strict=True)
+        return {spec: (min(each), tried[spec][each.index(min(each))]) for spec, each in scores}
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:
         """Neighbours of a model that have not been fitted, and neighbours of the best of them, by predicted scores."""

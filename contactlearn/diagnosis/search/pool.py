@@ -137,16 +137,14 @@ class Pool:
 
     def score_at(self, spec: Spec, values: Float[Tensor, " k"]) -> float:
         """Compute the score of a model at some values without a fit; to be compared with others of these alone."""
-        return self.scores_at(spec, values[None])[0]
+        return self.scores_at({spec: values[None]})[0][0]
 
-    def scores_at(self, spec: Spec, values: Float[Tensor, "c k"]) -> list[float]:
-        """Compute the same at several values."""
-        effects = self.effects(spec)
-        v_post = assemble(self.laws[spec.law], effects, values).predict(self.impacts).v_post
-        residual = self.impacts.v_post - v_post
-        scatter = robust_covariance(residual)
-        loss = robust_distance(residual, scatter).mean(-1) + 0.5 * scatter.logdet()
-        return [self.score(spec, effects, one) for one in loss.nan_to_num(math.inf).tolist()]
+    def scores_at(self, tried: Mapping[Spec, Float[Tensor, "c k"]]) -> list[list[float]]:
+        """Compute the same of models at several values each."""
+        models = [(spec, self.effects(spec), values) for spec, values in tried.items()]
+        calls = [partial(_losses_at, self.impacts, self.laws[spec.law], own, values) for spec, own, values in models]
+        losses = zip(models, side_by_side(calls), strict=True)
+        return [[self.score(spec, own, loss) for loss in each] for (spec, own, _), each in losses]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
         """List each effect of a model with the other forms of its family, and those that refine it."""
@@ -192,6 +190,14 @@ class Pool:
 
     def _penalty(self, parameters: int, effects: int) -> float:
         return parameters / 2 * math.log(len(self.impacts)) + math.log(math.comb(self.families, effects))
+
+
+def _losses_at(impacts: Impacts, law: Law, effects: Mapping[str, Effect], values: Float[Tensor, "c k"]) -> list[float]:
+    """Losses of a model at some values, nats a trial."""
+    residual = impacts.v_post - assemble(law, effects, values).predict(impacts).v_post
+    scatter = robust_covariance(residual)
+    loss = robust_distance(residual, scatter).mean(-1) + 0.5 * scatter.logdet()
+    return loss.nan_to_num(math.inf).tolist()
 
 
 def identities(groups: frozenset[Group]) -> frozenset[EffectId]:

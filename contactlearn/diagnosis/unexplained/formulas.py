@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from statistics import NormalDist
 
 import torch
@@ -26,6 +27,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, install_hint
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, State
@@ -225,12 +227,11 @@ def formulas(
     pairs = [pair for term in starts if (pair := library.pursued(y, term, starts))]
     before = trials.held_out(model.effects, trials.start)
 
-    def tried(terms: Sequence[str]) -> _Trial:
-        return trials.tried(terms, library.coefficients(terms, y))
-
-    one = [tried([term]) for term in dict.fromkeys((*starts, *itertools.chain(*pairs)))]
-    two = [tried(pair) for pair in {frozenset(pair): pair for pair in pairs}.values()]
-    return tuple(trial.formula(before) for trial in _best(one, two, before, most, thresholds))
+    single = [[term] for term in dict.fromkeys((*starts, *itertools.chain(*pairs)))]
+    terms = [*single, *{frozenset(pair): pair for pair in pairs}.values()]
+    tried = side_by_side([partial(trials.tried, some, library.coefficients(some, y)) for some in terms])
+    best = _best(tried[: len(single)], tried[len(single) :], before, most, thresholds)
+    return tuple(trial.formula(before) for trial in best)
 
 
 @dataclass(frozen=True)

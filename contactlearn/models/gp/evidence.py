@@ -16,7 +16,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-_CHUNK = 1 << 17  # matrix elements worked on at once, 1 MB: more falls out of the cache
+CHUNK = 1 << 17
+"""Matrix elements worked on at once, 1 MB: more falls out of the cache."""
 
 
 class LogEvidence:
@@ -36,7 +37,7 @@ class LogEvidence:
         self.x, self.y = x, y if weight is None else weight * y
         self._log_weight = torch.zeros_like(y) if weight is None else weight.log()
         n = x.shape[1]
-        self._chunk = max(1, _CHUNK // n**2)
+        self._chunk = max(1, CHUNK // n**2)
         self._K, self._inverse = x.new_empty(2, self._chunk, n, n)
 
     def __call__(

@@ -22,8 +22,9 @@ from threadpoolctl import ThreadpoolController
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.workers import side_by_side
 from contactlearn.models.gp.bfgs import Minimum, minimise
-from contactlearn.models.gp.evidence import LogEvidence
+from contactlearn.models.gp.evidence import CHUNK, LogEvidence
 from contactlearn.models.gp.modules import resolved, resolved_optimiser
 from contactlearn.models.gp.processes import (
     FIRST_NOISE,
@@ -43,6 +44,7 @@ from contactlearn.models.gp.processes import (
 from contactlearn.models.gp.training import losses, optimise
 from contactlearn.models.process_options import ITERATIONS, STARTS, ProcessOptions
 
+_PARTS = 4  # of the processes, that cores share
 _SEARCHED = 200  # points of a fold on which the hyperparameters of all are searched for
 
 
@@ -84,7 +86,7 @@ class ExactGPs(GaussianProcesses):
             return optimise(self, like, on_round)
         (x,), y, weight = self.train_inputs, self.train_targets, self.likelihood.weight
         flat_x, flat_y = (part.reshape(-1, *part.shape[y.ndim - 1 :]) for part in (x, y))
-        evidence = LogEvidence(flat_x, flat_y, None if weight is None else weight.reshape(flat_y.shape))
+        flat_weight = None if weight is None else weight.reshape(flat_y.shape)
         B, D, optimiser = y.shape[:-1].numel(), x.shape[-1], self.options.optimiser or {}
         bounds = torch.tensor([LENGTH] * D + [SCALE, NOISE], dtype=y.dtype, device=y.device).log()
         if like is None:
@@ -94,18 +96,14 @@ class ExactGPs(GaussianProcesses):
         else:
             starts = like.hyperparameters().expand(*y.shape[:-1], -1).flatten(0, -2).log()
         prior = log_prior(D).to(y) if self.options.prior else None
-
-        def objective(phi: Tensor, which: Tensor, curvature: bool) -> tuple[Tensor, Tensor, Tensor | None]:
-            likelihood = evidence(phi, which % B, curvature)
-            return likelihood if prior is None else _with_prior(likelihood, phi, prior, x.shape[-2])
-
         report = None if on_round is None else lambda now: on_round(self._take(now))
-        with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
-            ends = minimise(
-                objective, starts, *bounds.T, tolerance=TOLERANCE, evaluations=optimiser.get("iterations", ITERATIONS),
-                starts=len(starts) // B, on_round=report,
-            )  # fmt: skip
-        return self._take(ends)
+        search = partial(_ends, bounds=bounds, prior=prior, most=optimiser.get("iterations", ITERATIONS), report=report)
+        size = B if report else max(-(-B // _PARTS), CHUNK // x.shape[-2] ** 2)
+        calls = [
+            partial(search, flat_x[some], flat_y[some], None if flat_weight is None else flat_weight[some], begin)
+            for some, begin in zip(torch.arange(B).split(size), starts.view(-1, B, D + 2).split(size, 1), strict=True)
+        ]
+        return self._take(_joined(side_by_side(calls)))
 
     def fit_folds(self) -> None:
         """Find the hyperparameters for folds of the same data, in random order, which are as good as alike.
@@ -170,6 +168,42 @@ class ExactGPs(GaussianProcesses):
         return psd_safe_cholesky(
             self.covar_module(*self.train_inputs).to_dense() + torch.diag_embed(self.noise_variance())
         )
+
+
+def _ends(
+    x: Float[Tensor, "b n d"],
+    y: Float[Tensor, "b n"],
+    weight: Float[Tensor, "b n"] | None,
+    starts: Float[Tensor, "s b p"],
+    *,
+    bounds: Float[Tensor, "p 2"],
+    prior: Float[Tensor, "2 p"] | None,
+    most: int,
+    report: Callable[[Minimum], None] | None,
+) -> Minimum:
+    """Ends of the search from each start, as axes [s, b]; histories are [rounds, s, b]."""
+    evidence, b = LogEvidence(x, y, weight), len(y)
+
+    def objective(phi: Tensor, which: Tensor, curvature: bool) -> tuple[Tensor, Tensor, Tensor | None]:
+        likelihood = evidence(phi, which % b, curvature)
+        return likelihood if prior is None else _with_prior(likelihood, phi, prior, x.shape[-2])
+
+    with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
+        ends = minimise(
+            objective, starts.flatten(0, 1), *bounds.T, tolerance=TOLERANCE, evaluations=most, starts=len(starts),
+            on_round=report,
+        )  # fmt: skip
+    *end, history = ends
+    axes = starts.shape[:2]
+    return Minimum._make((*(part.unflatten(0, axes) for part in end), history.unflatten(1, axes)))
+
+
+def _joined(parts: Sequence[Minimum]) -> Minimum:
+    """Join the ends of some processes each; those that end first stay where they are."""
+    rounds = max(len(part.history) for part in parts)
+    histories = [part.history[torch.arange(rounds).clamp_max(len(part.history) - 1)] for part in parts]
+    ends = (torch.cat(pieces, 1).flatten(0, 1) for pieces in zip(*(part[:-1] for part in parts), strict=True))
+    return Minimum._make((*ends, torch.cat(histories, 2).flatten(1)))
 
 
 def _with_prior(
