@@ -66,7 +66,7 @@ def apparatus(rng, shape, *, zero, slope=0.0, lean=0.0, off=0.0, contacts=14, re
         pose += np.array((5e-6, 5e-6, scatter)) * rng.standard_normal(3)
         pose[2] = turn(pose[2])
         lain.append(Rest(recording=str(k), pose=pose, error=np.array((5e-6, 5e-6, 2e-4))))
-    return [SimpleNamespace(pose=pose) for pose in tracked], lain
+    return [SimpleNamespace(pose=pose, v_pre=rng.normal(-2, 0.5, 3)) for pose in tracked], lain
 
 
 APPARATUS = {
@@ -125,7 +125,7 @@ def test_an_ellipse_on_one_pole_does_not_tell_its_zero():
     assert find_floor(contacts, ELLIPSE, same).orientation is None
     assert len(Lying.of(Disc(0.03)).angles) == len(Lying.of(Ellipse((0.03, 0.03))).angles) == 0
     rests = [Rest(recording="0", pose=np.array((0.1 * k, 0.03, k)), error=np.full(3, 1e-5)) for k in range(20)]
-    contacts = [SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k))) for k in range(20)]
+    contacts = [SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k)), v_pre=np.full(3, -1.0)) for k in range(20)]
     floor = find_floor(contacts, Disc(0.03), rests)
     assert floor.orientation is None
     assert floor.rests == 20

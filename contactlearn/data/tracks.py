@@ -24,6 +24,7 @@ from jaxtyping import Float
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
+from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import ANGLES, SENSES, Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
@@ -33,6 +34,7 @@ from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
@@ -56,6 +58,12 @@ class Tracked:
     options: TrackOptions
     hull: MarkerHull | None = None
     centre: Centre = None
+
+    @property
+    def rig(self) -> Apparatus:
+        """What the recordings show of the rig without a law of contact."""
+        assert self.impacts.apparatus is not None
+        return self.impacts.apparatus
 
     @property
     def r_cov(self) -> Float[Array, "n 2 2"] | None:
@@ -187,6 +195,7 @@ def find_impacts(
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
+    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )
@@ -237,6 +246,8 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
+        **floor.outline,
+        **dict(zip(("centre_a", "centre_b"), centre_of_mass(found.wobbles) or (None, None), strict=True)),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
     )
 

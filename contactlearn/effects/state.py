@@ -186,8 +186,12 @@ class State:
 
     def _contact_point(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
         """Contact points [..., N, 2] of bodies that all have this shape."""
-        sharp = contact_point(shape, theta, self.stretch)
-        return sharp + _rounding(shape, theta, self.corner) if isinstance(shape, Polygon) else sharp
+        lowest = contact_point(shape, theta, self.stretch)
+        if not isinstance(shape, Polygon):
+            return lowest
+        down = torch.stack((-theta.sin(), -theta.cos()), -1)
+        vertex = (down @ torch.tensor(shape.vertices, dtype=theta.dtype, device=theta.device).T).argmax(-1)
+        return lowest + rigid_body.rotate(shape.rounding(vertex, down, self.corner), theta)
 
     @property
     def mass_centre(self) -> Float[Tensor, "... n 2"] | None:
@@ -214,24 +218,6 @@ def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
 def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
     """Return ẑ × the vector [..., 2], which is the vector turned counter-clockwise by a right angle."""
     return torch.stack((-vector[..., 1], vector[..., 0]), -1)
-
-
-def _rounding(shape: Polygon, theta: Float[Tensor, "... n"], radius: Tensor | float) -> Float[Tensor, "... n 2"]:
-    """From the lowest sharp vertex to the lowest point [..., N, 2] of a corner that is rounded within its two sides.
-
-    The corner's centre lies at −ρ (a + b)/(1 + a·b) from the vertex, a and b the outward normals of its sides.
-    """
-    corners = torch.tensor(shape.vertices, dtype=theta.dtype, device=theta.device)
-    x, y = (corners.roll(-1, 0) - corners).unbind(-1)
-    around = (corners[:, 0] * y - corners[:, 1] * x).sum().sign()  # 1 if counter-clockwise
-    after = (
-        around * torch.stack((y, -x), -1) / torch.hypot(x, y)[:, None]
-    )  # normals of the sides that begin at a vertex
-    before = after.roll(1, 0)
-    centres = -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
-    lowest = (torch.stack((-theta.sin(), -theta.cos()), -1) @ corners.T).argmax(-1)
-    centre = rigid_body.rotate(centres[lowest], theta)
-    return columns(radius * centre[..., 0], radius * (centre[..., 1] - 1))
 
 
 def _detached(value: Any) -> Any:

@@ -1,10 +1,18 @@
-"""Properties of an apparatus that recordings show without any impact: by free flight, and by where contacts happen.
+"""Properties of an apparatus that measurements show without any law of contact: the rig card.
 
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
+    delay         of the states at contact, which are those of the instant at which two flights meet
     slope         of the floor against the upward axis, from the heights of contacts and of bodies at rest
     orientation   offset of the body's zero of θ, from the same heights, and from θ of bodies at rest
-    delay         of the states at contact, which are those of the instant at which two flights meet
+    corner        radius of a polygon's corners, from the heights of contacts against θ
+    stretch       of an ellipse along its own axes, from the same heights
+    middle        of the body's outline about the tracked point, in the body's axes, from the same heights
+    centre        of mass about the tracked point, in the body's axes, from the wobble of free flights
+    inertia       ln I/I₀ about the stated one, from the moment balance of impacts
+
+Gravity, drag and delay are what they are; each of the others is an amount by which the stated value is to be changed,
+and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
 
 Fits keep an effect's parameter between 0 and three standard errors beyond its estimate from free flight: the estimate
 bounds the effect, and leaves it free to be absent.
@@ -17,6 +25,9 @@ is what a turn of the body by s does to r_y.  In axes in which x or θ is mirror
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
+
+from contactlearn.mechanics.rigid_body import GRAVITY
 
 REACH = 3.0
 """Standard errors within which a value agrees with an estimate."""
@@ -40,22 +51,88 @@ class Estimate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Apparatus:
-    """Estimates of an apparatus; None where there is none.
+class Row:
+    """One property on the rig card.
 
     Args:
-        gravity: in m/s².
-        drag: linear drag of the air in 1/s.
-        slope: of the floor in rad.
-        orientation: to be added to θ, in rad.
-        delay: in s.
+        name: of the field of `Apparatus`.
+        quantity: in words.
+        symbol: of the quantity.
+        unit: SI; – for a number.
+        estimate: measured.
+        stated: value that was stated or assumed; None where none was.
+        known_from: what shows it, in words.
     """
 
+    name: str
+    quantity: str
+    symbol: str
+    unit: str
+    estimate: Estimate
+    stated: float | None
+    known_from: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether the measured value differs from the stated one by more than three standard errors."""
+        return self.stated is not None and abs(self.estimate.value - self.stated) > REACH * self.estimate.error
+
+
+_IN_THE_BODY = ("middle_a", "middle_b", "centre_a", "centre_b")
+_OF_HEIGHTS = ("corner", "stretch_a", "stretch_b")
+_HEIGHTS = "heights of contacts against θ"
+_LISTED = (
+    ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
+    ("drag", "drag of the air", "k", "1/s", None, "free flights"),
+    ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
+    ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
+    ("orientation", "zero of θ", "δ", "rad", 0.0, f"rests and {_HEIGHTS}"),
+    ("corner", "radius of the corners", "ρ_c", "m", 0.0, _HEIGHTS),
+    ("stretch_a", "stretch along the body's x", "s_a", "–", 0.0, _HEIGHTS),
+    ("stretch_b", "stretch along the body's y", "s_b", "–", 0.0, _HEIGHTS),
+    ("middle_a", "middle of the outline along x", "m_a", "m", 0.0, _HEIGHTS),
+    ("middle_b", "middle of the outline along y", "m_b", "m", 0.0, _HEIGHTS),
+    ("centre_a", "centre of mass along x", "δ_a", "m", 0.0, "wobble of flights, moment balance"),
+    ("centre_b", "centre of mass along y", "δ_b", "m", 0.0, "wobble of flights, moment balance"),
+    ("inertia", "inertia over the stated one", "κ", "–", 0.0, "moment balance of impacts"),
+)
+PROPERTIES: dict[str, dict[str, Any]] = {
+    name: {"quantity": quantity, "symbol": symbol, "unit": unit, "stated": stated, "known_from": known_from}
+    for name, quantity, symbol, unit, stated, known_from in _LISTED
+}
+"""What `Row` says of each field of `Apparatus`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apparatus:
+    """Estimates of an apparatus; None where there is none.  `PROPERTIES` has their units; changes are about 0."""
+
     gravity: Estimate
-    drag: Estimate | None
-    slope: Estimate | None
-    orientation: Estimate | None
+    drag: Estimate | None = None
     delay: Estimate
+    slope: Estimate | None = None
+    orientation: Estimate | None = None
+    corner: Estimate | None = None
+    stretch_a: Estimate | None = None
+    stretch_b: Estimate | None = None
+    middle_a: Estimate | None = None
+    middle_b: Estimate | None = None
+    centre_a: Estimate | None = None
+    centre_b: Estimate | None = None
+    inertia: Estimate | None = None
+
+    def rows(self) -> tuple[Row, ...]:
+        """The rig card: every estimate beside the stated value."""
+        return tuple(
+            Row(name=name, estimate=one, **known)
+            for name, known in PROPERTIES.items()
+            if (one := getattr(self, name)) is not None
+        )
+
+    @property
+    def differing(self) -> tuple[Row, ...]:
+        """Changes of what was stated that are sure, and not made yet."""
+        return tuple(row for row in self.rows() if row.stated == 0.0 and row.differs)
 
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""
@@ -64,6 +141,12 @@ class Apparatus:
             ("orientation_offset.delta", self.orientation),
             ("sampling_delay.dt", self.delay),
             ("gravity_impulse.dt", self.delay),
+            ("corner_radius.rho_c", self.corner),
+            ("shape_error.s_a", self.stretch_a),
+            ("shape_error.s_b", self.stretch_b),
+            ("com_offset.delta_a", self.centre_a),
+            ("com_offset.delta_b", self.centre_b),
+            ("inertia_error.kappa", self.inertia),
         )
         return ((name, one) for name, one in known if one is not None)
 
@@ -73,19 +156,21 @@ class Apparatus:
 
     def with_x_mirrored(self) -> "Apparatus":
         """Return the estimates in axes whose x is mirrored, and whose θ is not."""
-        return replace(self, slope=self.slope and self.slope.times(-1), orientation=self._turned(1))
+        return replace(
+            self.without(*_IN_THE_BODY), slope=self.slope and self.slope.times(-1), orientation=self._turned(1)
+        )
 
     def with_y_mirrored(self) -> "Apparatus":
         """Return the estimates in axes whose y is mirrored, and with it the heights that show the zero of θ."""
-        return replace(self, slope=self.slope and self.slope.times(-1), orientation=None)
+        return replace(self.without(*_IN_THE_BODY, "orientation"), slope=self.slope and self.slope.times(-1))
 
     def with_theta_mirrored(self) -> "Apparatus":
         """Return the estimates in axes whose θ is mirrored, and whose x is not."""
-        return replace(self, orientation=self._turned(-1))
+        return replace(self.without(*_IN_THE_BODY), orientation=self._turned(-1))
 
     def from_millimetres(self) -> "Apparatus":
         """Return the estimates for positions that were in mm; heights were compared with a shape in m."""
-        return replace(self, gravity=self.gravity.times(1e-3), orientation=None)
+        return replace(self.without(*_IN_THE_BODY, *_OF_HEIGHTS, "orientation"), gravity=self.gravity.times(1e-3))
 
     def _turned(self, sense: int) -> Estimate | None:
         """The zero ±(δ − 2 s); unknown with the slope."""

@@ -12,10 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import finite_number
 from contactlearn.mechanics.rigid_body import rotate
 
 
@@ -103,11 +104,13 @@ class Disc:
 class Polygon:
     """Convex polygon with `vertices` [V, 2] in m, in the body frame, in order around the body.
 
-    On a flat side both ends are lowest; the contact point is then the first of them in the
-    given order, so r jumps there, as it does for the real body.
+    Its corners are arcs of radius `corner` in m within their two sides, whose lines meet in the vertices.  On a flat
+    side both ends are lowest; the contact point is then the first of them in the given order, so r jumps there, as it
+    does for the real body.
     """
 
     vertices: tuple[tuple[float, float], ...]
+    corner: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -136,15 +139,46 @@ class Polygon:
                 f"the origin, inside; got {corners}"
             )
         object.__setattr__(self, "vertices", corners)
+        object.__setattr__(self, "corner", finite_number("corner", self.corner, 0))
+        if self.corner > (largest := self.largest_corner()):
+            raise DataError(
+                f"arcs of the corners must fit into the sides of a polygon, at most {largest:.4g} m, got corner="
+                f"{self.corner:g}"
+            )
+
+    def largest_corner(self) -> float:
+        """Largest radius in m at which the arcs of two neighbouring corners do not overlap."""
+        corners, cut = torch.tensor(self.vertices, dtype=torch.float64), self.arc_centres()
+        reach = (cut.square().sum(-1) - 1).clamp_min(0).sqrt()  # of an arc along its sides, at radius 1
+        return ((corners.roll(-1, 0) - corners).norm(dim=-1) / (reach + reach.roll(-1, 0))).min().item()
+
+    def arc_centres(self) -> Float[Tensor, "vertices 2"]:
+        """From each vertex to the centre of its arc, of radius 1: −(a + b)/(1 + a·b) of its sides' outward normals."""
+        corners = torch.tensor(self.vertices, dtype=torch.float64)
+        x, y = (corners.roll(-1, 0) - corners).unbind(-1)
+        around = (corners[:, 0] * y - corners[:, 1] * x).sum().sign()  # 1 if counter-clockwise
+        after = around * torch.stack((y, -x), -1) / torch.hypot(x, y)[:, None]  # of the side that begins at a vertex
+        before = after.roll(1, 0)
+        return -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
 
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """The vertex of the greatest d · p; the first of equals."""
+        """The vertex of the greatest d · p, the first of equals, or the point of its arc with the normal d."""
         corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
-        return corners[(direction @ corners.T).argmax(-1)]
+        lowest = (direction @ corners.T).argmax(-1)
+        return corners[lowest] + self.rounding(lowest, direction, self.corner) if self.corner else corners[lowest]
+
+    def rounding(
+        self, vertex: Int[Tensor, "*batch"], direction: Float[Tensor, "*batch 2"], radius: Tensor | float
+    ) -> Float[Tensor, "*batch 2"]:
+        """From vertices to the points of arcs of a radius in m that have these normals, in the body frame."""
+        arcs = self.arc_centres().to(direction)[vertex] + direction / direction.norm(dim=-1, keepdim=True)
+        return torch.as_tensor(radius)[..., None] * arcs
 
     def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
-        """The lowest vertex and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
-        corners = rotate(torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device), theta[:, None])
+        """The lowest corner and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
+        sharp = torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device)
+        down, every = torch.stack((-theta.sin(), -theta.cos()), -1)[:, None], torch.arange(len(sharp))
+        corners = rotate(sharp + self.rounding(every, down, self.corner), theta[:, None])
         every = torch.arange(len(theta), device=theta.device)
         first, second = corners[..., 1].topk(2, largest=False).indices.unbind(-1)
         return corners[every, first], corners[every, second]
@@ -169,8 +203,11 @@ class Polygon:
         return float(share @ (p * p + p * q + q * q).sum(1)) / 6
 
     def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
-        """The vertices, and the first again; `points` is not used."""
-        return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
+        """The vertices, and the first again; round corners at equal angles."""
+        if not self.corner:
+            return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
+        angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
+        return self.support(torch.stack((angle.cos(), angle.sin()), -1))
 
 
 KINDS: dict[str, type[Ellipse | Polygon | Disc]] = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
@@ -207,7 +244,7 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
     if not isinstance(shape, Ellipse | Polygon | Disc):
         raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
     kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
-    return {"kind": kind, **asdict(shape)}
+    return {"kind": kind, **{name: value for name, value in asdict(shape).items() if value != 0}}
 
 
 def _plain(value: Any) -> Any:

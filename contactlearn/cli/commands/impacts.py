@@ -10,6 +10,7 @@ import pandas as pd
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
+from contactlearn.core.serialisation import to_json
 from contactlearn.data import table, tracks
 from contactlearn.diagnosis.events import track
 from contactlearn.report.events import progress
@@ -27,7 +28,8 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
 
     Args:
         source: `data` of a configuration with data=tracks.
-        out: a .csv or .parquet file; NAME.refused.csv next to it holds the refusals, NAME.recordings.html shows all.
+        out: a .csv or .parquet file; NAME.refused.csv next to it holds the refusals, NAME.json conventions and rig
+            card, NAME.recordings.html shows all.
 
     Raises:
         ContactLearnError: a setting is missing.
@@ -60,6 +62,8 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     try:
         with atomic_write(refused) as part:
             pd.DataFrame(rows, columns=columns).to_csv(part, index=False)
+        with atomic_write(out.with_suffix(".json")) as part:
+            part.write_text(to_json({"conventions": found.survey.frame.clues, "rig": found.rig.rows()}))
     except OSError as error:
         raise DataError(f"{refused}: cannot be written: {error}") from error
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))

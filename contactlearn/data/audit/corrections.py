@@ -26,6 +26,7 @@ from torch import Tensor
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.outline import with_traced_shape
+from contactlearn.data.audit.rig import as_measured
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import outliers, repeated
 from contactlearn.mechanics.apparatus import Apparatus
@@ -241,6 +242,11 @@ CORRECTIONS = {
     ),
     "ordered_by_time": Correction(
         "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True
+    ),
+    "rig": Correction(
+        "what the rig card measures differs from what is stated",
+        lambda impacts, _: as_measured(impacts),
+        needs_all_trials=True,
     ),
     "traced_shape": Correction(
         "the shape is not stated, and the contact points trace it",

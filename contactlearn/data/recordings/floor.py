@@ -21,7 +21,7 @@ is above the contact; one that is δ off along the major axis, at β or 0, turns
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -127,6 +127,8 @@ _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
+_OUTLINE = ("corner", "stretch_a", "stretch_b", "middle_a", "middle_b")
+_CHANGE = 0.3  # standard deviation that is expected of a stretch, and of a corner's radius relative to the body
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
@@ -138,27 +140,52 @@ class Floor:
         height: in m at x = 0.
         slope: in rad; None where contacts are too few or in one place.
         orientation: in rad, to be added to θ; None where contacts and rests are too few or the body is round.
+        outline: changes of the stated outline and its place, by the fields of `Apparatus` from `corner` to `middle_b`.
+        sinking: s by which contacts lie lower in proportion to v_y before them: late instants, or a body that yields.
         scatter: of the heights about it in m.
         rests: bodies at rest that it is fitted to.
+        above: height of each contact point above the floor in m, all of this allowed for.
     """
 
     height: Estimate
     slope: Estimate | None
     orientation: Estimate | None
+    outline: dict[str, Estimate]
+    sinking: Estimate | None
     scatter: float
     rests: int
-
-    def above(self, contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
-        """Height of contact points above the floor in m."""
-        slope, orientation = (0.0 if one is None else one.value for one in (self.slope, self.orientation))
-        points = _lowest(contacts, shape, orientation)
-        return points[:, 1] - self.height.value - np.tan(slope) * points[:, 0]
+    above: Float[Array, " n"] = field(compare=False)
 
 
 def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n 2"]:
     """Contact points in m, of a body that is turned further by an angle in rad."""
     pose = np.stack([contact.pose for contact in contacts])
     return pose[:, :2] + contact_point(shape, torch.from_numpy(pose[:, 2] + turned)).numpy()
+
+
+def _changes(shape: Shape) -> tuple[str, ...]:
+    """Names of changes of a shape that heights can show."""
+    match shape:
+        case Polygon():
+            return ("corner",)
+        case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
+            return ("stretch_a", "stretch_b")
+        case _:
+            return ()
+
+
+def _raised(shape: Shape, name: str, theta: Array) -> Array:
+    """Derivative of the height of the lowest point in a change of the shape."""
+    angles = torch.from_numpy(theta)
+    if isinstance(shape, Polygon):
+        rounder = replace(shape, corner=shape.corner + _STEP * shape.largest_corner())
+        step, moved = rounder.corner - shape.corner, contact_point(rounder, angles)
+    else:
+        step, moved = (
+            _STEP,
+            contact_point(shape, angles, (1 + _STEP * (name == "stretch_a"), 1 + _STEP * (name == "stretch_b"))),
+        )
+    return ((moved - contact_point(shape, angles))[:, 1] / step).numpy()
 
 
 def find_floor(
@@ -171,9 +198,10 @@ def find_floor(
 ) -> Floor:
     """Fit the floor to contact points and bodies at rest, robustly.
 
-    An offset of the tracked point from the centre of the shape, which also moves the contact points up and down as the
-    body turns, is fitted together with the body's zero of θ: where the two are nearly collinear the zero has a large
-    error.  So is a centre of mass that is off an ellipse's.  A rest that leans, or is off the floor, is left out.
+    An offset of the tracked point from the middle of the shape, round corners of a polygon, and other semi-axes of an
+    ellipse also move the contact points up and down as the body turns.  They are fitted together with the body's zero
+    of θ: where two are nearly collinear both have a large error.  So is a centre of mass that is off an ellipse's.  A
+    rest that leans, or is off the floor, is left out.
 
     Args:
         contacts: one or more.
@@ -216,14 +244,20 @@ class _Problem:
         good = _near(design, value, kinds, turns)
         on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
         fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (lies, turns))
-        found = {name: (float(x), float(error)) for name, x, error in zip(columns, fit, errors, strict=True)}
+        found = {
+            name: Estimate(value=float(x), error=float(error))
+            for name, x, error in zip(columns, fit, errors, strict=True)
+        }
         slope, zero = found.get("slope"), found.get("orientation")
         floor = Floor(
-            height=Estimate(value=found["height"][0], error=found["height"][1]),
-            slope=slope and Estimate(value=float(np.arctan(slope[0])), error=slope[1] / (1 + slope[0] ** 2)),
-            orientation=zero and Estimate(value=turned + zero[0], error=zero[1]),
+            height=found["height"],
+            slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
+            orientation=zero and replace(zero, value=turned + zero.value),
+            outline={name: found[name] for name in _OUTLINE if name in found},
+            sinking=found.get("sinking"),
             scatter=spread,
             rests=len(self.rests),
+            above=(value - design @ fit)[kinds[0]],
         )
         return floor, on
 
@@ -252,9 +286,15 @@ class _Problem:
         if by_angle or by_height:
             parts["orientation"] = (np.append(-rising, none), -1.0)
         if by_height:
-            parts["sine"] = (np.sin(np.append(theta, lies)), 0.0)
-            parts["cosine"] = (np.cos(np.append(theta, lies)), 0.0)
-            known |= dict.fromkeys(("sine", "cosine"), Estimate(value=0.0, error=size))
+            angles = np.append(theta, lies)
+            parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
+            speeds = np.array([hit.v_pre[1] for hit in self.contacts])
+            if np.ptp(speeds) > 0:
+                parts["sinking"] = (np.append(speeds, none), 0.0)
+            changed = {name: -_raised(self.shape, name, angles + turned) for name in _changes(self.shape)}
+            parts |= {name: (column, 0.0) for name, column in changed.items()}
+            known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
+            known |= {name: Estimate(value=0.0, error=_CHANGE * (size if name == "corner" else 1)) for name in changed}
         if by_angle and lying.gain != 1:
             parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
             known |= {"poise": Estimate(value=0.0, error=size), "lean": self.lean}
@@ -331,7 +371,7 @@ def off_the_floor(
     r = _lowest(contacts, shape) - pose[:, :2]
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
     approach = contact_velocity(torch.from_numpy(r), before)[:, 1].numpy()
-    for contact, above, v_n in zip(contacts, floor.above(contacts, shape).tolist(), approach, strict=True):
+    for contact, above, v_n in zip(contacts, floor.above.tolist(), approach, strict=True):
         push = float(contact.v_post[1] - contact.v_pre[1])
         for holds, quantity, value, unit in (
             (

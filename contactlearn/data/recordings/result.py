@@ -124,6 +124,7 @@ class Found:
         contacts: accepted contacts.
         refusals: of the other parts.
         rests: where the body is still.
+        wobbles: of flights that turn, see `wobble`.
     """
 
     track: Track
@@ -132,3 +133,4 @@ class Found:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
+    wobbles: tuple[Float[Array, "2 2 3"], ...] = ()

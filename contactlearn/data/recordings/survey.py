@@ -26,6 +26,7 @@ from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
+from contactlearn.data.recordings.wobble import Wobble, wobbles
 
 _SAMPLE = 24  # recordings from which conventions are found
 _MANY = 100  # files from which on they are shared among processes
@@ -70,6 +71,7 @@ class Survey:
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
         rests: where a body is still, in the order of the files.
+        wobbles: of flights that turn.
     """
 
     frame: Frame
@@ -77,6 +79,7 @@ class Survey:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
+    wobbles: tuple[Wobble, ...]
 
     @classmethod
     def of(cls, frame: Frame, parts: Iterable["Survey"]) -> "Survey":
@@ -88,6 +91,7 @@ class Survey:
             contacts=tuple(contact for part in parts for contact in part.contacts),
             refusals=tuple(refusal for part in parts for refusal in part.refusals),
             rests=tuple(rest for part in parts for rest in part.rests),
+            wobbles=tuple(wobble for part in parts for wobble in part.wobbles),
         )
 
 
@@ -153,7 +157,8 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
     found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
-    return replace(found, rests=find_rests(found.track, lies, found.sigma))
+    rests, turning = find_rests(found.track, lies, found.sigma), wobbles(found.track, found.flights, found.sigma)
+    return replace(found, rests=rests, wobbles=turning)
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -223,6 +228,7 @@ def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
         contacts=tuple(contact for found in founds for contact in found.contacts),
         refusals=tuple(refusals),
         rests=tuple(rest for found in founds for rest in found.rests),
+        wobbles=tuple(wobble for found in founds for wobble in found.wobbles),
     )
 
 

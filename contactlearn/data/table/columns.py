@@ -27,7 +27,7 @@ from types import MappingProxyType
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table.sheet import Sheet
-from contactlearn.mechanics.apparatus import Apparatus, Estimate
+from contactlearn.mechanics.apparatus import PROPERTIES, Apparatus, Estimate
 from contactlearn.mechanics.impacts import OPTIONAL
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -109,7 +109,6 @@ PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error"
 """The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
 """Columns that every table with estimates of the apparatus has."""
-_UNITS = {"gravity": "m/s²", "drag": "1/s", "slope": "rad", "orientation": "rad", "delay": "s"}
 
 
 def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
@@ -130,7 +129,10 @@ def apparatus_of(cells: Sheet) -> Apparatus | None:
         DataError: a cell is no number, rows differ, or an error is negative.
     """
     known = {
-        field: Estimate(value=_one(cells, names[0], _UNITS[field]), error=_one(cells, names[1], _UNITS[field], 0.0))
+        field: Estimate(
+            value=_one(cells, names[0], PROPERTIES[field]["unit"]),
+            error=_one(cells, names[1], PROPERTIES[field]["unit"], 0.0),
+        )
         for field, names in PAIRS.items()
         if names[0] in cells.header
     }
@@ -157,7 +159,7 @@ NAMES = ("trial", "object")
 
 def columns_of(space: Space) -> tuple[str, ...]:
     """Return all columns that a table may have."""
-    groups = (space.components | space.covariances | PAIRS).values()
+    groups = (*space.components.values(), *space.covariances.values(), *PAIRS.values())
     return NAMES + tuple(column for columns in groups for column in columns)
 
 

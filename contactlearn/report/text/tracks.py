@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, exp
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +11,30 @@ from contactlearn.core.numerics import number
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.tracks import Tracked
-from contactlearn.mechanics.apparatus import Estimate
-from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.apparatus import Row
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
     """Describe what was found and where it was written, line by line."""
     facts = [f"  {name:<8} {words}" for name, words in tracks_facts(found)]
-    return [f"{tracks_headline(found)}, written to {out}", *facts, *_refused(found.survey.refusals, refused)]
+    card = ["rig card", *(f"  {row.quantity:<29} {rig_text(row)}" for row in found.rig.rows())]
+    return [f"{tracks_headline(found)}, written to {out}", *facts, *card, *_refused(found.survey.refusals, refused)]
+
+
+def rig_text(row: Row) -> str:
+    """Write a row of the rig card in a line; a star marks a difference of three errors."""
+    value, stated, known_from = rig_cells(row)
+    return f"{value}{stated and f', stated {stated}'}{' *' if row.differs else ''}, from {known_from}"
+
+
+def rig_cells(row: Row) -> tuple[str, str, str]:
+    """Write value and error, the stated value, and what shows it: 1.96° ± 0.02°, 0°, rests.  ln I/I₀ is a ratio."""
+    factor, unit = _SHOWN.get(row.unit, (1.0, "" if row.unit == "–" else f" {row.unit}"))
+    value, error, stated = row.estimate.value, row.estimate.error, row.stated
+    if row.name == "inertia":
+        value, error, stated = exp(value), exp(value) * error, 1.0
+    said = "" if stated is None else f"{number(factor * stated, 3)}{unit}"
+    return f"{number(factor * value, 3)} ± {number(factor * error, 1)}{unit}", said, row.known_from
 
 
 def tracks_headline(found: Tracked) -> str:
@@ -27,16 +43,16 @@ def tracks_headline(found: Tracked) -> str:
 
 
 def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
-    """List conventions with their evidence, gravity, the floor, errors and missing frames, by name."""
-    frame = found.survey.frame
-    size = float(np.hypot(*frame.gravity))
-    off = number(100 * (size / GRAVITY - 1), 2)
-    gravity = f"{number(size)} ± {number(frame.gravity_error, 1)} m/s², {off} % off {GRAVITY}"
-    facts = [*map(_convention, frame.clues), ("gravity", gravity), *_hull(found), *_floor(found), *_errors(found)]
+    """List conventions with their evidence, the floor, errors and missing frames, by name."""
+    facts = [*map(_convention, found.survey.frame.clues), *_hull(found), *_floor(found), *_errors(found)]
     missing = sum(contact.missing > 0 for contact in found.survey.contacts)
     if missing:
         facts.append(("missing", f"frames at contact in {missing} impacts, though their time stamps show no gap"))
     return facts
+
+
+_SHOWN = {"rad": (degrees(1), "°"), "m": (1e3, " mm"), "s": (1e3, " ms")}
+"""Units in which people read a unit, and their number in it."""
 
 
 def refusals_by_reason(refusals: Sequence[Refusal]) -> list[tuple[Reason, int]]:
@@ -73,19 +89,12 @@ def _hull(found: Tracked) -> list[tuple[str, str]]:
 
 def _floor(found: Tracked) -> list[tuple[str, str]]:
     floor, rests = found.floor, len(found.survey.rests)
-    height, slope, zero = floor.height, floor.slope, floor.orientation
-    height_text = f"at {number(1e3 * height.value, 4)} ± {number(1e3 * height.error, 1)} mm"
-    facts = [("floor", height_text if slope is None else f"{height_text}, inclined by {_angle(slope)}")]
-    if zero is not None:
-        facts.append(("zero", f"of θ off by {_angle(zero)}"))
+    height = f"at {number(1e3 * floor.height.value, 4)} ± {number(1e3 * floor.height.error, 1)} mm"
+    facts = [("floor", f"{height}, contacts scatter about it by {number(1e3 * floor.scatter, 2)} mm")]
     if rests:
         lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is also fitted to them"
         facts.append(("rests", lie))
     return facts
-
-
-def _angle(angle: Estimate) -> str:
-    return f"{number(degrees(angle.value), 2)}° ± {number(degrees(angle.error), 1)}°"
 
 
 def _errors(found: Tracked) -> list[tuple[str, str]]:
