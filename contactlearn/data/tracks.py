@@ -43,6 +43,7 @@ from contactlearn.mechanics.shapes import Shape, contact_point
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
+_WOBBLES = 0.08  # error of the outline's place, of the distance of the tracked point from the centre of mass
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -246,10 +247,21 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        **floor.outline,
-        **dict(zip(("centre_a", "centre_b"), centre_of_mass(found.wobbles) or (None, None), strict=True)),
+        **_with_flights(floor.outline, centre_of_mass(found.wobbles)),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
     )
+
+
+def _with_flights(
+    outline: Mapping[str, Estimate], centre: tuple[Estimate, Estimate] | None
+) -> dict[str, Estimate | None]:
+    """Outline and centre of mass; a tracked point that wobbles flies on no parabola, which moves both a little."""
+    if centre is None:
+        return {**outline}
+    off = _WOBBLES * math.hypot(centre[0].value, centre[1].value)
+    rig = {**outline, "centre_a": centre[0], "centre_b": centre[1]}
+    wobbling = ("middle_a", "middle_b", "centre_a", "centre_b")
+    return {name: replace(x, error=math.hypot(x.error, off)) if name in wobbling else x for name, x in rig.items()}
 
 
 def _find_angles(

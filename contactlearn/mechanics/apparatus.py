@@ -6,7 +6,7 @@
     slope         of the floor against the upward axis, from the heights of contacts and of bodies at rest
     orientation   offset of the body's zero of θ, from the same heights, and from θ of bodies at rest
     corner        radius of a polygon's corners, from the heights of contacts against θ
-    stretch       of an ellipse along its own axes, from the same heights
+    oblong        change of an ellipse's longer semi-axis, the shorter one as stated: heights tell their difference
     middle        of the body's outline about the tracked point, in the body's axes, from the same heights
     centre        of mass about the tracked point, in the body's axes, from the wobble of free flights
     inertia       ln I/I₀ about the stated one, from the moment balance of impacts
@@ -78,8 +78,10 @@ class Row:
         return self.stated is not None and abs(self.estimate.value - self.stated) > REACH * self.estimate.error
 
 
+CHANGES = ("slope", "orientation", "corner", "oblong", "middle_a", "middle_b", "centre_a", "centre_b", "inertia")
+"""Fields of `Apparatus` by which impacts can be corrected."""
 _IN_THE_BODY = ("middle_a", "middle_b", "centre_a", "centre_b")
-_OF_HEIGHTS = ("corner", "stretch_a", "stretch_b")
+_OF_HEIGHTS = ("corner", "oblong")
 _HEIGHTS = "heights of contacts against θ"
 _LISTED = (
     ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
@@ -88,8 +90,7 @@ _LISTED = (
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("orientation", "zero of θ", "δ", "rad", 0.0, f"rests and {_HEIGHTS}"),
     ("corner", "radius of the corners", "ρ_c", "m", 0.0, _HEIGHTS),
-    ("stretch_a", "stretch along the body's x", "s_a", "–", 0.0, _HEIGHTS),
-    ("stretch_b", "stretch along the body's y", "s_b", "–", 0.0, _HEIGHTS),
+    ("oblong", "change of the longer semi-axis", "a", "m", 0.0, _HEIGHTS),
     ("middle_a", "middle of the outline along x", "m_a", "m", 0.0, _HEIGHTS),
     ("middle_b", "middle of the outline along y", "m_b", "m", 0.0, _HEIGHTS),
     ("centre_a", "centre of mass along x", "δ_a", "m", 0.0, "wobble of flights, moment balance"),
@@ -113,8 +114,7 @@ class Apparatus:
     slope: Estimate | None = None
     orientation: Estimate | None = None
     corner: Estimate | None = None
-    stretch_a: Estimate | None = None
-    stretch_b: Estimate | None = None
+    oblong: Estimate | None = None
     middle_a: Estimate | None = None
     middle_b: Estimate | None = None
     centre_a: Estimate | None = None
@@ -132,7 +132,7 @@ class Apparatus:
     @property
     def differing(self) -> tuple[Row, ...]:
         """Changes of what was stated that are sure, and not made yet."""
-        return tuple(row for row in self.rows() if row.stated == 0.0 and row.differs)
+        return tuple(row for row in self.rows() if row.name in CHANGES and row.differs)
 
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""
@@ -142,8 +142,6 @@ class Apparatus:
             ("sampling_delay.dt", self.delay),
             ("gravity_impulse.dt", self.delay),
             ("corner_radius.rho_c", self.corner),
-            ("shape_error.s_a", self.stretch_a),
-            ("shape_error.s_b", self.stretch_b),
             ("com_offset.delta_a", self.centre_a),
             ("com_offset.delta_b", self.centre_b),
             ("inertia_error.kappa", self.inertia),

@@ -20,14 +20,12 @@ from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.moments import torque
-from contactlearn.mechanics.apparatus import Apparatus, Estimate
+from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape
 
-CHANGES = ("slope", "orientation", "corner", "stretch_a", "stretch_b", "middle_a", "middle_b", "centre_a", "centre_b")
-"""Fields of `Apparatus` that change impacts, before the inertia."""
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
 _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
@@ -41,6 +39,8 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
 
     The floor becomes level, positions and velocities are those of the centre of mass.
     """
+    if not any(change.values()):
+        return impacts.replace(validate=False)
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     tilt, theta = get("slope"), impacts.q[:, 2]
     turned = theta - tilt + get("orientation")
@@ -50,9 +50,9 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     if shape is not None:
         before = contact_points(shape, impacts.body, theta)
         shape = (
-            {name: _reshaped(one, change) for name, one in shape.items()}
+            {name: reshaped(one, change) for name, one in shape.items()}
             if isinstance(shape, Mapping)
-            else _reshaped(shape, change)
+            else reshaped(shape, change)
         )
         r = r + contact_points(shape, impacts.body, turned) - rotate(before, level)
     d = rotate(centre.expand(len(theta), 2), turned)
@@ -77,14 +77,16 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     )
 
 
-def _reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
+def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
+    """Return a shape with other corners or semi-axes; a body of another kind stays as it is."""
     match shape:
         case Polygon():
             return replace(
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
         case Ellipse(semi_axes=(a, b)):
-            return Ellipse((a * (1 + change.get("stretch_a", 0.0)), b * (1 + change.get("stretch_b", 0.0))))
+            longer = change.get("oblong", 0.0)
+            return Ellipse((a + longer * (a > b), b + longer * (a <= b)))
         case _:
             return shape
 
@@ -135,7 +137,8 @@ def fit_balance(impacts: Impacts, free: Mapping[str, float], known: Mapping[str,
 def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
-    The inertia is fitted with all that changes contact points, as far as that is known.
+    The inertia is fitted with all that changes contact points, as far as that is known.  Systematic errors of the
+    latter do not shrink with the number of impacts: they keep the errors of their own measurement.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
     free = {"inertia": _INERTIA}
@@ -143,7 +146,12 @@ def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
         return rig
     fit = fit_balance(impacts, free, known)
     trusted = fit.left < _CLEARLY * min(fit.physical, fit.given)
-    return replace(rig, **fit.estimates) if trusted else rig
+    if not trusted:
+        return rig
+    errors = {name: one.error for name, one in known.items()}
+    return replace(
+        rig, **{name: replace(one, error=errors.get(name, one.error)) for name, one in fit.estimates.items()}
+    )
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:

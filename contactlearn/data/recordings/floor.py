@@ -20,13 +20,14 @@ is above the contact; one that is δ off along the major axis, at β or 0, turns
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
+from contactlearn.data.audit.rig import reshaped
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -127,8 +128,8 @@ _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
-_OUTLINE = ("corner", "stretch_a", "stretch_b", "middle_a", "middle_b")
-_CHANGE = 0.3  # standard deviation that is expected of a stretch, and of a corner's radius relative to the body
+_OUTLINE = ("corner", "oblong", "middle_a", "middle_b")
+_CHANGE = 0.3  # standard deviation that is expected of a corner's radius, or of `oblong`, relative to the body
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
@@ -169,23 +170,16 @@ def _changes(shape: Shape) -> tuple[str, ...]:
         case Polygon():
             return ("corner",)
         case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
-            return ("stretch_a", "stretch_b")
+            return ("oblong",)
         case _:
             return ()
 
 
 def _raised(shape: Shape, name: str, theta: Array) -> Array:
     """Derivative of the height of the lowest point in a change of the shape."""
-    angles = torch.from_numpy(theta)
-    if isinstance(shape, Polygon):
-        rounder = replace(shape, corner=shape.corner + _STEP * shape.largest_corner())
-        step, moved = rounder.corner - shape.corner, contact_point(rounder, angles)
-    else:
-        step, moved = (
-            _STEP,
-            contact_point(shape, angles, (1 + _STEP * (name == "stretch_a"), 1 + _STEP * (name == "stretch_b"))),
-        )
-    return ((moved - contact_point(shape, angles))[:, 1] / step).numpy()
+    angles, step = torch.from_numpy(theta), _STEP * float(shape.outline().norm(dim=-1).mean())
+    other = reshaped(shape, {name: step})
+    return ((contact_point(other, angles) - contact_point(shape, angles))[:, 1] / step).numpy()
 
 
 def find_floor(
@@ -198,10 +192,10 @@ def find_floor(
 ) -> Floor:
     """Fit the floor to contact points and bodies at rest, robustly.
 
-    An offset of the tracked point from the middle of the shape, round corners of a polygon, and other semi-axes of an
-    ellipse also move the contact points up and down as the body turns.  They are fitted together with the body's zero
-    of θ: where two are nearly collinear both have a large error.  So is a centre of mass that is off an ellipse's.  A
-    rest that leans, or is off the floor, is left out.
+    An offset of the tracked point from the middle of the shape, round corners of a polygon, and another longer
+    semi-axis of an ellipse also move the contact points up and down as the body turns.  They are fitted together with
+    the body's zero of θ: where two are nearly collinear both have a large error.  So is a centre of mass that is off an
+    ellipse's.  A rest that leans, or is off the floor, is left out.
 
     Args:
         contacts: one or more.
@@ -214,10 +208,10 @@ def find_floor(
     sided = [r for r in rests if not len(lying.angles) or abs(lying.apart(float(r.pose[2]))) <= limits.leaning]
     while True:
         problem = _Problem(contacts=contacts, rests=sided, shape=shape, lying=lying, lean=lean, limits=limits)
-        floor, good = problem.solved(0.0)
+        floor, good = problem.solved(0.0, {})
         for _ in range(_TURNS):
             if floor.orientation is not None:
-                floor, good = problem.solved(floor.orientation.value)
+                floor, good = problem.solved(floor.orientation.value, floor.outline)
         if good.all():
             return floor
         sided = [rest for rest, holds in zip(sided, good, strict=True) if holds]
@@ -234,9 +228,13 @@ class _Problem:
     lean: Estimate
     limits: TrackThresholds
 
-    def solved(self, turned: float) -> tuple[Floor, Mask]:
-        """The floor, linearised about a body that is turned further by an angle in rad, and which rests are on it."""
-        columns, value, angles = self._rows(turned)
+    def solved(self, turned: float, outline: Mapping[str, Estimate]) -> tuple[Floor, Mask]:
+        """The floor, and which rests are on it.
+
+        It is linearised about a body of such an outline that is turned further by an angle in rad.
+        """
+        change = {name: outline[name].value for name in _changes(self.shape) if name in outline}
+        columns, value, angles = self._rows(turned, change)
         hits, rests = len(self.contacts), len(self.rests)
         design = np.stack([*columns.values()], 1)
         kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
@@ -253,7 +251,11 @@ class _Problem:
             height=found["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
             orientation=zero and replace(zero, value=turned + zero.value),
-            outline={name: found[name] for name in _OUTLINE if name in found},
+            outline={
+                name: replace(found[name], value=found[name].value + change.get(name, 0.0))
+                for name in _OUTLINE
+                if name in found
+            },
             sinking=found.get("sinking"),
             scatter=spread,
             rests=len(self.rests),
@@ -261,16 +263,17 @@ class _Problem:
         )
         return floor, on
 
-    def _rows(self, turned: float) -> tuple[dict[str, Array], Array, int]:
+    def _rows(self, turned: float, change: Mapping[str, float]) -> tuple[dict[str, Array], Array, int]:
         """Columns of the design by name, its right-hand side, and the number of angles."""
-        lying, rests, size = self.lying, self.rests, float(self.shape.outline().norm(dim=-1).mean()) / 2**0.5
-        points, theta = _lowest(self.contacts, self.shape, turned), np.array([hit.pose[2] for hit in self.contacts])
+        shape = reshaped(self.shape, change)
+        lying, rests, size = self.lying, self.rests, float(shape.outline().norm(dim=-1).mean()) / 2**0.5
+        points, theta = _lowest(self.contacts, shape, turned), np.array([hit.pose[2] for hit in self.contacts])
         pose = np.reshape([rest.pose for rest in rests], (-1, 3))
         side = [lying.nearest(angle) for angle in pose[:, 2].tolist()] if len(lying.angles) else []
         lies = lying.angles[side] if len(lying.angles) else pose[:, 2]
-        down = contact_point(self.shape, torch.from_numpy(lies))[:, 1].numpy()
+        down = contact_point(shape, torch.from_numpy(lies))[:, 1].numpy()
         x, y = np.append(points[:, 0], pose[:, 0]), np.append(points[:, 1], pose[:, 1] + down)
-        higher, lower = (_lowest(self.contacts, self.shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
+        higher, lower = (_lowest(self.contacts, shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
         rising, enough = (higher - lower) / (2 * _STEP), self.limits.contacts_of_a_slope
         by_angle = len(side) >= enough // 2 and len(x) >= enough and np.ptp(x) > 0
         by_angle = by_angle and (lying.gain == 1 or len(set(side)) > 1)  # on one pole its centre of mass may be off
@@ -291,10 +294,10 @@ class _Problem:
             speeds = np.array([hit.v_pre[1] for hit in self.contacts])
             if np.ptp(speeds) > 0:
                 parts["sinking"] = (np.append(speeds, none), 0.0)
-            changed = {name: -_raised(self.shape, name, angles + turned) for name in _changes(self.shape)}
+            changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
             parts |= {name: (column, 0.0) for name, column in changed.items()}
             known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
-            known |= {name: Estimate(value=0.0, error=_CHANGE * (size if name == "corner" else 1)) for name in changed}
+            known |= {name: Estimate(value=-change.get(name, 0.0), error=_CHANGE * size) for name in changed}
         if by_angle and lying.gain != 1:
             parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
             known |= {"poise": Estimate(value=0.0, error=size), "lean": self.lean}

@@ -1,0 +1,141 @@
+"""The rig card: a square with round corners and a zero that is off, tracked and balanced elsewhere, without a law."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.moments import balance
+from contactlearn.data.audit.rig import changed, with_balance
+from contactlearn.data.recordings.flights import Flight
+from contactlearn.data.recordings.track import Track
+from contactlearn.data.recordings.wobble import centre_of_mass, wobbles
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Polygon, contact_point
+
+SIDE = 0.06
+SQUARE = Polygon(((-SIDE / 2, -SIDE / 2), (SIDE / 2, -SIDE / 2), (SIDE / 2, SIDE / 2), (-SIDE / 2, SIDE / 2)))
+TRUTH = {"orientation": 0.035, "corner": 0.005, "middle_a": 4e-4, "centre_b": -6e-4, "inertia": -0.35}
+GRAVITY, DELAY = Estimate(value=9.81, error=0.01), Estimate(value=0.0, error=1e-4)
+
+
+def squares(count=200, damping=0.0, noise=0.003):
+    """Impacts of the true body, as a rig of which nothing is known states them."""
+    rng = torch.Generator().manual_seed(5)
+    draw = lambda *size: torch.randn(*size, generator=rng, dtype=torch.float64)  # noqa: E731
+    q = torch.cat((draw(count, 2), 2 * torch.pi * torch.rand(count, 1, generator=rng, dtype=torch.float64)), 1)
+    v = draw(count, 3) * torch.tensor([0.5, 0.3, 6.0]) - torch.tensor([0.0, 1.8, 0.0])
+    full = torch.ones(count, dtype=torch.float64)
+    mass, inertia = 0.05 * full, 0.05 * SQUARE.gyration_squared() * full
+    stated = Impacts(
+        mass=mass,
+        inertia=inertia,
+        r=contact_point(SQUARE, q[:, 2]),
+        q=q,
+        v_pre=v,
+        v_post=v,
+        shape=SQUARE,
+        validate=False,
+    )
+    true = changed(stated, TRUTH)
+    P = torch.stack(
+        (0.3 * draw(count) * mass, mass * (1.0 + 2.4 * torch.rand(count, generator=rng, dtype=torch.float64))), 1
+    )
+    moment = true.r[:, 0] * P[:, 1] - true.r[:, 1] * P[:, 0]
+    step = torch.cat((P / mass[:, None], (moment / true.inertia)[:, None]), 1)
+    after = true.v_pre + step
+    after[:, 2] *= 1 - damping
+    back = changed(true.replace(v_post=after, shape=None), {name: -TRUTH[name] for name in ("centre_b",)})
+    return stated.replace(
+        v_pre=v, v_post=back.v_post + noise * draw(count, 3) * torch.tensor([1.0, 1.0, 30.0]), validate=False
+    )
+
+
+def rig(**known):
+    return Apparatus(gravity=GRAVITY, delay=DELAY, **known)
+
+
+KNOWN = {
+    name: Estimate(value=TRUTH[name], error=1e-4 if name != "orientation" else 1e-3)
+    for name in TRUTH
+    if name != "inertia"
+}
+
+
+def test_the_inertia_is_found_and_the_corrected_balance_closes():
+    stated = squares()
+    card = with_balance(stated, rig(**KNOWN))
+    assert abs(card.inertia.value - TRUTH["inertia"]) < 3.5 * card.inertia.error < 0.1
+    assert balance(stated).imbalance > 0.1
+    corrected = correct(stated.replace(apparatus=card), ["rig"])
+    fit = balance(corrected)
+    assert abs(fit.a - 1) < 0.02
+    assert abs(fit.b - 1) < 0.03
+    assert corrected.shape.corner == pytest.approx(card.corner.value)
+    assert not corrected.apparatus.differing
+    assert {row.name for row in card.differing} == {*TRUTH}
+    assert torch.equal(correct(corrected, ["rig"]).r, corrected.r)
+
+
+def test_a_loss_of_spin_after_contact_is_not_taken_for_an_inertia():
+    right = {name: Estimate(value=0.0, error=1e-5) for name in ("corner", "orientation")}
+    true = changed(squares(), TRUTH)
+    spun = true.replace(v_post=true.v_post * torch.tensor([1.0, 1.0, 0.6]), validate=False)
+    assert with_balance(spun, rig(**right)).inertia is None
+
+
+def test_few_impacts_tell_no_inertia():
+    assert with_balance(squares(8), rig(**KNOWN)).inertia is None
+
+
+def test_a_change_of_nothing_changes_nothing():
+    impacts = squares(20)
+    for name in ("r", "q", "v_pre", "v_post", "inertia"):
+        assert torch.equal(getattr(changed(impacts, {}), name), getattr(impacts, name))
+
+
+def test_a_sloping_floor_becomes_level():
+    """A body on a floor inclined by φ is one on level ground, turned by φ."""
+    level = squares(20)
+    turn = torch.tensor([[math.cos(0.1), -math.sin(0.1)], [math.sin(0.1), math.cos(0.1)]], dtype=torch.float64)
+    tilted = level.replace(
+        r=level.r @ turn.T,
+        q=torch.cat((level.q[:, :2] @ turn.T, level.q[:, 2:] + 0.1), 1),
+        v_pre=torch.cat((level.v_pre[:, :2] @ turn.T, level.v_pre[:, 2:]), 1),
+        v_post=torch.cat((level.v_post[:, :2] @ turn.T, level.v_post[:, 2:]), 1),
+        validate=False,
+    )
+    back = changed(tilted.replace(shape=None), {"slope": 0.1})
+    for name in ("r", "q", "v_pre", "v_post"):
+        assert torch.allclose(getattr(back, name), getattr(level, name), atol=1e-12)
+
+
+def test_the_centre_of_mass_is_found_from_the_wobble():
+    rng, centre, found, sigma = np.random.default_rng(1), np.array((5e-4, -8e-4)), [], np.array((3e-5, 3e-5, 1e-3))
+    for _ in range(20):
+        time, theta_0, spin = np.arange(40) / 250, rng.uniform(-3, 3), rng.uniform(10, 25)
+        theta = theta_0 + spin * time
+        c, s = np.cos(theta), np.sin(theta)
+        x = 0.4 * time - c * centre[0] + s * centre[1]
+        y = 0.3 - 4.9 * time**2 - s * centre[0] - c * centre[1]
+        pose = np.stack((x, y, theta), 1) + sigma * rng.standard_normal((40, 3))
+        track = Track(name="", time=time, pose=pose, apart=0 * time, tilted=0 * time)
+        flight = replace(FLIGHT, frames=np.arange(40), reference=0.08)
+        found += wobbles(track, [flight], sigma)
+    for one, truth in zip(centre_of_mass(found), centre, strict=True):
+        assert abs(one.value - truth) < 3.5 * one.error < 3e-4
+    assert centre_of_mass(found[:3]) is None
+
+
+FLIGHT = Flight(
+    frames=np.arange(2),
+    reference=0.0,
+    state=np.zeros((4, 3)),
+    covariance=np.zeros((3, 4, 4)),
+    residual=np.zeros((2, 3)),
+    air=None,
+)
