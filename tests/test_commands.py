@@ -66,7 +66,6 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
         assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
-    _, folder = evaluation
     results = json.loads((folder / "results.json").read_text())
     assert {fit["law"] for fit in results["fits"]} == set(laws.PAPER_LAWS)
     assert results["provenance"]["data"]["trials"] == 80
@@ -239,8 +238,6 @@ def test_learning_curves(study):
         assert best <= min(error[law][place] for law in laws.PAPER_LAWS)
     assert error["best_post_hoc"][0] != error["best_post_hoc"][1]
     assert re.search(r"^ *best_post_hoc +0", printed.partition("learning curves:")[2], re.MULTILINE)
-    _, folder = study
-    results = json.loads((folder / "results.json").read_text())
     frame = pd.read_csv(folder / "learning_curves.csv")
     assert len(frame) == 9 * 2 * 3
     means = frame.groupby(["model", "trained_on"])["mass_error"].mean()

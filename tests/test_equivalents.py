@@ -97,7 +97,7 @@ def rivals(one_height):
 
 
 def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_contact(one_height):
-    _, found = one_height
+    selection, found = one_height
     patch = next(one for one in found if one.rival.effect == EffectId("contact_patch", "linear"))
     assert patch.rival.similarity > 0.95
     assert 0 < patch.rival.loss_difference < min(0.1, 2 * patch.rival.standard_error)
@@ -106,7 +106,6 @@ def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_co
     assert worse == sorted(worse)
     # Spin damping mimics some of it only with the wrong sign.
     assert "spin_damping" not in [one.rival.effect.name for one in found]
-    selection, found = one_height
     models = {Substitution(LATE, one.rival.effect): one.fitted.fit.model for one in found}
     assert len(models) >= 2
     planned = next_experiment(selection.impacts, selection.present.fit.model, models, generator=seeded(0), limits=WIDE)
@@ -161,7 +160,6 @@ def test_next_drops_separate_better_than_random_ones(rivals):
     assert from_json(Experiment, to_json(first)) == first
     found = next_experiment(impacts.replace(shape=None), chosen, others, generator=seeded(0)).drops
     assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
-    impacts, _, _ = rivals
     within = dict(zip(STATES, state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
     assert within["v_x"] == [0.0, 1.0]
     assert within["v_y"] == pytest.approx(

@@ -115,7 +115,7 @@ def fitted():
 
 
 def test_training_ends_at_the_maximum(fitted):
-    _, gps, fit = fitted
+    data, gps, fit = fitted
     assert fit.converged.all()
     assert fit.loss.shape == fit.evaluations.shape == (2,)
     torch.testing.assert_close(fit.loss, -bound(gps))
@@ -124,18 +124,15 @@ def test_training_ends_at_the_maximum(fitted):
     gps.eval()
     assert all(gradient.abs().max() < 0.02 for gradient in gradients)
     assert (gps.likelihood.noise[:, 0].sqrt() / 0.2 - 1).abs().max() < 0.1
-    data, gps, _ = fitted
     exact = ExactGPs(*data)
     exact.fit()
     new, truth, _ = problem(n=300, noise=0, seed=3)
     ours, theirs = ((model.predict(new)[0] - truth).square().mean(-1).sqrt() for model in (gps, exact))
     assert (ours < 1.05 * theirs).all()
     assert (theirs < 0.15).all()
-    data, gps, fit = fitted
     again = SparseGPs(*data).fit(gps)
     torch.testing.assert_close(again.loss, fit.loss, rtol=0, atol=1e-3)  # other inducing points
     assert (again.evaluations <= fit.evaluations).all()
-    data, gps, _ = fitted
     other, new = SparseGPs(*data), problem(n=20, seed=3)[0]
     other.load_state_dict(gps.state_dict())
     for call in (lambda model: model.predict(new), lambda model: model.leave_one_out()):

@@ -63,10 +63,9 @@ def run(tmp_path_factory) -> tuple[Path, str]:
 
 
 def test_names_steer_no_terminal_file_page_or_result(run):
-    _, printed = run
+    root, printed = run
     assert "columns not used" in printed
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f\u202e]", printed)
-    root, _ = run
     assert {path.name for path in root.iterdir()} == {"plain.csv", "<b>drops & [red]\x1b[31m.csv", "run"}
     assert all(re.fullmatch(r"[\w.-]+", path.name) for path in (root / "run").rglob("*"))
     text = (root / "run" / "report.html").read_text(encoding="utf-8")

@@ -81,13 +81,10 @@ def test_contact_points_and_velocities_are_those_of_the_true_body_within_their_e
     assert np.median(score) < 4  # 1.4 is expected, and an error of the places is common to all
     assert np.sqrt(found.r_cov.diagonal(axis1=1, axis2=2)).max() < 2e-4
     # The markers' mean is 3 mm off it: its velocity is another by 20 mm/s in the median.
-    found, truth, _ = plane
-    rows = paired(found, truth)
     errors = found.impacts.v_pre.numpy() - truth.v_pre[rows]
     scores = errors / found.impacts.v_pre_cov.diagonal(dim1=-2, dim2=-1).sqrt().numpy()
     assert np.abs(errors[:, :2]).max() < 5e-3
     assert (np.mean(scores**2, 0) < 3).all()
-    found, _, shape = plane
     assert len(found.shape.vertices) == 4
     assert found.shape.gyration_squared() == pytest.approx(shape.gyration_squared(), rel=0.01)
     assert 1e-7 < found.hull.error < 3e-5

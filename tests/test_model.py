@@ -287,41 +287,6 @@ def test_spread_of_parameters_against_autograd(law, drops):
     )
 
 
-def sampled(model: ContactModel, drops: Impacts, part: Known, draws: int = 20_000) -> Tensor:
-    """Covariance [N, 3, 3] of v_post where the learned part is drawn from its distribution."""
-    values = part.mean + part.variance.sqrt() * draw(draws, *part.mean.shape, seed=77)
-    v = model.complete(drops, values).v_post
-    v = v - v.mean(0)
-    return torch.einsum("dni,dnj->nij", v, v) / (draws - 1)
-
-
-def assert_sampled(spread: Tensor, sample: Tensor, draws: int = 20_000, share: float = 1.0, rtol: float = 0.0):
-    """An entry of a sample covariance of Gaussians has the variance (C_ii C_jj + C_ij²) / draws; five deviations."""
-    d = spread.diagonal(dim1=-2, dim2=-1)
-    deviation = ((d[:, :, None] * d[:, None] + spread.square()) / draws).sqrt()
-    size = (d[:, :, None] * d[:, None]).sqrt()
-    near = ((sample - spread).abs() <= 5 * deviation + rtol * size + 1e-12 * size.amax()).all(-1).all(-1)
-    assert near.double().mean() >= share
-
-
-@pytest.mark.parametrize("base", [None, LAW], ids=["nothing", "a law"])
-@TARGET
-def test_spread_of_a_residual_against_monte_carlo(target, base, drops):
-    """Exactly linear, so however large the variance."""
-    part = learned(target)
-    part, model = Known(part.mean, 100 * part.variance), ContactModel(base, part, target)
-    assert_sampled(model.spread(drops, part.mean, part.variance), sampled(model, drops, part))
-
-
-@pytest.mark.parametrize("law", ["wang_mason", "anitescu_potra_newton", "drumwright_shell"])
-def test_spread_of_sure_parameters_against_monte_carlo(law, drops):
-    """To first order in the deviation of 10⁻⁴, unless a trial is as near as that to another mode of contact."""
-    part = learned_parameters(variance=1e-8)
-    model = ContactModel(find(law).at(0.1, 0.5), parameters=part)
-    spread = model.spread(drops, part.mean, part.variance)
-    assert_sampled(spread, sampled(model, drops, part), share=0.95, rtol=1e-3)
-
-
 def test_sure_parameters_of_a_rigid_law_leave_one_direction_sure(drops):
     """Two numbers move v_post in a plane: along M⁻¹Jᵀ, and the noise of τ alone is left across it."""
     part = learned_parameters()

@@ -179,7 +179,6 @@ def test_same_generator_same_regions():
     drops, prediction, _ = plant("location")
     first, again = (find_regions(drops, prediction, generator=seeded(3)) for _ in range(2))
     assert first == again
-    drops, prediction, _ = plant("location")
     twice = Prediction(prediction.v_post.expand(2, -1, -1), prediction.wrench.expand(2, -1, -1))
     expected, actual = (find_regions(drops, p, generator=seeded(0))[0] for p in (prediction, twice))
     assert actual == expected

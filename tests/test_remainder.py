@@ -80,8 +80,8 @@ def test_nothing_remains_where_nothing_is_hidden(seed):
 
 
 def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
-    name, drops, truth, fit, _ = unknown
-    component, symbols, _ = UNKNOWN[name]
+    name, drops, truth, fit, formulas = unknown
+    component, symbols, terms = UNKNOWN[name]
     learned = what_remains(drops, fit, inliers=fit.inliers)
     found, variables = learned.remainder, shares(learned.remainder)
     assert found.components == (component,)
@@ -90,13 +90,11 @@ def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
     assert found.share.low < found.share.mean < found.share.high
     assert set(variables) == symbols
     assert sum(variables.values()) == pytest.approx(1, abs=0.1)
-    best = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
-    floor = mass_error(drops, replace(fit.model.predict(drops), v_post=best)).mean()
+    possible = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
+    floor = mass_error(drops, replace(fit.model.predict(drops), v_post=possible)).mean()
     assert learned.error.nanmean() < 1.35 * floor
-    name, drops, truth, fit, found = unknown
-    component, _, terms = UNKNOWN[name]
-    assert 1 <= len(found) <= 2
-    best = found[0]
+    assert 1 <= len(formulas) <= 2
+    best = formulas[0]
     assert best.component == component
     assert len(best.terms) == 1
     assert set(best.terms) <= terms
@@ -105,11 +103,8 @@ def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
     if terms == set(best.terms):
         (value,) = truth["effects"][0]["parameters"].values()
         assert best.coefficients[0] == pytest.approx(value, rel=0.1)
-    best_possible = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)
-    floor = mass_error(drops, replace(fit.model.predict(drops), v_post=best_possible)).mean()
     before = mass_error(drops, fit.model.predict(drops)).mean()
     assert (1 - best.error_reduction) * before < FLOOR * floor
-    _, drops, _, fit, (best, *_) = unknown
     given = {}
     for override in OverridesParser.create().parse_overrides(list(best.overrides())):
         given[override.key_or_group] = override.value()

@@ -170,7 +170,6 @@ def test_numbers_of_a_real_sweep(sweep):
     assert '<th scope="row">data.size</th><td>80</td>' in shared
     assert results["provenance"]["data"]["sha256"] in text
     assert "cannot be compared" not in text
-    _, folder = sweep
     lines = {line["label"]: line for line in data_of(folder / "report.html")["curves"]}
     assert set(lines) == {"Wang–Mason", "Whittaker"}
     for place, law in ((place, law) for place in (0, 1) for law in ("wang_mason", "whittaker")):
@@ -215,7 +214,7 @@ def test_runs_are_compared_in_the_error_that_they_share(tmp_path):
 
 
 def test_every_command_has_its_numbers(mixed, capsys):
-    page, runs, _ = mixed
+    page, runs, skipped = mixed
     text = page.read_text()
     assert [one.name for one in runs][:3] == ["b9", "b10", "evaluation"]
     own = diagnosed()["diagnosis"]
@@ -237,11 +236,8 @@ def test_every_command_has_its_numbers(mixed, capsys):
         assert row(text, run_name)[column] == written(interval(error))
     for step in own["ladder"]:
         assert f'<td class="value">{written(step["error"])}</td>' in text
-    text = mixed[0].read_text()
     assert "on 2 different sets of data, so their errors cannot be compared" in text
     assert "cross-validated over all trials" in text
-    page, _, _ = mixed
-    text = page.read_text()
     assert "<script>window" not in text
     assert "<img" not in text
     assert html.escape("javascript:alert(1)/#<b>?%41") in text
@@ -254,7 +250,6 @@ def test_every_command_has_its_numbers(mixed, capsys):
     loads = re.findall(r"(?:src|action|data)\s*=\s*[\"']([^\"']*)", re.sub("<script.*?</script>", "", text, flags=re.S))
     assert not loads
     assert "default-src 'none'" in text
-    page, runs, skipped = mixed
     assert len(runs) == 5
     assert "is not JSON, or was cut off" in skipped["cut (diagnosis.json)"]
     assert "the run failed or was stopped" in skipped["failed"]

@@ -34,7 +34,7 @@ def mixed(tmp_path_factory):
 
 
 def test_rows_and_numbers_are_those_of_the_results(mixed):
-    folder, frame, _ = mixed
+    folder, frame, skipped = mixed
     assert list(frame[frame.run == "evaluate"].model) == list(evaluation().errors)
     assert (frame.groupby("run").own.sum() == 1).all()
     assert not frame.duplicated(["run", "model"]).any()
@@ -58,7 +58,6 @@ def test_rows_and_numbers_are_those_of_the_results(mixed):
     assert set(frame[frame.run == "diagnose"].model) == {"named", "law", "noise", "irb"}
     assert frame[frame.bound].model.isin(["irb", "best_post_hoc", "noise"]).all()
     # The law alone where there are effects; data that were refused have a row without a model.
-    _, frame, _ = mixed
     alone = frame[frame.law_alone].set_index("run")
     assert dict(alone.model) == {"b10": "mirtich", "diagnose": "law"}
     (refused,) = frame[frame.run == "refused"].to_dict("records")
@@ -67,13 +66,11 @@ def test_rows_and_numbers_are_those_of_the_results(mixed):
     assert set(frame[frame.run == "b9"]["setting_seed"]) == {7}
     assert frame["setting_seed"].dtype.kind == "f"
     # And names the same others with the same reasons.
-    folder, frame, skipped = mixed
     _, runs, left_out = write_runs([folder])
     assert [row.name for row in runs] == list(frame.run.drop_duplicates())
     errors = frame[frame.own].set_index("run").mass_error.dropna()
     assert {row.name: error.mean for row in runs if (error := row.error("mass_error"))} == errors.to_dict()
     assert dict(left_out) == skipped
-    _, frame, skipped = mixed
     assert skipped["failed"] == "failed: no luck"
     assert "was stopped before its end" in skipped["half"]
     assert frame.mass_error.min() > 0.001

@@ -39,22 +39,18 @@ def curves(drops):
 
 def test_a_curve_is_what_training_by_hand_gives(drops, curves):
     pool, test = drops
-    orders, fits, _, learned = curves
+    orders, fits, laws, learned = curves
     model = learn(RECIPES["residual"], pool, orders[:, :30], study.law_at(fits["whittaker"], 30))
     for name, metric in metrics.METRICS.items():
         torch.testing.assert_close(
             learned["residual"].errors[name][1], metric.error(test, model.predict(test)), rtol=EXACT, atol=EXACT
         )
-    pool, _ = drops
-    orders, fits, laws, _ = curves
     alone = identify(find("whittaker"), pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
     assert fits["whittaker"].mu[1, 0] == pytest.approx(alone.mu.item(), abs=1e-6)
     assert laws["whittaker"].errors["mass_error"].shape == (2, 3, 30)
     assert laws["whittaker"].density is None
-    pool, test = drops
-    orders, fits, _, alone = curves
     pair = study.learning_curves(RECIPES, pool, test, orders, (10, 30), bases(fits), work=study.Work(processes=2))
-    for name, curve in alone.items():
+    for name, curve in learned.items():
         assert pair[name].sizes == curve.sizes
         torch.testing.assert_close(pair[name].density.distance, curve.density.distance, rtol=1e-6, atol=1e-9)
 
@@ -112,7 +108,6 @@ def test_transfer_learns_the_correction(drops):
     assert (mean["the same", "prior"] < 1.3 * zero).all()
     assert (mean["the same", "scratch"] > 2 * zero).all()
     assert mean["disc", "prior"][1] < mean["disc", "zero_shot"][0]
-    pool, _ = drops
     with pytest.raises(DataError, match="disc: 40 trials were requested, but 30 are there"):
         study.transfer_curves(RECIPES["wrench"], pool, {"disc": (pool[:30], pool[30:])}, (4, 40), 1, torch.Generator())
 

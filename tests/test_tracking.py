@@ -219,7 +219,7 @@ def test_charts_of_all_runs_are_kept(tmp_path):
 
 
 def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
-    _, events = runs
+    folder, events = runs
     names = {name: list(values(found)) for name, found in events.items()}
     metrics = {
         name: [info.name.tag for info in hparams(found, "experiment").metric_infos] for name, found in events.items()
@@ -235,7 +235,6 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
         assert offered == [
             (i.name, str(i.domain_discrete)) for i in hparams(events["train"], "experiment").hparam_infos
         ]
-    folder, events = runs
     made = {name: values(found) for name, found in events.items()}
     missing = diagnosed(folder).diagnosis.effects
     assert missing
@@ -298,7 +297,6 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
         logged = [event.value for event in events["evaluate"].Scalars(f"curve_mass_error/{name}")]
         assert logged == torch.tensor(line, dtype=torch.float32).tolist()
     # Margin charts name tags that are there, with the mean inside; lines match something.
-    _, events = runs
     for name, found in events.items():
         tags, charts = found.Tags()["scalars"], [chart for part in layout(found).values() for chart in part.values()]
         assert next(iter(layout(found))) == HELD_OUT
@@ -314,7 +312,6 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     assert {"whittaker", "x1_wrench", "irb"} <= {
         title.partition(":")[0] for title in layout(events["evaluate"])[HELD_OUT]
     }
-    folder, events = runs
     titles = {name: [title for part in layout(found).values() for title in part] for name, found in events.items()}
     shown = merged(folder)
     assert {title for part in shown.values() for title in part} == {title for part in titles.values() for title in part}
@@ -327,7 +324,8 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
 
 def test_the_ladder_is_a_chart(runs, monkeypatch):
     folder, events = runs
-    found, events = diagnosed(folder).diagnosis, events["diagnose"]
+    result, events = diagnosed(folder), events["diagnose"]
+    found = result.diagnosis
     ladder = [rung.error.mean for rung in found.ladder]
     assert [event.value for event in events.Scalars("ladder/mass_error")] == torch.tensor(ladder).tolist()
     assert [event.step for event in events.Scalars("ladder/mass_error")] == list(range(len(ladder)))
@@ -337,9 +335,7 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     for name, level in steps.items():
         assert events.Scalars(f"mass_error/{name}")[0].value == torch.tensor(level).item()
     assert "figures/ladder" in events.Tags()["images"]
-    folder, events = runs
-    result = diagnosed(folder)
-    found, rows = result.diagnosis, card(events["diagnose"])
+    rows = card(events)
     assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
     assert dict(row[:2] for row in rows)["To use it"] == result.use
     steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
