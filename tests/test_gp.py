@@ -108,7 +108,7 @@ def test_evidence_agrees_with_autograd_on_any_shape(B, n, D, weighted, seed):
 def test_evidence_of_several_chunks_and_of_repeated_processes(weighted):
     x, y, weight = random_data(8, 100, 2, weighted)
     which = torch.tensor([7, 0, 0, 3, 7] * 6)
-    assert len(which) * y.shape[1] ** 2 > 2 * evidence_module._CHUNK
+    assert len(which) * y.shape[1] ** 2 > 2 * evidence_module.CHUNK
     assert_matches_reference(random_phi(len(which), 2), which, x, y, weight)
 
 
