@@ -14,6 +14,8 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
@@ -224,3 +226,37 @@ def test_best_post_hoc_and_the_bound_hold_for_laws():
 def test_a_patch_is_of_the_plane():
     with pytest.raises(ContactLearnError, match="a contact patch exists for bodies that move in a plane alone"):
         bounds.irb(SPATIAL, patch=0.01)
+
+
+def thrown(law, mu=0.2, eps=0.4, noise=0.0):
+    """Bodies in space that follow a law, with noise of the velocities after contact."""
+    outcome = ContactModel(base=find(law).at(mu, eps)).predict(TOSSED).v_post
+    errors = torch.randn(outcome.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    return TOSSED.replace(v_post=outcome + noise * errors * torch.tensor((1.0,) * 3 + (10.0,) * 3))
+
+
+@pytest.mark.parametrize("law", ["whittaker", "drumwright_shell", "wang_mason", "mirtich"])
+def test_coefficients_are_identified_in_space(law):
+    impacts = thrown(law, noise=0.01)
+    fit = identify_jointly(law, {}, impacts)
+    assert fit.converged
+    error = (fit.values - torch.tensor((0.2, 0.4))).abs()
+    assert (error < 4 * fit.standard_errors).all()
+    assert (fit.standard_errors < 0.02).all()
+    known = (0.01,) * 3 + (0.1,) * 3
+    again = identify_jointly(law, {}, impacts, options=FitOptions(noise=known, noise_before=(1e-4,) * 6, starts=2))
+    assert ((again.values - fit.values).abs() < 3 * fit.standard_errors).all()
+
+
+def test_identification_agrees_with_the_plane():
+    sizes = {"sizes": (60,), "repetitions": 2, "box": Box(nodes=16)}
+    plane, space = (identify("whittaker", one, **sizes) for one in (PLANAR, SPATIAL))
+    for name in ("mu", "eps", "cost"):
+        torch.testing.assert_close(getattr(space, name), getattr(plane, name), rtol=1e-6, atol=1e-9)
+
+
+def test_a_fit_refuses_what_does_not_exist_in_space():
+    with pytest.raises(ContactLearnError, match="law spring_dashpot .* exists for bodies that move in a plane alone"):
+        identify_jointly("spring_dashpot", {}, SPATIAL)
+    with pytest.raises(ContactLearnError, match="effect contact_patch exists for bodies that move in a plane alone"):
+        identify_jointly("whittaker", ["contact_patch"], SPATIAL)

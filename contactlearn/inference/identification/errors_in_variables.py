@@ -32,7 +32,7 @@ _STEPS = (1.0, 0.5, 0.25, 0.0)  # lengths of a latent state's step that are trie
 
 def solve(
     observed: JointProblem,
-    noise: Float[Tensor, "2 3"],
+    noise: Float[Tensor, "2 D"],
     starts: int,
     start: Tensor | None = None,
     tolerance: float = robust.TOLERANCE,
@@ -61,7 +61,7 @@ def solve(
     raise AssertionError("unreachable: the last round returns")
 
 
-def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 3"], theta: Tensor) -> JointProblem:
+def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 D"], theta: Tensor) -> JointProblem:
     """Return the problem about the latent states at parameters [B, K]; arguments as of `solve`."""
     problem = observed
     for _ in range(_ROUNDS):
@@ -84,7 +84,7 @@ def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, the
     moved = ((tried - seen) / noise[0]).nan_to_num(0.0)  # 0/0 where v_pre is exact
     apart = (moved.square() + (missed / noise[1]).square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
     latent = tried.gather(0, apart.argmin(0, keepdim=True).expand(1, *step.shape))[0]
-    eye = torch.eye(3).to(J).expand_as(J)
+    eye = torch.eye(J.shape[-1]).to(J).expand_as(J)
     return replace(
         observed,
         state=observed.state.replace(v_pre=latent),

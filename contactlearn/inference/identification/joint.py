@@ -24,6 +24,7 @@ from contactlearn.inference.identification.vanishing import Vanishing
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.apparatus import Estimate, KnownParameter
 from contactlearn.mechanics.impacts import Impacts, require_impacts
+from contactlearn.mechanics.space import require_space
 from contactlearn.models.contact_model import ContactModel
 
 
@@ -45,7 +46,6 @@ class FitThresholds:
 
 
 FIT_TARGETS = ("velocity", "wrench")
-_SCATTER = 6  # free numbers of a scatter matrix; twice as many residuals keep it from being singular
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class FitOptions:
     """Options of a joint fit.
 
     Raises:
-        DataError: noise that is not three positive numbers, or noise before impact alone.
+        DataError: noise that is not three (in space six) positive numbers, or noise before impact alone.
         UnknownNameError: no such target.
     """
 
@@ -61,13 +61,15 @@ class FitOptions:
     """Limits of μ and ε."""
     target: str = "velocity"
     """The compared quantity: `velocity` for v_post, or `wrench`."""
-    noise: tuple[float, float, float] | None = None
+    noise: tuple[float, ...] | None = None
     """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) after impact, known up to a common factor.
+
+    In space there are six, of the components of the velocity and of the spin.
 
     If None, it is that of the covariances of the impacts, see `with_noise_of`; where they have none, the residual is
     weighted by its own scatter, and v_pre is treated as exact.
     """
-    noise_before: tuple[float, float, float] | None = None
+    noise_before: tuple[float, ...] | None = None
     """Standard deviations before impact, in the units and up to the factor of `noise`; equal to `noise` if None.
 
     0 is an exact component; one that is the same in all trials is treated as exact.
@@ -84,7 +86,7 @@ class FitOptions:
     def __post_init__(self):
         for name, sign, least in (("noise", "positive", 5e-324), ("noise_before", "non-negative", 0.0)):
             sigma = getattr(self, name)
-            if sigma is not None and (len(sigma) != 3 or not all(is_number(x) and x >= least for x in sigma)):
+            if sigma is not None and (len(sigma) not in (3, 6) or not all(is_number(x) and x >= least for x in sigma)):
                 raise DataError(
                     f"{name} must be three {sign} standard deviations, of v_x, v_y in m/s and ω in rad/s; got {sigma}"
                 )
@@ -117,7 +119,7 @@ class JointFit:
     parameters: tuple[Parameter, ...] = field(repr=False)
     values: Tensor = field(repr=False)
     covariance: Tensor = field(repr=False)  # nan, as the effective trials, where the options leave it out
-    scatter: Tensor = field(repr=False)  # robust covariance [..., 3, 3] of residuals: target's units², or white
+    scatter: Tensor = field(repr=False)  # robust covariance [..., D, D] of residuals: target's units², or white
     weight: Tensor = field(repr=False)  # [..., n] of the trials, near 0 for gross outliers and 1 for ordinary ones
     effective_trials: Tensor = field(repr=False)  # [..., K] effective number of trials that inform each parameter
     loss: Tensor  # [...] the minimum of the loss, nats a trial
@@ -226,13 +228,19 @@ def identify_jointly(
         start: values [..., K] to begin at instead of a search.
 
     Raises:
-        DataError: fewer trials than K parameters need, (K + 12) // 3 + 1; or an effect needs a shape, which is unknown.
+        DataError: fewer trials than K parameters need, (K + D (D + 1)) // D + 1; or an effect needs an unknown shape.
+        ContactLearnError: law or effects do not exist in space.
     """
     require_impacts(impacts)
-    law, effects = named(law), {name: effect.prepare(impacts) for name, effect in named_effects(effects).items()}
+    law, effects = named(law), named_effects(effects)
+    require_space(f"law {law.name} ({law.variant})", impacts.space, law.spaces)
+    for name, effect in effects.items():
+        require_space(f"effect {name}", impacts.space, effect.spaces)
+    effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
     rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
     parameters = named_parameters(effects, options.box, impacts)
-    least = (len(parameters) + 2 * _SCATTER) // 3 + 1
+    D = impacts.space.D  # a scatter matrix has D (D + 1)/2 numbers; twice as many residuals keep it from being singular
+    least = (len(parameters) + D * (D + 1)) // D + 1
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
@@ -257,7 +265,7 @@ def identify_jointly(
 
 
 class Linearisation(NamedTuple):
-    """A residual [n, 3] and its derivative [n, 3, K] about given parameters, both whitened, and weights [n]."""
+    """A residual [n, D] and its derivative [n, D, K] about given parameters, both whitened, and weights [n]."""
 
     residual: Tensor
     slope: Tensor
@@ -335,7 +343,7 @@ def _observed(
     parameters: tuple[Parameter, ...],
     options: FitOptions,
 ) -> tuple[JointProblem, Tensor | None]:
-    """Return the problem of rows [B, n] at measured v_pre, and the noise [2, 3] before and after if v_pre has one."""
+    """Return the problem of rows [B, n] at measured v_pre, and the noise [2, D] before and after if v_pre has one."""
     options = options.with_noise_of(impacts)
     deviations = partial(torch.tensor, dtype=torch.float64, device=impacts.mass.device)
     after = None if options.noise is None else deviations(options.noise)
@@ -347,7 +355,6 @@ def _observed(
     return problem, torch.stack((before, after)) if before.any() else None
 
 
-def _deviations(covariance: Tensor) -> tuple[float, float, float]:
-    """Root of the mean variances of covariances [N, 3, 3]."""
-    x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).mean(0).sqrt().tolist()
-    return x, y, spin
+def _deviations(covariance: Tensor) -> tuple[float, ...]:
+    """Root of the mean variances of covariances [N, D, D]."""
+    return tuple(covariance.diagonal(dim1=-2, dim2=-1).mean(0).sqrt().tolist())

@@ -2,7 +2,7 @@
 
     e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
 
-Derivatives are exact: each trial has its own copy of the parameters and of the state, so that three backward passes,
+Derivatives are exact: each trial has its own copy of the parameters and of the state, so that D backward passes,
 one a component, give the derivatives of all trials.
 
 `suited` scales plausible ranges.  Effects declare them for bodies of some centimetres and grams at a few m/s; those of
@@ -30,7 +30,7 @@ def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect
 
 @dataclass(frozen=True)
 class JointProblem:
-    """B problems of n trials: the measured target [B, n, 3], and the inverse square root of its covariance where known.
+    """B problems of n trials: the measured target [B, n, D], and the inverse square root of its covariance where known.
 
     The model predicts the target from the `state` before impact.
     """
@@ -66,11 +66,11 @@ class JointProblem:
             rows: of the impacts.
             parameters: of the fit.
             target: `velocity` or `wrench`; where the noise is known the velocity is compared in either case.
-            noise: standard deviations [3] of the measured v_post.
+            noise: standard deviations [D] of the measured v_post.
         """
         whitening = None
         if noise is not None:
-            target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, 3, 3)
+            target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, *[len(noise)] * 2)
         device = impacts.mass.device
         measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
         limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64, device=device)
@@ -97,12 +97,12 @@ class JointProblem:
         return self[:, ::step]
 
     def residual(self, theta: Tensor) -> Tensor:
-        """Residual, whitened by the known noise, [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        """Residual, whitened by the known noise, [..., B, n, D] at parameters [..., B, n or 1, K]."""
         residual = self.measured - self._outcome(self.state, theta)
         return residual if self.whitening is None else (self.whitening @ residual[..., None])[..., 0]
 
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        """Residual [B, n, D], and its derivative [B, n, D, K], at parameters [B, K]."""
         own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
         own = [part.clone().requires_grad_() for part in own.unbind(-1)]
         with torch.enable_grad():
@@ -111,7 +111,7 @@ class JointProblem:
         return residual.detach(), slope
 
     def over_state(self, v_pre: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """Outcome [B, n, 3], and its derivative [B, n, 3, 3] in v_pre, at v_pre [B, n, 3] and parameters [B, K]."""
+        """Outcome [B, n, D], and its derivative [B, n, D, D] in v_pre, at v_pre [B, n, D] and parameters [B, K]."""
         own = [part.clone().requires_grad_() for part in v_pre.unbind(-1)]
         with torch.enable_grad():
             outcome = self.outcome(torch.stack(own, -1), theta[:, None])
@@ -119,7 +119,7 @@ class JointProblem:
         return outcome.detach(), slope
 
     def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
-        """Outcome [..., B, n, 3] as the target, from v_pre [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        """Outcome [..., B, n, D] as the target, from v_pre [..., B, n, D] at parameters [..., B, n or 1, K]."""
         return self._outcome(self.state.replace(v_pre=v_pre), theta)
 
     def _outcome(self, state: State, theta: Tensor) -> Tensor:

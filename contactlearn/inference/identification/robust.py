@@ -1,8 +1,8 @@
-"""Robust regression of three components a trial with Student's t distribution, many problems at once.
+"""Robust regression of D components a trial with Student's t distribution, many problems at once.
 
-    minimise over θ, Σ:   Σ_k ½ (ν + 3) log(1 + d_k²/ν) + N/2 log |Σ|,      d_k² = e_k(θ)ᵀ Σ⁻¹ e_k(θ)
+    minimise over θ, Σ:   Σ_k ½ (ν + D) log(1 + d_k²/ν) + N/2 log |Σ|,      d_k² = e_k(θ)ᵀ Σ⁻¹ e_k(θ)
 
-With ν = 5 gross outliers have little weight.  The scatter Σ weights the three components by the covariance of their
+With ν = 5 gross outliers have little weight.  The scatter Σ weights the components by the covariance of their
 residuals; where the noise is known, e_k is whitened by it and Σ is s² times the identity.
 
 Levenberg–Marquardt steps in θ within the bounds alternate with expectation–maximisation steps in Σ.  Near the minimum
@@ -66,11 +66,11 @@ class Problem(Protocol):
         ...
 
     def residual(self, theta: Tensor) -> Tensor:
-        """Residual [..., B, n, 3] at parameters [..., B, n or 1, K]."""
+        """Residual [..., B, n, D] at parameters [..., B, n or 1, K]."""
         ...
 
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """Residual [B, n, 3], and its derivative [B, n, 3, K], at parameters [B, K]."""
+        """Residual [B, n, D], and its derivative [B, n, D, K], at parameters [B, K]."""
         ...
 
 
@@ -80,8 +80,8 @@ def _distance(residual: Tensor, scatter: Tensor) -> Tensor:
     return white.square().sum(-2)
 
 
-def _weight(distance: Tensor) -> Tensor:
-    return (_NU + 3) / (_NU + distance)
+def _weight(distance: Tensor, components: int) -> Tensor:
+    return (_NU + components) / (_NU + distance)
 
 
 def _loss(residual: Tensor, scatter: Tensor) -> Tensor:
@@ -97,7 +97,7 @@ def search(
     """Minimise the loss from several starts, or from the one that is given.
 
     Returns:
-        θ [B, K], Σ [B, 3, 3] and loss [B] of the best start, the share [B] of the starts followed to the end that
+        θ [B, K], Σ [B, D, D] and loss [B] of the best start, the share [B] of the starts followed to the end that
         reached this loss, and whether the best one converged [B].
     """
     B = len(problem)
@@ -129,7 +129,7 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     nodes = nodes.to(low)
     grid = torch.cartesian_prod(*(low[:2, None] + nodes * (high - low)[:2, None]))
     theta = torch.cat((grid, start[2:].expand(len(grid), -1)), -1)
-    residual = few.residual(theta[:, None, None, :])  # [G, B, n, 3]
+    residual = few.residual(theta[:, None, None, :])  # [G, B, n, D]
     cost = (
         (residual / residual.abs().median(0).values.median(-2, keepdim=True).values.clamp_min(1e-12))
         .norm(dim=-1)
@@ -197,7 +197,8 @@ def _steps(
     """
     width = problem.high - problem.low
     gradient, curvature, _, each = _normal(residual, slope * width, scatter)
-    newton = _observed(curvature, each, _weight(_distance(residual, scatter)))
+    components = residual.shape[-1]
+    newton = _observed(curvature, each, _weight(_distance(residual, scatter), components), components)
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
     curvature = torch.stack((newton, curvature, curvature)).masked_fill(held[:, :, None] | held[:, None, :], 0.0)
     dampings = (_DAMPING.to(damping)[:, None] * damping)[..., None] * curvature.diagonal(dim1=-2, dim2=-1)
@@ -207,9 +208,9 @@ def _steps(
     return width * step, -0.5 * (gradient * step[0]).sum(-1)
 
 
-def _observed(curvature: Tensor, each: Tensor, weight: Tensor) -> Tensor:
+def _observed(curvature: Tensor, each: Tensor, weight: Tensor, components: int) -> Tensor:
     """Curvature [B, K, K] with what the weights change, or the Gauss–Newton one where that is not positive definite."""
-    flat = each * (2 * weight.square() / (_NU + 3))[..., None]
+    flat = each * (2 * weight.square() / (_NU + components))[..., None]
     observed = curvature - each.mT @ flat / each.shape[1]
     factor, failed = torch.linalg.cholesky_ex(observed - 1e-3 * curvature)
     definite = (failed == 0) & factor.isfinite().all(-1).all(-1)
@@ -217,16 +218,16 @@ def _observed(curvature: Tensor, each: Tensor, weight: Tensor) -> Tensor:
 
 
 def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Whiten residual [B, n, 3] and slope [B, n, 3, K] by the scatter [B, 3, 3]; return the weights [B, n] as well."""
+    """Whiten residual [B, n, D] and slope [B, n, D, K] by the scatter [B, D, D]; return the weights [B, n] as well."""
     factor = torch.linalg.cholesky(scatter)[:, None]
     residual = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
     slope = torch.linalg.solve_triangular(factor, slope, upper=False)
-    return residual, slope, _weight(residual.square().sum(-1))
+    return residual, slope, _weight(residual.square().sum(-1), residual.shape[-1])
 
 
 def robust_distance(residual: Tensor, scatter: Tensor) -> Tensor:
-    """Compute a trial's term of the loss for a given scatter, ½ (ν + 3) log(1 + d²/ν) [..., n] in nats."""
-    return (0.5 * (_NU + 3)) * torch.log1p(_distance(residual, scatter) / _NU)
+    """Compute a trial's term of the loss for a given scatter, ½ (ν + D) log(1 + d²/ν) [..., n] in nats."""
+    return (0.5 * (_NU + residual.shape[-1])) * torch.log1p(_distance(residual, scatter) / _NU)
 
 
 def _normal(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, ...]:
@@ -262,20 +263,21 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     width = problem.high - problem.low
     slope = slope * width  # parameters in units of their ranges from here on
     residual, slope = (x.nan_to_num(0.0, 0.0, 0.0) for x in (residual, slope))  # then the loss is infinite
-    distance, n, K = _distance(residual, scatter), residual.shape[1], theta.shape[-1]
+    distance, (n, D), K = _distance(residual, scatter), residual.shape[1:], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
-    weight = _weight(distance)
-    (values, vectors), (stretch, turn) = (torch.linalg.eigh(A) for A in (_observed(curvature, each, weight), curvature))
+    weight = _weight(distance, D)
+    observed = _observed(curvature, each, weight, D)
+    (values, vectors), (stretch, turn) = (torch.linalg.eigh(A) for A in (observed, curvature))
     # A parameter that nothing depends on gets a standard error of a hundred times its range.
     information, plain = (n * x.clamp_min(0) + 1e-4 for x in (values, stretch))
     inverse = (vectors / information[:, None]) @ vectors.mT
-    leverage = torch.einsum("bnik,bkl,bnil->bn", slope, inverse, slope) * weight / 3
+    leverage = torch.einsum("bnik,bkl,bnil->bn", slope, inverse, slope) * weight / D
     scores = (weight / (1 - leverage.clamp(0, 0.9)))[..., None] * each
     sandwich = inverse @ (scores.mT @ scores) @ inverse
-    spread = (weight.square() * distance).sum(-1) / 3 / weight.sum(-1)  # weighted variance of the whitened residual
+    spread = (weight.square() * distance).sum(-1) / D / weight.sum(-1)  # weighted variance of the whitened residual
     spread = spread.clamp_min(1e-30)  # exact data have none
-    free = 3 * n - K - 6  # degrees of freedom: residuals less the parameters and the scatter
-    small = 3 * n / max(free, 1)
+    free = D * n - K - D * (D + 1) // 2  # degrees of freedom: residuals less the parameters and the scatter
+    small = D * n / max(free, 1)
     # The larger variance in every direction.
     scale = (spread[:, None] / plain).sqrt()  # standard errors by the curvature, along its axes
     along = turn.mT @ sandwich @ turn / (scale[:, :, None] * scale[:, None, :])
@@ -289,12 +291,14 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
 
 
 def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:
-    """Update the scatter [..., B, 3, 3] by steps of expectation–maximisation."""
+    """Update the scatter [..., B, D, D] by steps of expectation–maximisation."""
     for _ in range(steps):
-        weighted = _weight(_distance(residual, scatter))[..., None] * residual
+        weighted = _weight(_distance(residual, scatter), residual.shape[-1])[..., None] * residual
         scatter = (residual.mT @ weighted) / residual.shape[-2]
         if problem.scaled:
-            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(3).to(residual)
+            scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(residual.shape[-1]).to(
+                residual
+            )
         # A component that is fitted exactly keeps a little scatter, so that nothing is divided by 0.
         scatter = scatter + 1e-12 * torch.diag_embed(residual.square().mean(-2) + 1e-12)
     return scatter

@@ -179,8 +179,9 @@ def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: st
 
 
 def _length(x: Tensor) -> Tensor:
-    """‖x‖₂ over a last axis of 2; a reduction over so short an axis takes several times as long."""
-    return (x[..., 0] ** 2 + x[..., 1] ** 2).sqrt()
+    """‖x‖₂ over a last axis of 2 or 3; a reduction over so short an axis takes several times as long."""
+    first, *others = x.unbind(-1)
+    return sum((part**2 for part in others), first**2).sqrt()
 
 
 def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str = "momentum") -> Tensor:
