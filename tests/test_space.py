@@ -256,7 +256,7 @@ def test_identification_agrees_with_the_plane():
 
 
 def test_a_fit_refuses_what_does_not_exist_in_space():
-    with pytest.raises(ContactLearnError, match="law spring_dashpot .* exists for bodies that move in a plane alone"):
+    with pytest.raises(ContactLearnError, match=r"law spring_dashpot .* exists for bodies that move in a plane alone"):
         identify_jointly("spring_dashpot", {}, SPATIAL)
     with pytest.raises(ContactLearnError, match="effect contact_patch exists for bodies that move in a plane alone"):
         identify_jointly("whittaker", ["contact_patch"], SPATIAL)
