@@ -18,6 +18,7 @@ coefficient does, the measurement drifts (`drift`), and no serial dependence is 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -25,6 +26,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Coefficient, LaggedVariable, SerialDependence
 from contactlearn.diagnosis.sign_flips import (
     exceedance,
@@ -255,13 +257,17 @@ def _best(
     model: VaryingCoefficientModel, stretch: slice, found: Sequence[Association]
 ) -> tuple[Coefficient | None, Association, Interval, float] | None:
     """Fit every association and return the best; None if none helps, or if velocities that drift predict more."""
-    drift = model.velocities(_inputs(replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0)))[stretch])
+    order = replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0), coefficient=None)
+    asked = {(one.coefficient, one.memory): one for whole in found for one in (whole, replace(whole, coefficient=None))}
+    asked = {key: one for key, one in asked.items() if one.coefficient or one.variable is not LaggedVariable.ORDER}
+    calls = [partial(model.dependent, one.coefficient, _inputs(one)[stretch]) for one in (order, *asked.values())]
+    drift, *others = side_by_side(calls)
+    fits = dict(zip(asked, others, strict=True))
     tried: list[tuple[Coefficient | None, Association, VaryingCoefficientFit]] = []
     for one in found:
-        x = _inputs(one)[stretch]
-        alike = drift if one.variable is LaggedVariable.ORDER else model.velocities(x)
+        alike = fits.get((None, one.memory), drift)
         if one.coefficient is not None:
-            own = model.coefficient(one.coefficient, x)
+            own = fits[one.coefficient, one.memory]
             if own.share.mean >= alike.share.mean:
                 tried.append((one.coefficient, one, own))
                 continue

@@ -255,8 +255,7 @@ def _fit_coefficient(
     inputs: Mapping[str, Tensor],
 ) -> VaryingCoefficientFit:
     """Let a coefficient, or the velocities, depend on variables."""
-    x = torch.cat([order * inputs[name] for name, order in orders.items()], -1)
-    return model.velocities(x) if coefficient is None else model.coefficient(coefficient, x)
+    return model.dependent(coefficient, torch.cat([order * inputs[name] for name, order in orders.items()], -1))
 
 
 def _same_dependence(

@@ -73,6 +73,10 @@ class VaryingCoefficientModel:
         folds = Folds.draw(len(slope), torch.Generator().manual_seed(0), repeats=1)
         return cls(ordered[rows], fit, folds, delta, information, fit.inliers[scores.rows][rows])
 
+    def dependent(self, which: Coefficient | None, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
+        """Let a coefficient, or the velocities, depend on the inputs."""
+        return self.velocities(x) if which is None else self.coefficient(which, x)
+
     def coefficient(self, which: Coefficient, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let a coefficient depend on the inputs."""
         k, law = tuple(Coefficient).index(which), self.fit.model.law
