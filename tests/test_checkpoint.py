@@ -11,6 +11,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+import refusals
 import torch
 from torch import Tensor
 
@@ -167,10 +168,8 @@ def test_what_cannot_be_saved_is_refused(tmp_path):
 
 
 def refused(path: Path, *fragments: str) -> None:
-    with pytest.raises(DataError) as caught:
+    with refusals.refused((str(path), *fragments)):
         checkpoint.load(path)
-    for fragment in (str(path), *fragments):
-        assert fragment in str(caught.value)
 
 
 class Bomb:

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from refusals import refused
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
@@ -67,10 +68,8 @@ def test_they_are_indexed_replaced_and_part_of_the_fingerprint():
     ids=["size", "one for all", "halves differ", "nan", "negative", "indefinite", "no variance"],
 )  # fmt: skip
 def test_what_is_no_covariance_is_refused(change, fragments):
-    with pytest.raises(DataError) as caught:
+    with refused(fragments):
         drops(v_pre_cov=change(covariances(30)))
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

@@ -8,6 +8,7 @@ import matplotlib.path
 import numpy as np
 import pytest
 import torch
+from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -61,10 +62,8 @@ BAD = {
 
 @pytest.mark.parametrize(("changes", "fragments"), BAD.values(), ids=BAD)
 def test_impacts_refuse(changes, fragments):
-    with pytest.raises(DataError) as caught:
+    with refused(fragments):
         make(source="drops.csv", **changes)
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 def test_names_default_to_the_row_and_body():
@@ -292,7 +291,5 @@ BAD_SHAPES = {
 
 @pytest.mark.parametrize(("spec", "fragments"), BAD_SHAPES.values(), ids=BAD_SHAPES)
 def test_make_shape_refuses(spec, fragments):
-    with pytest.raises(ContactLearnError) as caught:
+    with refused(fragments, ContactLearnError):
         make_shape(spec)
-    for fragment in fragments:
-        assert fragment in str(caught.value)

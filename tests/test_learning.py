@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import pytest
 import torch
+from refusals import refused
 from repetitions import crossed
 from scipy.stats import chi2
 from torch import Tensor
@@ -440,10 +441,8 @@ REFUSED = {
 
 @pytest.mark.parametrize(("arguments", "kind", "fragments"), REFUSED.values(), ids=REFUSED)
 def test_refused(arguments, kind, fragments):
-    with pytest.raises(kind) as caught:
+    with refused(fragments, kind):
         Recipe(*arguments)
-    for fragment in fragments:
-        assert fragment in str(caught.value)
 
 
 def test_an_unknown_impulse_is_named(pool):
