@@ -507,3 +507,16 @@ def test_the_noise_on_new_points_is_not_weighted():
     latent = gps(new)
     measured = gps.likelihood(latent)
     assert torch.allclose(measured.variance - latent.variance, gps.likelihood.noise.expand(2, 1, 5))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_function_that_varies_fast_along_one_of_many_inputs_is_found_in_folds(seed):
+    """Starts of equal lengths end at noise: among nine inputs no neighbours are near enough."""
+    generator = torch.Generator().manual_seed(seed)
+    x = torch.randn(200, 9, generator=generator, dtype=torch.float64)
+    noise = 0.1 * torch.randn(200, generator=generator, dtype=torch.float64)
+    y = (7 * x[:, 0]).sin().sign() * (1 + 0.3 * x[:, 1]) + noise
+    gps = ExactGPs(x[None, :160], y[None, None, :160])
+    gps.fit_folds()
+    left = y[160:] - gps.mean()(x[None, 160:])[0, 0]
+    assert left.square().mean() < 0.5 * y[160:].square().mean()

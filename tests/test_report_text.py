@@ -387,9 +387,13 @@ def test_forms_and_laws_that_do_as_well_have_shares_among_each_other(found):
     seen, laws = replace(TILT, form="seen"), [one.name for one in found.laws]
     halves = "surface tilt (computed) (75 %) or surface tilt (seen) (25 %)"
     assert listed((laws[0], (TILT,), 0.6), (laws[0], (seen,), 0.2), (laws[0], (), 0.2)) == [halves]
-    assert listed(*((law, (TILT,), 1 / len(laws)) for law in laws)) == ["the laws, which all agree on these data"]
-    (others,) = listed(*((law, (TILT,), 0.2) for law in laws[1:]))
-    assert others.count("(20 %)") == 5 == len(laws) - 1
+    assert listed(*((law, (TILT,), 1 / len(laws)) for law in laws)) == ["the laws, which agree on these data"]
+    apart = ["the laws but for Drumwright–Shell, which agree on these data"]
+    assert listed(*((law, (TILT,), 0.2) for law in laws if law != "drumwright_shell")) == apart
+    (four,) = listed(*((law, (TILT,), 0.25) for law in laws[2:]))
+    assert four.count("(25 %)") == 4 == len(laws) - 2
+    (unlike,) = listed(*((law, (TILT,), share) for law, share in zip(laws, (0.5, *[0.1] * 5), strict=True)))
+    assert unlike.count("(10 %)") == 5
     assert listed((laws[0], (TILT,), 1.0)) == []
 
 

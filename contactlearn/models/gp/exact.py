@@ -45,6 +45,7 @@ from contactlearn.models.gp.training import losses, optimise
 from contactlearn.models.process_options import ITERATIONS, STARTS, ProcessOptions
 
 _PARTS = 4  # of the processes, that cores share
+_SHORT, _LONG = 0.2, 20.0  # lengths of a function of one input, of standardised inputs
 _SEARCHED = 200  # points of a fold on which the hyperparameters of all are searched for
 
 
@@ -75,11 +76,15 @@ class ExactGPs(GaussianProcesses):
             and "_target_" not in (self.options.optimiser or {})
         )
 
-    def fit(self, like: GaussianProcesses | None = None, *, on_round: OnRound | None = None) -> Fit:
+    def fit(
+        self, like: GaussianProcesses | None = None, *, along_one: bool = False, on_round: OnRound | None = None
+    ) -> Fit:
         """Find the hyperparameters of all processes: the best of several optima each.
 
         Args:
             like: begin where this one ended instead, once.
+            along_one: begin also with the likeliest function of one input that varies fast, which starts of equal
+                lengths miss among many inputs; of the default modules alone.
             on_round: see `OnRound`.
         """
         if not self.has_closed_form:
@@ -97,7 +102,8 @@ class ExactGPs(GaussianProcesses):
             starts = like.hyperparameters().expand(*y.shape[:-1], -1).flatten(0, -2).log()
         prior = log_prior(D).to(y) if self.options.prior else None
         report = None if on_round is None else lambda now: on_round(self._take(now))
-        search = partial(_ends, bounds=bounds, prior=prior, most=optimiser.get("iterations", ITERATIONS), report=report)
+        most = optimiser.get("iterations", ITERATIONS)
+        search = partial(_ends, bounds=bounds, prior=prior, most=most, along_one=along_one, report=report)
         size = B if report else max(-(-B // _PARTS), CHUNK // x.shape[-2] ** 2)
         calls = [
             partial(search, flat_x[some], flat_y[some], None if flat_weight is None else flat_weight[some], begin)
@@ -112,7 +118,7 @@ class ExactGPs(GaussianProcesses):
         """
         x, y, weight, *_ = self.data(slice(_SEARCHED))
         first = ExactGPs(x[:1], y[:1], None if weight is None else weight[:1], self.options)
-        first.fit()
+        first.fit(along_one=True)
         self.fit(first)
 
     def _take(self, ends: Minimum) -> Fit:
@@ -179,6 +185,7 @@ def _ends(
     bounds: Float[Tensor, "p 2"],
     prior: Float[Tensor, "2 p"] | None,
     most: int,
+    along_one: bool,
     report: Callable[[Minimum], None] | None,
 ) -> Minimum:
     """Ends of the search from each start, as axes [s, b]; histories are [rounds, s, b]."""
@@ -189,6 +196,13 @@ def _ends(
         return likelihood if prior is None else _with_prior(likelihood, phi, prior, x.shape[-2])
 
     with _blas().limit(limits=1):  # matrices this small gain nothing from threads, which spin against each other
+        if along_one:
+            D = x.shape[-1]
+            begin = torch.tensor([_LONG] * D + [1.0, FIRST_NOISE]).to(starts).log().repeat(D, b, 1)
+            begin[range(D), :, range(D)] = math.log(_SHORT)
+            value, *_ = objective(begin.flatten(0, 1), torch.arange(D * b), False)
+            best = value.view(D, b).nan_to_num(torch.inf).argmin(0)
+            starts = torch.cat((starts, begin[best, range(b)][None]))
         ends = minimise(
             objective, starts.flatten(0, 1), *bounds.T, tolerance=TOLERANCE, evaluations=most, starts=len(starts),
             on_round=report,

@@ -44,7 +44,7 @@ from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
 
 _MOST_MODELS = 5  # in the list of plausible models
-_MOST_LISTED = 4  # parameters of an effect without words
+_MOST_LISTED = 4  # parameters of an effect without words, and laws with their shares where these are alike
 _LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
 _LEAST_BELIEF = 0.05  # in another law or form, from which on it is undecided
 
@@ -128,9 +128,10 @@ def undecided(found: Diagnosis) -> list[str]:
         shares = {one: share / sum(belief.values()) for one, share in belief.items()}
         likely = sorted((one for one in shares if shares[one] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
-    compared = {one.name for one in found.laws}
-    laws_agree = len(compared) > 2 and min(beliefs["law"].get(one, 0.0) for one in compared) >= 0.5 / len(compared)
-    return phrases("undecided", found, listed, laws_agree)
+    laws = listed[-1] if listed and found.law in listed[-1] else {}
+    apart = [one.name for one in found.laws if one.name not in laws]
+    agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
+    return phrases("undecided", found, listed, apart if agree and len(apart) < len(laws) / 2 else None)
 
 
 def confidence(missing: MissingEffect) -> str:
