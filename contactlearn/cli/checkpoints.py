@@ -91,7 +91,8 @@ def load_model(path: str) -> TrainedModel:
         DataError: see `checkpoint.load`.
     """
     files = _files(Path(path))
-    files = [file for file in files if file == Path(path) / "model.pt"] or files  # beside the law of a diagnosis
+    if [file.name for file in files] == ["base.pt", "model.pt"]:  # of a diagnosis: its law alone, and what it chose
+        files = files[1:]
     if len(files) > 1:
         raise ContactLearnError(
             f"{path} holds {len(files)} models ({files[0]} …); name one, or sweep: -m checkpoint=A,B"
