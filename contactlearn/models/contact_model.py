@@ -281,11 +281,7 @@ def resolve(
     ordered = sorted(effects.values(), key=lambda effect: effect.last)
     at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
     state = actual_state(effects, measured)
-    mu, eps = (torch.as_tensor(x, dtype=torch.float64, device=measured.mass.device) for x in (mu, eps))
-    for effect in at["law"]:
-        mu, eps = effect.law(state, mu, eps)
-    if at["law"]:
-        mu, eps = _clamped(mu, eps)
+    mu, eps = actual_coefficients(effects, state, mu, eps)
     state = state.replace(mu=mu, eps=eps)
     P = law.at(mu, eps).impulse(state.W, state.approach)
     wrench = pad(P, (0, measured.space.D - measured.space.d))
@@ -308,6 +304,17 @@ def actual_state(effects: Mapping[str, Effect], measured: State) -> State:
         if effect.place == "state":
             measured = effect.state(measured)
     return measured
+
+
+def actual_coefficients(
+    effects: Mapping[str, Effect], state: State, mu: Tensor | float, eps: Tensor | float
+) -> tuple[Tensor, Tensor]:
+    """Return (μ, ε) of each impact according to the effects of the place `law`, from those of the law."""
+    mu, eps = (torch.as_tensor(x, dtype=torch.float64, device=state.mass.device) for x in (mu, eps))
+    acting = [effect for effect in sorted(effects.values(), key=lambda effect: effect.last) if effect.place == "law"]
+    for effect in acting:
+        mu, eps = effect.law(state, mu, eps)
+    return _clamped(mu, eps) if acting else (mu, eps)
 
 
 def predict_with(

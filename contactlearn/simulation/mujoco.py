@@ -9,16 +9,10 @@ v_pre is the velocity at first touch and v_post that at separation, with gravity
 Left out and drawn again: approaches that the measurement would not show as such, second contacts
 until the sample, a box that changes corners or lands on a side, and contacts that do not end.
 
-**The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
-spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
-ε = exp(−2β / tan β), the same for all poses and speeds but for the coupling with friction.  A soft
-constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's
-default impedance, 0.9 and above, would add to the normal force where there is slip.
+The contact is the spring and dashpot of `contactlearn.models.export.mujoco`.
 
 **Hidden effects**, each off at 0, act in the simulation and are not reported: the impacts are those that a laboratory
 would report, on a flat floor, of a uniform body, with the velocity of its geometric centre.
-
-Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
 """
 
 import math
@@ -34,39 +28,11 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError, install_hint
 from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity, rotate
+from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity, rotate
 from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
+from contactlearn.models.export.mujoco import STEPS, Scene
 
 KINDS = ("ellipse", "box")
-GRAVITY = 9.81  # m/s²
-STEPS = 100  # in one contact time
-
-# y points away from the reader, who sees x to the right and z up, so counter-clockwise is about −y.
-MODEL = """
-<mujoco>
-  <option timestep="{step}" gravity="0 0 {gravity}" cone="elliptic" impratio="1e5" tolerance="0" iterations="20">
-    <flag diagexact="enable"/>
-  </option>
-  <asset>{asset}</asset>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1" quat="{quat}"/>
-    <body>
-      <joint type="slide" axis="1 0 0" damping="{drag}"/>
-      <joint type="slide" axis="0 0 1" damping="{drag}"/>
-      <joint type="hinge" axis="0 -1 0" damping="{spin_drag}"/>
-      <inertial pos="{com}" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>
-      <geom name="body" {geom}/>
-    </body>
-  </worldbody>
-  <contact>
-    <pair geom1="floor" geom2="body" condim="3" friction="{mu} {mu} 0 0 0" solimp="{soft} {soft} 1"
-          solref="{spring}" solreffriction="{grip}"/>
-  </contact>
-  <sensor><contact geom1="floor" geom2="body" data="found"/></sensor>
-</mujoco>
-"""
-SOFT = 0.005  # impedance of the constraint; what slip adds to the normal force is in proportion to it
-GRIP = 50  # times that slip would decay by a factor e in one contact time, if friction could
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,42 +108,18 @@ class Bench:
 
     def spec(self) -> str:
         """The experiment in MuJoCo's own language."""
-        a, b = self.body.outline()[:, 0].max().item(), self.body.outline()[:, 1].max().item()
-        spring, grip = _solref(self.eps, self.contact_time), (1.0, SOFT * GRIP / self.contact_time)
-        # A box is a double pyramid with its rectangle in the middle: a corner touches at one point, not two.
-        corners = " ".join(f"{x} 0 {z}" for x, z in ((a, b), (-a, b), (-a, -b), (a, -b)))
-        ellipse = isinstance(self.body, Ellipse)
-        inertia = self.nominal_inertia * math.exp(self.hidden.inertia_error)
-        return MODEL.format(
-            step=self.contact_time / STEPS,
-            gravity=-GRAVITY,
-            quat=f"{math.cos(self.hidden.tilt / 2)} 0 {-math.sin(self.hidden.tilt / 2)} 0",
-            asset="" if ellipse else f'<mesh name="box" vertex="{corners} 0 {b} 0 0 {-b} 0"/>',
-            geom=f'type="ellipsoid" size="{a} {b} {b}"' if ellipse else 'type="mesh" mesh="box"',
-            com=f"{self.hidden.com_offset[0]} 0 {self.hidden.com_offset[1]}",
+        hidden = self.hidden
+        return Scene(
+            shape=self.body,
             mass=self.mass,
-            inertia=inertia,
-            drag=self.hidden.damping * self.mass,
-            spin_drag=self.hidden.damping * inertia,
+            inertia=self.nominal_inertia * math.exp(hidden.inertia_error),
             mu=self.mu,
-            soft=SOFT,
-            spring=f"{-spring[0]} {-spring[1]}",
-            grip=f"{-grip[0]} {-grip[1]}",
-        )
-
-
-def _solref(eps: float, contact_time: float) -> tuple[float, float]:
-    """Stiffness k in 1/s² and damping c in 1/s of a spring and dashpot that only push.
-
-    The penetration is x = −(v/ω_d) e^{−ζωt} sin ω_d t, and the force k x + c ẋ vanishes at ω_d t = 2β
-    for ζ = cos β; from there on the body flies freely with ε = exp(−ζω t) = exp(−2β / tan β).
-    """
-    beta, low, high = 0.0, 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
-    for _ in range(60):
-        beta = (low + high) / 2
-        low, high = (beta, high) if math.exp(-2 * beta / math.tan(beta)) < eps else (low, beta)
-    omega = math.pi / contact_time
-    return omega**2, 2 * math.cos(beta) * omega
+            eps=self.eps,
+            contact_time=self.contact_time,
+            tilt=hidden.tilt,
+            mass_centre=(hidden.com_offset[0], hidden.com_offset[1]),
+            damping=hidden.damping,
+        ).xml()
 
 
 def _pair(

@@ -10,10 +10,10 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.diagnosis.record import Record
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.export import source
+from contactlearn.models.export import mujoco, source
 from contactlearn.simulation import synthetic
 
-TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "json": ".json"}
+TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "mujoco": ".xml", "json": ".json"}
 """Suffix of the file by what it is for."""
 
 _ROWS = 10  # of the self-test
@@ -41,18 +41,27 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
     path = Path(out or f"impact{TARGETS[to]}")
     if path.suffix != TARGETS[to]:
         raise ContactLearnError(f"--to {to} writes a {TARGETS[to]} file, got {path}")
+    known = data or impacts_of_run(run)
+    said = ["without the Gaussian processes that correct it"] if model is not trained.model else []
+    texts = dict[Path, str]()
     if to == "json":
-        text = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
+        texts[path] = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
+    elif to == "mujoco":
+        scene, hook, lost = mujoco.export(model, known or _made_up(trained))
+        texts[path] = scene.xml()
+        if hook is not None:
+            texts[path.with_name(f"{path.stem}_hook.py")] = hook
+            said.append("coefficients depend on the state: call set_contact(model, data) of the hook before each step")
+        said.append(f"MuJoCo's contact is a spring and a dashpot; outcomes differ from {model.law.name} by {lost:.1%}")
     else:
-        rows = data or impacts_of_run(run) or _made_up(trained)
-        text = source.source_code(model, to, rows[:_ROWS])
-    try:
-        with atomic_write(path) as part:
-            part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error.strerror}") from None
-    left_out = ["without the Gaussian processes that correct it"] if model is not trained.model else []
-    return "\n".join([str(model), *left_out, f"written to {path}"])
+        texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
+    for file, text in texts.items():
+        try:
+            with atomic_write(file) as part:
+                part.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise DataError(f"{file}: cannot be written: {error.strerror}") from None
+    return "\n".join([str(model), *said, f"written to {' and '.join(map(str, texts))}"])
 
 
 def impacts_of_run(run: str) -> Impacts | None:

@@ -2,4 +2,5 @@
 
 tracing    the arithmetic of a model as a list of operations on single numbers
 source     one file of NumPy, JAX, PyTorch or C99
+mujoco     a scene of MuJoCo, and a function that sets its coefficients
 """

@@ -20,7 +20,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.effects import State
 from contactlearn.mechanics.bodies import AnyShape
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.contact_model import ContactModel, resolve
+from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state, resolve
 from contactlearn.models.export.tracing import LEAVES, Program, Tracer
 
 _INPUTS = {
@@ -35,6 +35,9 @@ _INPUTS = {
 """Arguments of the function by their components; the last two only where the model depends on them."""
 
 _RESULTS = ("v_x_after", "v_y_after", "omega_after", "P_t", "P_n", "tau")
+
+TEMPLATES = Environment(loader=PackageLoader("contactlearn.models.export"), trim_blocks=True, lstrip_blocks=True)
+"""Of the exported files."""
 
 _LONGEST = 100  # characters of an expression that is written where its value is used, if that is once
 _TRUTH = ("lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not")
@@ -71,17 +74,18 @@ class Traced:
     arguments: Mapping[str, tuple[str, ...]]
 
 
-def trace(model: ContactModel, shape: AnyShape | None = None) -> Traced:
+def trace(model: ContactModel, shape: AnyShape | None = None, *, coefficients: bool = False) -> Traced:
     """Record the arithmetic of a law with its effects.
 
     Args:
         model: without processes, see `without_residual`, and of one value for each parameter.
         shape: of the body, if an effect needs it.
+        coefficients: whether the results are μ and ε alone, of a body whose contact point is that of its shape.
 
     Raises:
         ContactLearnError: a model of another kind, or the shape is not known.
     """
-    _check(model, shape)
+    require_exportable(model, shape)
     constants = tuple(_constants(model))
     tracer = Tracer()
     with torch.no_grad(), tracer:
@@ -101,10 +105,14 @@ def trace(model: ContactModel, shape: AnyShape | None = None) -> Traced:
             shape=shape,
             body=given["body"][0],
         )
-        found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
-        numbers = (*found.v_post.unbind(-1), *found.wrench.unbind(-1))
-        program = tracer.finish(dict(zip(_RESULTS, numbers, strict=True)))
-    optional = {"order", "body"} - _leaves(program)
+        if coefficients:
+            state = actual_state(moved.effects, state.replace(r=state.contact_points(state.theta)))
+            names, numbers = ("mu", "eps"), actual_coefficients(moved.effects, state, *moved.law.coefficients)
+        else:
+            found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
+            names, numbers = _RESULTS, (*found.v_post.unbind(-1), *found.wrench.unbind(-1))
+        program = tracer.finish(dict(zip(names, numbers, strict=True)))
+    optional = {"order", "body"} - leaves(program)
     arguments = {name: parts for name, parts in _INPUTS.items() if name not in optional}
     return Traced(program=program, constants=constants, arguments=arguments)
 
@@ -115,7 +123,12 @@ _EXAMPLE = {
 }
 
 
-def _check(model: ContactModel, shape: AnyShape | None) -> None:
+def require_exportable(model: ContactModel, shape: AnyShape | None) -> None:
+    """Refuse a model with processes or of several values, or without the shape that it needs.
+
+    Raises:
+        ContactLearnError: with the reason.
+    """
     if model.regressor is not None or isinstance(model.base, ContactModel):
         raise ContactLearnError(
             "the model has Gaussian processes, which no such file can hold; --without-residual exports its law and "
@@ -171,21 +184,20 @@ def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
     columns |= {"order": rows.order, "body": rows.body.double()}
     table = torch.cat([columns[name].reshape(len(rows), -1) for name in traced.arguments], 1)
     template, spelled, module = LANGUAGES[to]
-    environment = Environment(loader=PackageLoader("contactlearn.models.export"), trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template(template).render(
+    return TEMPLATES.get_template(template).render(
         version=__version__,
         equation=str(model).replace("\\", "/").splitlines(),
         module=module,
         constants=traced.constants,
-        used={name for name in _leaves(traced.program)},
+        used=leaves(traced.program),
         arguments=traced.arguments,
-        statements=list(_statements(traced.program, spelled)),
+        statements=list(statements(traced.program, spelled)),
         results=_RESULTS,
         rows=list(zip(table.tolist(), torch.cat((found.v_post, found.wrench), 1).tolist(), strict=True)),
     )
 
 
-def _leaves(program: Program) -> set[str]:
+def leaves(program: Program) -> set[str]:
     """Names of the inputs and parameters on which the results depend."""
     needed = (program.operations[place] for place in _needed(program))
     return {values[0] for kind, values in needed if kind in ("input", "parameter")}
@@ -210,7 +222,7 @@ class Language(NamedTuple):
     module: str
 
 
-def _statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
+def statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
     """Yield name, expression and whether it is a truth value, of each value that is used again, or is long."""
     needed = _needed(program)
     uses = Counter(
