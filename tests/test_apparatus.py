@@ -17,7 +17,7 @@ from contactlearn.data import table, tracks
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.audit.trials import apparatus_notes, scale_findings
+from contactlearn.data.audit.trials import rig_notes, scale_findings
 from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.diagnosis.events import ignore
@@ -222,7 +222,7 @@ def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
     assert scale_findings(impacts, limits) == []
     assert [(finding.name, finding.mistake) for finding in audit(impacts)] == [
         ("consistent", False),
-        ("apparatus", False),
+        ("rig", False),
     ]
     off = impacts.replace(apparatus=replace(KNOWN, gravity=Estimate(value=9.6, error=0.01)))
     (finding,) = scale_findings(off, limits)
@@ -231,7 +231,7 @@ def test_a_wrong_scale_is_a_mistake_and_the_rest_is_a_note():
     assert finding.value("gravity") == 9.6
     unsure = impacts.replace(apparatus=replace(KNOWN, gravity=Estimate(value=9.6, error=0.1)))
     assert scale_findings(unsure, limits) == []
-    assert apparatus_notes(synthetic.load(size=40)) == []
+    assert rig_notes(synthetic.load(size=40)) == []
     assert impacts[:10].apparatus == KNOWN
     assert impacts.fingerprint() != impacts.replace(apparatus=None).fingerprint()
 

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 import torch
 
+from contactlearn.cli.settings import SourceSettings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import balance
 from contactlearn.data.audit.rig import changed, with_balance
+from contactlearn.data.audit.trials import rig_notes
 from contactlearn.data.recordings.flights import Flight
 from contactlearn.data.recordings.track import Track
 from contactlearn.data.recordings.wobble import centre_of_mass, wobbles
+from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Polygon, contact_point
@@ -79,6 +82,8 @@ def test_the_inertia_is_found_and_the_corrected_balance_closes():
     assert not corrected.apparatus.differing
     assert {row.name for row in card.differing} == {*TRUTH}
     assert torch.equal(correct(corrected, ["rig"]).r, corrected.r)
+    assert {row.name for row in corrected.apparatus.applied} == {*TRUTH}
+    assert corrected.apparatus.settled == {"orientation_offset", "corner_radius", "com_offset", "inertia_error"}
 
 
 def test_a_loss_of_spin_after_contact_is_not_taken_for_an_inertia():
@@ -139,3 +144,21 @@ FLIGHT = Flight(
     residual=np.zeros((2, 3)),
     air=None,
 )
+
+
+def test_recordings_have_their_rig_corrected_unless_told_otherwise():
+    target = "contactlearn.data.tracks.load"
+    assert SourceSettings.from_values({"_target_": target}).corrections == ("rig",)
+    assert SourceSettings.from_values({"_target_": target, "correct": []}).corrections == ()
+    assert SourceSettings.from_values({"_target_": "contactlearn.data.table.load"}).corrections == ()
+
+
+def test_what_was_applied_is_said_and_not_offered_again():
+    stated = squares().replace(apparatus=rig(**KNOWN))
+    note, applied = rig_notes(correct(stated, ["rig"]))
+    assert "zero of θ 2.01 ± 0.06°" in applied.sentence
+    assert "differ from what is stated" not in note.sentence
+    assert "data.correct=[rig]" in rig_notes(stated)[0].sentence
+    names = {key.name for key in usable(all_candidates(), correct(stated, ["rig"]))}
+    assert not names & {"orientation_offset", "corner_radius", "com_offset"}
+    assert names >= {"inertia_error", "surface_tilt", "contact_patch"}

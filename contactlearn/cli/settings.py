@@ -41,6 +41,7 @@ from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
 from contactlearn.models.process_options import ProcessOptions
+from contactlearn.report.page.page import SOURCES
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
@@ -60,7 +61,7 @@ class SourceSettings:
     Args:
         target: its function, such as contactlearn.data.table.load.
         options: its settings as plain values, by name.
-        corrections: names of corrections, in the order in which they are applied.
+        corrections: names of corrections, in the order of application; of recordings the rig card by default.
         missing: dotted names of settings that must be given and are not.
     """
 
@@ -76,11 +77,12 @@ class SourceSettings:
         Raises:
             ContactLearnError: corrections that are no list.
         """
-        names = values.get("correct") or []
+        target = str(values.get("_target_", ""))
+        names = values.get("correct", ["rig"] if target in SOURCES else []) or []
         if isinstance(names, str):
             raise ContactLearnError(f"{name}.correct must be a list of names, such as [{names}], got {names!r}")
         return cls(
-            target=str(values.get("_target_", "")),
+            target=target,
             options={key: value for key, value in values.items() if key not in ("_target_", "correct")},
             corrections=tuple(names),
             missing=tuple(_missing(values, name)),

@@ -27,6 +27,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from contactlearn.core.numerics import number
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 REACH = 3.0
@@ -35,19 +36,28 @@ REACH = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """An estimated value and its standard error."""
+    """An estimated value and its standard error; of a change, also how much of it the data have already had."""
 
     value: float
     error: float
+    applied: float = 0.0
 
     def times(self, factor: float) -> "Estimate":
         """Return the estimate in another unit or sense."""
-        return Estimate(value=factor * self.value, error=abs(factor) * self.error)
+        return Estimate(value=factor * self.value, error=abs(factor) * self.error, applied=factor * self.applied)
+
+    def made(self) -> "Estimate":
+        """Return what is left of a change after it was made: its error."""
+        return replace(self, value=0.0, applied=self.applied + self.value)
 
     @property
     def range(self) -> tuple[float, float]:
         """The values within three standard errors, and those between them and 0."""
         return min(self.value - REACH * self.error, 0.0), max(self.value + REACH * self.error, 0.0)
+
+
+_SHOWN = {"rad": (180 / math.pi, "°"), "m": (1e3, " mm"), "s": (1e3, " ms")}
+"""Units in which people read a unit, and their number in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +85,30 @@ class Row:
     @property
     def differs(self) -> bool:
         """Whether the measured value differs from the stated one by more than three standard errors."""
-        return self.stated is not None and abs(self.estimate.value - self.stated) > REACH * self.estimate.error
+        return self.stated is not None and abs(self._value - self.stated) > REACH * self.estimate.error
+
+    @property
+    def _value(self) -> float:
+        return self.estimate.value + self.estimate.applied
+
+    @property
+    def measured(self) -> str:
+        """Value and error as people read them: 1.96 ± 0.02°; an inertia as a ratio."""
+        factor, unit = _SHOWN.get(self.unit, (1.0, "" if self.unit == "–" else f" {self.unit}"))
+        value, error = self._value, self.estimate.error
+        if self.name == "inertia":
+            value, error = math.exp(value), math.exp(value) * error
+        return f"{number(factor * value, 3)} ± {number(factor * error, 1)}{unit}"
+
+    @property
+    def said(self) -> str:
+        """The stated value as people read it; empty where none was."""
+        if self.stated is None:
+            return ""
+        return f"{number(self.stated + (self.name == 'inertia'), 3)}{_SHOWN.get(self.unit, (1.0, ''))[1]}"
+
+    def __str__(self) -> str:
+        return f"{self.quantity} {self.measured}"
 
 
 CHANGES = ("slope", "orientation", "corner", "oblong", "middle_a", "middle_b", "centre_a", "centre_b", "inertia")
@@ -132,7 +165,17 @@ class Apparatus:
     @property
     def differing(self) -> tuple[Row, ...]:
         """Changes of what was stated that are sure, and not made yet."""
-        return tuple(row for row in self.rows() if row.name in CHANGES and row.differs)
+        return tuple(row for row in self.rows() if row.name in CHANGES and row.differs and not row.estimate.applied)
+
+    @property
+    def applied(self) -> tuple[Row, ...]:
+        """Changes that were made."""
+        return tuple(row for row in self.rows() if row.estimate.applied)
+
+    @property
+    def settled(self) -> frozenset[str]:
+        """Names of the effects that say what was applied."""
+        return frozenset(name.partition(".")[0] for name, one in self.parameters() if one.applied)
 
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""

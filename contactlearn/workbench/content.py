@@ -55,7 +55,7 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
 
     Data that could not be loaded (`loaded=False`) are loaded corrected.
     """
-    wrong = [one for one in found if one.mistake or one.correction]
+    wrong = [one for one in found if one.mistake or one.correction or one.name in ("rig", "rig_applied")]
     names = [one.correction for one in wrong if one.correction]
     shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
     if names:

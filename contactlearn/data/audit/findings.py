@@ -10,7 +10,7 @@
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
     scale_off                 gravity in free flight is not 9.81 m/s²
     traced_shape              data.shape is not stated, and the contact points trace it: a note
-    apparatus                 estimates from recordings without any impact: a note
+    rig, rig_applied          the rig card, measured without a law of contact, and what of it was applied: notes
     impossible_speeds         faster than anything in a laboratory
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
@@ -33,11 +33,11 @@ from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
-    apparatus_notes,
     duplicate_findings,
     incomplete_findings,
     order_findings,
     repeated,
+    rig_notes,
     trial_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
@@ -56,7 +56,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     require_space("the audit", impacts.space)
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
-    notes = apparatus_notes(impacts)
+    notes = rig_notes(impacts)
     if len(sound) < _FEWEST:
         return (*findings, *trial_findings(sound, thresholds), *notes)
     comparison = compare(_subsample(sound), thresholds)

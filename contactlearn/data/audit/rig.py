@@ -92,12 +92,12 @@ def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
 
 
 def as_measured(impacts: Impacts) -> Impacts:
-    """Return impacts with all changes that their rig card is sure of; the estimates of these are then 0."""
+    """Return impacts with all changes that their rig card is sure of."""
     rig = impacts.apparatus
     if rig is None:
         return impacts
     change = {row.name: row.estimate.value for row in rig.differing}
-    known = {name: replace(getattr(rig, name), value=0.0) for name in change}
+    known = {name: getattr(rig, name).made() for name in change}
     return changed(impacts, change).replace(apparatus=replace(rig, **known), validate=False)
 
 

@@ -14,7 +14,6 @@ from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.moments import kinetic_energy, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.bodies import body_code, contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -45,39 +44,32 @@ def trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     return findings + order_findings(impacts)
 
 
-def apparatus_notes(impacts: Impacts) -> list[Finding]:
-    """Estimates of the apparatus without any impact, and how they limit the same effects."""
-    known = impacts.apparatus
-    if known is None:
+def rig_notes(impacts: Impacts) -> list[Finding]:
+    """The rig card: what differs from what was stated, or was applied, and how it limits effects."""
+    rig = impacts.apparatus
+    if rig is None:
         return []
-    named = (
-        ("gravity", known.gravity, "m/s²"),
-        ("drag", known.drag, "1/s"),
-        ("floor_slope", known.slope, "rad"),
-        ("theta_zero", known.orientation, "rad"),
-        ("delay", known.delay, "s"),
-    )
-    estimates = {name: (one, unit) for name, one, unit in named if one is not None}
-    texts = {"gravity": "gravity", "drag": "drag", "floor_slope": "slope of the floor", "theta_zero": "offset of θ"}
-    parts = [f"{text} {_estimate_text(*estimates[name])}" for name, text in texts.items() if name in estimates]
-    sentence = (
-        f"measured without any impact: {', '.join(parts)}, contact at the instant at which flights meet; the same "
-        "effects are limited to three standard errors beyond these values"
-    )
+    others = [str(row) for row in rig.rows() if not row.estimate.applied]
+    sentence = f"measured without a law of contact: {', '.join(others)}"
+    if rig.differing:
+        names = ", ".join(row.quantity for row in rig.differing)
+        sentence += f"; {names} differ from what is stated, which data.correct=[rig] corrects"
+    sentence += "; effects are limited to three standard errors beyond these values"
     evidence = evidence_of(
         *(
-            (quantity, number, unit)
-            for name, (one, unit) in estimates.items()
-            for quantity, number in ((name, one.value), (f"{name}_error", one.error))
+            (quantity, number, row.unit)
+            for row in rig.rows()
+            for quantity, number in (
+                (row.name, row.estimate.value + row.estimate.applied),
+                (f"{row.name}_error", row.estimate.error),
+            )
         )
     )
-    return [Finding(name="apparatus", sentence=sentence, evidence=evidence, mistake=False)]
-
-
-def _estimate_text(one: Estimate, unit: str) -> str:
-    """An estimate in words, angles in degrees."""
-    one, unit = (one.times(180 / math.pi), "°") if unit == "rad" else (one, f" {unit}")
-    return f"{one.value:.3g} ± {one.error:.1g}{unit}"
+    notes = [Finding(name="rig", sentence=sentence, evidence=evidence, mistake=False)]
+    if rig.applied:
+        sentence = f"applied first, as measured without a law of contact: {', '.join(map(str, rig.applied))}"
+        notes.append(Finding(name="rig_applied", sentence=sentence, evidence=(), mistake=False))
+    return notes
 
 
 def incomplete_findings(impacts: Impacts) -> list[Finding]:

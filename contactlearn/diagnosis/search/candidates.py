@@ -52,11 +52,15 @@ def usable(
 ) -> dict[EffectId, Effect]:
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
+    What the rig card has corrected is not offered again.
+
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
     """
     share = thresholds.trials_per_parameter
+    settled = impacts.apparatus.settled if impacts.apparatus else ()
     able = {key: effect for key, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
+    able = {key: effect for key, effect in able.items() if key.name not in settled}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     if not able:
         most = max((len(effect.parameters) for effect in candidates.values()), default=0)

@@ -29,7 +29,7 @@ from contactlearn.report.figures.tracks import residuals_figure, standardised
 from contactlearn.report.page.page import compressed, render, save
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
-from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, rig_cells, tracks_facts, tracks_headline
+from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, tracks_facts, tracks_headline
 
 MOST = 200
 """Recordings on a page."""
@@ -88,7 +88,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
         "block": compressed(packed.encode(errors="replace")),
         "_facts": tracks_facts(found),
-        "_rig": [(row.quantity, *rig_cells(row), row.differs) for row in found.rig.rows()],
+        "_rig": [(row.quantity, row.measured, row.said, row.known_from, row.differs) for row in found.rig.rows()],
         "_limits": _limits(found, len(shown)),
         "_refusals": _reasons(found, shown),
         "_unread": [(r.recording, r.message) for r in found.survey.refusals if r.reason is Reason.NOT_READ],

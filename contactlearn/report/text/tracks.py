@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from math import degrees, exp
 from pathlib import Path
 
 import numpy as np
@@ -23,18 +22,7 @@ def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
 
 def rig_text(row: Row) -> str:
     """Write a row of the rig card in a line; a star marks a difference of three errors."""
-    value, stated, known_from = rig_cells(row)
-    return f"{value}{stated and f', stated {stated}'}{' *' if row.differs else ''}, from {known_from}"
-
-
-def rig_cells(row: Row) -> tuple[str, str, str]:
-    """Write value and error, the stated value, and what shows it: 1.96° ± 0.02°, 0°, rests.  ln I/I₀ is a ratio."""
-    factor, unit = _SHOWN.get(row.unit, (1.0, "" if row.unit == "–" else f" {row.unit}"))
-    value, error, stated = row.estimate.value, row.estimate.error, row.stated
-    if row.name == "inertia":
-        value, error, stated = exp(value), exp(value) * error, 1.0
-    said = "" if stated is None else f"{number(factor * stated, 3)}{unit}"
-    return f"{number(factor * value, 3)} ± {number(factor * error, 1)}{unit}", said, row.known_from
+    return f"{row.measured}{row.said and f', stated {row.said}'}{' *' if row.differs else ''}, from {row.known_from}"
 
 
 def tracks_headline(found: Tracked) -> str:
@@ -49,10 +37,6 @@ def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
     if missing:
         facts.append(("missing", f"frames at contact in {missing} impacts, though their time stamps show no gap"))
     return facts
-
-
-_SHOWN = {"rad": (degrees(1), "°"), "m": (1e3, " mm"), "s": (1e3, " ms")}
-"""Units in which people read a unit, and their number in it."""
 
 
 def refusals_by_reason(refusals: Sequence[Refusal]) -> list[tuple[Reason, int]]:
