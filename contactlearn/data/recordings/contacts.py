@@ -42,7 +42,7 @@ from contactlearn.data.recordings.flights import (
 )
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Track, turn
+from contactlearn.data.recordings.track import Array, Track, about_centre, arms, turn
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
 _BRIEF = 5e-4  # s, of a contact without a frame; a longer one is seen at 1000 frames a second
@@ -200,8 +200,19 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     return met, int((~within).sum())
 
 
-def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int) -> Hit:
-    """State before and after contact at its instant with all covariances; `place` is that of the flight before."""
+def hit_of(
+    track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int, centre: tuple[float, float]
+) -> Hit:
+    """State of the tracked point before and after contact at its instant, with all covariances.
+
+    Args:
+        track: of the centre of mass.
+        number: of the contact.
+        found: where the flights meet.
+        flights: of the track.
+        place: of the flight before contact.
+        centre: of mass, about the tracked point.
+    """
     before, after = flights[place : place + 2]
     (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
     errors = np.zeros((12, 12))
@@ -220,14 +231,19 @@ def hit_of(track: Track, number: int, found: Meeting, flights: Sequence[Flight],
     jacobian[6:9, :3], jacobian[6:9, 6:9] = np.diag(1 - trust), np.diag(trust)
     jacobian[6:9] += np.outer(moving, instant)
     jacobian[9] = instant
+    x, y = arms(centre, pose[2])
+    to_point = np.eye(10)
+    to_point[0:2, 2] = to_point[3:5, 5] = to_point[6:8, 8] = y, -x
+    to_point[0:2, 8], to_point[3:5, 8] = a[5] * np.array((x, y)), b[5] * np.array((x, y))
+    jacobian = to_point @ jacobian
     lost = int((~track.seen[before.last + 1 : after.first]).sum())
     return Hit(
         recording=track.name,
         number=number,
         time=found.time,
-        v_pre=a[3:].copy(),
-        v_post=b[3:].copy(),
-        pose=pose,
+        v_pre=a[3:] + a[5] * np.array((y, -x, 0.0)),
+        v_post=b[3:] + b[5] * np.array((y, -x, 0.0)),
+        pose=pose - (x, y, 0.0),
         covariance=jacobian @ errors @ jacobian.T,
         missing=found.missing,
         certainty=found.certainty,
@@ -246,7 +262,7 @@ def find_contacts(
     track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
 ) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
-    track = mended(track, options, limits.excess)
+    track = mended(about_centre(track, options.centre), options, limits.excess)
     found = find_flights(track, options, limits)
     flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
@@ -261,7 +277,7 @@ def find_contacts(
     for k, (before, after) in enumerate(pairwise(flights)):
         result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
         if isinstance(result, Meeting):
-            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k))
+            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k, options.centre))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:

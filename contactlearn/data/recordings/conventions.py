@@ -24,10 +24,20 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
-from contactlearn.data.recordings.flights import SMOOTH, frame_noise, own_accelerations, window_blocks, windows
+from contactlearn.data.recordings.flights import (
+    SMOOTH,
+    STEADY,
+    centre_of_mass,
+    fit,
+    frame_noise,
+    long_flights,
+    own_accelerations,
+    window_blocks,
+    windows,
+)
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Mask, Recording, mean_step
+from contactlearn.data.recordings.track import Array, Mask, Recording, about_centre, mean_step
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _DURATION = 0.06  # s of a window
@@ -217,6 +227,7 @@ AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
 _CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _DRAG_SIGMAS = 3.0  # standard errors of a drag that is allowed for; 2 to 5 raise no false alarm
+_CENTRE_SIGMAS = 3.0  # standard errors of a centre of mass that is allowed for
 _LEAN_SIGMAS = 2.0  # cautious standard errors of a gravity that leans: its error would bias all velocities
 _UPRIGHT = np.radians(2)  # angle of gravity from an axis of the file that is taken for up
 _FLAT = 0.2  # spread across the plane over that along it, up to which positions show it; 0.01 to 0.5 decide alike
@@ -284,7 +295,17 @@ def find_frame(
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
-    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = own_accelerations(map(frame.track, recordings), frame.air)
+    long = long_flights(map(frame.track, recordings), frame.air)
+    own = long[0][1].air.own if long else STEADY
+    for _ in range(2):  # own accelerations are known better where the wobble is
+        measured = centre_of_mass(long, own)
+        if measured is not None:
+            (a, b), covariance = measured
+            sure = (measured[0] ** 2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()
+            frame = replace(frame, centre=(float(a), float(b)) if sure else (0.0, 0.0))
+        of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
+        own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre])
+    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = own
     return replace(frame, own=((a_x, a_y, a_θ), (j_x, math.hypot(j_y, GRAVITY * min(frame.drag_error, 1.0)), j_θ)))
 
 

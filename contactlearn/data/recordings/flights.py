@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Mask, Track, finite, turn
+from contactlearn.data.recordings.track import Array, Mask, Track, arms, finite, turn
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 Indices = NDArray[np.intp]
@@ -303,12 +303,14 @@ class FlightOptions:
         fewest: frames of a flight, at least.
         contact_time: longest contact in s.  One lasts as long as frames about its instant are in neither flight.
         most_missing: frames that may be missing at contact.
+        centre: of mass about the tracked point in m, in the body's axes: flights are its, contacts are of the point.
     """
 
     air: Air = Air()
     fewest: int = 8
     contact_time: float = 3e-3
     most_missing: int = 3
+    centre: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -351,23 +353,57 @@ def find_flights(
 
 _OWN = ((0.5, 0.5, 30.0), (10.0, 10.0, 300.0))  # at most: with more of it a body at rest would be in flight
 _SHOWN = 8  # flights that show the own accelerations of all
+_OFF = 0.01  # m, standard deviation that is expected of a centre of mass about the tracked point
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
-def own_accelerations(tracks: Iterable[Track], air: Air) -> Own:
-    """Standard deviations of own accelerations, as the flights of some tracks show them.
+def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "3"]]]:
+    """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
+    options, long = FlightOptions(air=replace(air, own=_OWN)), []
+    for track in tracks:
+        found, bent = find_flights(track, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
+        for flight in found.flights:
+            if len(flight.frames) >= 2 * found.width + 2 * bent:
+                frames = flight.frames[bent:-bent]
+                long.append((track, fit(track.time, track.pose, frames, found.sigma, options.air), found.sigma))
+    return long
+
+
+def centre_of_mass(
+    long: Sequence[tuple[Track, Flight, Float[Array, "3"]]], own: Own
+) -> tuple[Float[Array, "2"], Float[Array, "2 2"]] | None:
+    """Centre of mass about the tracked point in m, along the body's axes, and its covariance; None of too few flights.
+
+    It flies as `Air` says, with own accelerations of this size, and the tracked point of a body that spins wobbles
+    about it.  Each flight shows the centre by weighted least squares; the scatter between them is the error.
+    """
+    information, scores = np.zeros((len(long), 2, 2)), np.zeros((len(long), 2))
+    for number, (track, flight, sigma) in enumerate(long):
+        time, units = track.time[flight.frames], np.concatenate((np.ones((2, 3)), own)).T
+        slopes, theta = flight.air.slopes(time - flight.reference), flight.poses(time)[:, 2]
+        y = track.pose[flight.frames] - slopes[..., 2] * flight.air.pull()
+        turning = -np.stack((arms((1.0, 0.0), theta), arms((0.0, 1.0), theta)), -1)
+        for k in range(2):
+            smooth, W = slopes[:, k] * units[k] / sigma[k], np.column_stack((turning[:, k], y[:, k])) / sigma[k]
+            inverse = np.linalg.inv(smooth.T @ smooth + np.diag((0.0, 0.0, 1.0, 1.0)))
+            part = W.T @ (W - smooth @ inverse @ (smooth.T @ W))
+            information[number] += part[:2, :2]
+            scores[number] += part[:2, 2]
+    if len(long) < _SHOWN:
+        return None
+    inverse = np.linalg.inv(information.sum(0) + np.eye(2) / _OFF**2)
+    found = inverse @ scores.sum(0)
+    left = scores - information @ found
+    return found, inverse @ (left.T @ left) @ inverse * len(long) / (len(long) - 2) + inverse
+
+
+def own_accelerations(long: Sequence[Flight]) -> Own:
+    """Standard deviations of own accelerations, as long flights show them.
 
     Of each flight the likelihood of its own acceleration is normal, with information J and score h.  Under a variance D
     its mean m = (J + 1/D)⁻¹ h has the variance D − (J + 1/D)⁻¹: D is where the median of m² is as large as it should
     be, so that a few stretches which are no flights do not count.
     """
-    options, long = FlightOptions(air=replace(air, own=_OWN)), list[Flight]()
-    for track in tracks:
-        found, bent = find_flights(track, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
-        parts = [
-            flight.frames[bent:-bent] for flight in found.flights if len(flight.frames) >= 2 * found.width + 2 * bent
-        ]
-        long += [fit(track.time, track.pose, frames, found.sigma, options.air) for frames in parts]
     if len(long) < _SHOWN:
         return STEADY
     D = most = np.array(_OWN).T ** 2

@@ -101,6 +101,7 @@ class Frame:
         gravity: in the plane, (g_x, g_y) in m/s², and its error.
         drag: linear drag of the air in 1/s, and its error.
         own: standard deviations of the own accelerations of flights, as in `Air`.
+        centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off.
         clues: of every convention.
     """
 
@@ -115,6 +116,7 @@ class Frame:
     drag: float = 0.0
     drag_error: float = 0.0
     own: Own = STEADY
+    centre: tuple[float, float] = (0.0, 0.0)
     clues: tuple[Clue, ...] = ()
 
     @property

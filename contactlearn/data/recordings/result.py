@@ -118,7 +118,7 @@ class Found:
     """Flights, contacts, refusals and rests of one track.
 
     Args:
-        track: in the plane of motion.
+        track: in the plane of motion, of the centre of mass.
         sigma: standard deviations of a frame's (x, y, θ) about the flights, in m, m and rad.
         flights: free flights, in their order.
         contacts: accepted contacts.

@@ -57,8 +57,8 @@ class TrackOptions:
     workers: int = 1
 
     def in_air(self, frame: Frame) -> "TrackOptions":
-        """The options with gravity in the measured direction, and drag."""
-        return replace(self, flight=replace(self.flight, air=frame.air))
+        """The options with gravity in the measured direction, drag and the centre of mass."""
+        return replace(self, flight=replace(self.flight, air=frame.air, centre=frame.centre))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -157,7 +157,8 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
     found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
-    rests, turning = find_rests(found.track, lies, found.sigma), wobbles(found.track, found.flights, found.sigma)
+    point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
+    rests, turning = find_rests(point, lies, found.sigma), wobbles(point, found.flights, found.sigma)
     return replace(found, rests=rests, wobbles=turning)
 
 

@@ -6,7 +6,7 @@
 A frame that the tracker lost is not a number in all of its coordinates.  Time stamps grow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -123,6 +123,21 @@ class Track:
     def step(self) -> float:
         """Median time between two frames in s."""
         return float(np.median(np.diff(self.time)))
+
+
+def about_centre(track: Track, centre: tuple[float, float]) -> Track:
+    """The track of a point of the body, given from the tracked point in m along the body's axes."""
+    if centre == (0.0, 0.0):
+        return track
+    pose = track.pose.copy()
+    pose[:, :2] += arms(centre, pose[:, 2])
+    return replace(track, pose=pose)
+
+
+def arms(centre: tuple[float, float], theta: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
+    """A vector that is fixed to the body, in world axes, at orientations θ in rad."""
+    (a, b), c, s = centre, np.cos(theta), np.sin(theta)
+    return np.stack((a * c - b * s, a * s + b * c), -1)
 
 
 def finite(values: Float[Array, "*batch d"]) -> Bool[Mask, "*batch"]:
