@@ -113,7 +113,7 @@ def recordings(filmed):
 def test_velocities_are_right_though_the_tracked_point_wobbles():
     """A millimetre off the centre of mass, it does not fly on a parabola; without a correction a third are outside."""
     rig = replace(QUIET, noise=5e-5, tracked=(8e-4, -6e-4))
-    seen = record(rig, move([rig] * 24, seed=3, seconds=0.5, step=2e-4), seed=0)
+    seen = record(rig, move([rig] * 24, seed=3, seconds=0.6, step=2e-4), seed=0)
     frame = find_frame(recordings(seen))
     np.testing.assert_allclose(frame.centre, (-8e-4, 6e-4), atol=1e-4)
     inside = {True: [], False: []}
