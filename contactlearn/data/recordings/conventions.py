@@ -27,7 +27,7 @@ from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import (
     SMOOTH,
     STEADY,
-    centre_of_mass,
+    centre_of_flights,
     fit,
     frame_noise,
     long_flights,
@@ -298,7 +298,7 @@ def find_frame(
     long = long_flights(map(frame.track, recordings), frame.air)
     own = long[0][1].air.own if long else STEADY
     for _ in range(2):  # own accelerations are known better where the wobble is
-        measured = centre_of_mass(long, own)
+        measured = centre_of_flights(long, own)
         if measured is not None:
             (a, b), covariance = measured
             sure = (measured[0] ** 2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()

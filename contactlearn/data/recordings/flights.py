@@ -369,7 +369,7 @@ def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight,
     return long
 
 
-def centre_of_mass(
+def centre_of_flights(
     long: Sequence[tuple[Track, Flight, Float[Array, "3"]]], own: Own
 ) -> tuple[Float[Array, "2"], Float[Array, "2 2"]] | None:
     """Centre of mass about the tracked point in m, along the body's axes, and its covariance; None of too few flights.
