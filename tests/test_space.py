@@ -11,6 +11,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.effects import catalogue as effect_catalogue
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
@@ -19,6 +20,7 @@ from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
+from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
@@ -260,3 +262,35 @@ def test_a_fit_refuses_what_does_not_exist_in_space():
         identify_jointly("spring_dashpot", {}, SPATIAL)
     with pytest.raises(ContactLearnError, match="effect contact_patch exists for bodies that move in a plane alone"):
         identify_jointly("whittaker", ["contact_patch"], SPATIAL)
+
+
+OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))
+IN_SPACE = [kind for forms in effect_catalogue().values() for kind in forms if SPACE in kind.spaces]
+
+
+@pytest.mark.parametrize("kind", IN_SPACE, ids=lambda kind: str(kind.id))
+def test_effects_agree_with_the_plane(kind):
+    plane = PLANAR.replace(object=OBJECTS)
+    effect = kind().prepare(plane)
+    again = kind().prepare(in_space(plane))
+    assert again.equation == effect.equation
+    shares = torch.linspace(0.2, 0.4, len(effect.parameters)).tolist()
+    values = [p.start + share * (p.high - p.start) for p, share in zip(effect.parameters, shares, strict=True)]
+    law = find("wang_mason").at(0.15, 0.6)
+    outcomes = []
+    for impacts in (plane, in_space(plane)):
+        model = ContactModel(base=law, effects={"it": effect.at(values)})
+        outcomes.append(model.predict(impacts).v_post)
+        rest = ContactModel(base=law, effects={"it": effect.vanished()}).predict(impacts)
+        assert torch.equal(rest.v_post, ContactModel(base=law).predict(impacts).v_post)
+    torch.testing.assert_close(outcomes[1], velocities(outcomes[0]), rtol=1e-9, atol=1e-9)
+    assert (outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))).abs().max() > 1e-6
+
+
+def test_effects_are_fitted_in_space():
+    """Of bodies of any pose; their derivatives are those of the fit."""
+    effects = {"spin_damping": find_effect("spin_damping")(), "side_drag": find_effect("side_drag")()}
+    truth = [effects["spin_damping"].at([0.1]), effects["side_drag"].at([0.05])]
+    model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=dict(zip(effects, truth, strict=True)))
+    fit = identify_jointly("whittaker", effects, TOSSED.replace(v_post=model.predict(TOSSED).v_post))
+    torch.testing.assert_close(fit.values, torch.tensor((0.2, 0.4, 0.1, 0.05)).double(), rtol=1e-4, atol=1e-5)

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, changed
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,7 @@ class Adhesion(Effect):
     restitution, whose loss grows with the speed.
     """
 
+    spaces = BOTH
     source = "Johnson, Kendall & Roberts 1971"
     citations = ("johnson1971",)
 
@@ -40,9 +42,8 @@ class AdhesionImpulse(Adhesion):
     c: Tensor | float = parameter("c", "N s", 0.0, 0.05)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        rebound, w_nn = state.contact_after(wrench)[..., 1].clamp_min(0), state.W[..., 1, 1]
-        return columns(P_t, P_n - torch.minimum(torch.as_tensor(self.c), rebound / w_nn), tau)
+        rebound, w_nn = state.contact_after(wrench)[..., -1].clamp_min(0), state.W[..., -1, -1]
+        return changed(wrench, state.space.d - 1, -torch.minimum(torch.as_tensor(self.c), rebound / w_nn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +59,8 @@ class WorkOfAdhesion(Adhesion):
     w: Tensor | float = parameter("w", "J", 0.0, 0.1)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        rebound, w_nn = state.contact_after(wrench)[..., 1].clamp_min(0), state.W[..., 1, 1]
+        rebound, w_nn = state.contact_after(wrench)[..., -1].clamp_min(0), state.W[..., -1, -1]
         squared = rebound.square() - 2 * self.w * w_nn  # of v_n⁺ after parting
         parts = squared > 0
         slower = torch.where(parts, torch.where(parts, squared, 1.0).sqrt(), 0.0)
-        return columns(P_t, P_n - (rebound - slower) / w_nn, tau)
+        return changed(wrench, state.space.d - 1, (slower - rebound) / w_nn)

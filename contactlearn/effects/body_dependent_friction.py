@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import ByBody
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,5 +15,6 @@ class BodyDependentFriction(ByBody, ChangesFriction, Effect):
     (`parameter_drift`).
     """
 
+    spaces = BOTH
     formula = "μ ← μ + Δ(object), 0 for the first object"
     source = "materials"

@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import LEVER, CoefficientCurve
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class ConfigurationDependentRestitution(ChangesRestitution, Effect):
     It is not a soft spot of the body, which need not follow the lever arm (`orientation_dependent_restitution`).
     """
 
+    spaces = BOTH
     source = "Stoianovici & Hurmuzlu 1996"
     citations = ("stoianovici1996",)
 
@@ -35,7 +37,7 @@ class QuadraticLeverRestitution(ConfigurationDependentRestitution):
     c: Tensor | float = parameter("c", "–", -0.5, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-        return value - self.c * state.r[..., 0] ** 2 * (state.mass / state.inertia)
+        return value - self.c * state.lever**2
 
 
 @dataclass(frozen=True, eq=False)

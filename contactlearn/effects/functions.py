@@ -75,11 +75,14 @@ class SpeedReference:
 
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with v_ref taken from the impacts where it is open."""
-        return self if self.v_ref is not None else replace(self, v_ref=_two_digits(impacts.v_c[:, self.component]))
+        return self if self.v_ref is not None else replace(self, v_ref=_two_digits(self._speed(State.of(impacts))))
 
     def ratio(self, state: State) -> Float[Tensor, "... n"]:
         """Return the speed in units of v_ref [..., N]."""
-        return state.v_c[..., self.component].abs() / require_positive(self.v_ref)
+        return self._speed(state) / require_positive(self.v_ref)
+
+    def _speed(self, state: State) -> Float[Tensor, "... n"]:
+        return state.v_n.abs() if self.component else state.slip
 
 
 def _two_digits(measured: Float[Tensor, "n"]) -> float:

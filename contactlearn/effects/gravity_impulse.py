@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, changed
 from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +19,11 @@ class GravityImpulse(Effect):
     It is not a loss in the contact itself, which would grow with the speed.
     """
 
+    spaces = BOTH
     formula = "v_y⁺ ← v_y⁺ − g Δt"
     in_words = "gravity acts for {dt} more"
     source = "finite duration"
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        fall = GRAVITY * self.dt
-        return columns(v_post[..., 0], v_post[..., 1] - fall, v_post[..., 2])
+        return changed(v_post, state.space.d - 1, -GRAVITY * torch.as_tensor(self.dt))

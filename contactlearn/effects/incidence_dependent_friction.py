@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,7 @@ class IncidenceDependentFriction(ChangesFriction, Effect):
     It is not a dependence on the slip, which grows with the speed too (`velocity_dependent_friction`).
     """
 
+    spaces = BOTH
     source = "Maw, Barber & Fawcett 1976"
     citations = ("maw1976",)
 

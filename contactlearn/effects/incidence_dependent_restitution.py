@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,7 @@ class IncidenceDependentRestitution(ChangesRestitution, Effect):
     It is not a dependence on the slip, which grows with the speed too (`slip_dependent_restitution`).
     """
 
+    spaces = BOTH
     source = "oblique impact"
 
 

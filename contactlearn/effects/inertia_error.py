@@ -7,6 +7,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH, PLANE
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +17,7 @@ class InertiaError(Effect):
     It is not an error of the mass, which velocities do not determine.
     """
 
+    spaces = BOTH
     formula = "I ← I e^κ"
     in_words = "the moment of inertia is {kappa:exp} times the stated one"
     source = "calibration"
@@ -23,4 +25,5 @@ class InertiaError(Effect):
     kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return state.replace(inertia=state.inertia * torch.as_tensor(self.kappa).exp())
+        factor = torch.as_tensor(self.kappa).exp()
+        return state.replace(inertia=state.inertia * (factor if state.space is PLANE else factor[..., None]))

@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,7 @@ class LoadDependentFriction(ChangesFriction, Effect):
     It is not a dependence on the slip (`velocity_dependent_friction`).
     """
 
+    spaces = BOTH
     source = "Hertzian contact, p = −1/3 of the load: Bowden & Tabor 1950"
     citations = ("bowden1950",)
     component = 1

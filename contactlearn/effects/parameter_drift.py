@@ -10,6 +10,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesFriction, ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import TRIAL, CoefficientCurve, TrialShare
 from contactlearn.effects.state import Coefficients, State
+from contactlearn.mechanics.space import BOTH
 
 _STEP = 0.03  # width of a step as a share of all trials
 
@@ -26,6 +27,7 @@ class ParameterDrift(Effect):
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
     """
 
+    spaces = BOTH
     source = "wear, temperature"
 
     @abstractmethod

@@ -3,11 +3,13 @@
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.space import BOTH
 
 _LEAST = 1e-9  # m/s, for the derivative of a body at rest
 
@@ -22,6 +24,7 @@ class SideDrag(Effect):
     It is not a lower restitution: v_x shrinks as well, however the contact ends.
     """
 
+    spaces = BOTH
     source = "guide walls, air"
 
     @abstractmethod
@@ -39,7 +42,7 @@ class LinearSideDrag(SideDrag):
     c: Tensor | float = parameter("c", "–", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return _slowed(v_post, 1 - self.c)
+        return _slowed(state, v_post, 1 - torch.as_tensor(self.c))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +58,11 @@ class QuadraticSideDrag(SideDrag):
     k: Tensor | float = parameter("k", "s/m", 0.0, 0.5)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        speed = (v_post[..., :2].square().sum(-1) + _LEAST**2).sqrt()
-        return _slowed(v_post, 1 / (1 + self.k * speed))
+        speed = (v_post[..., : state.space.d].square().sum(-1) + _LEAST**2).sqrt()
+        return _slowed(state, v_post, 1 / (1 + self.k * speed))
 
 
-def _slowed(v_post: Float[Tensor, "... n 3"], kept: Float[Tensor, "..."] | float) -> Float[Tensor, "... n 3"]:
-    """The velocity with a share of (v_x, v_y) kept."""
-    return columns(kept * v_post[..., 0], kept * v_post[..., 1], v_post[..., 2])
+def _slowed(state: State, v_post: Float[Tensor, "... n D"], kept: Float[Tensor, "..."]) -> Float[Tensor, "... n D"]:
+    """The velocity with a share of that of the mass centre kept."""
+    d = state.space.d
+    return columns(*(kept * part if k < d else part for k, part in enumerate(v_post.unbind(-1))))

@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import SLIP, CoefficientCurve, SpeedReference
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,7 @@ class SlipDependentRestitution(ChangesRestitution, Effect):
     It is not a dependence on the speed of approach (`velocity_dependent_restitution`).
     """
 
+    spaces = BOTH
     source = "oblique impact"
     component = 0
 

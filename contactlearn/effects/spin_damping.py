@@ -10,6 +10,8 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +38,18 @@ class SpinDamping(Effect):
 class SpinDampingAfter(SpinDamping):
     """τ → τ − c I ω⁺: the spin falls by the share c.  It does not act on the contact (`SpinDampingDuring`)."""
 
+    spaces = BOTH
     form = "after"
     formula = "τ ← τ − c I ω⁺"
     in_words = "the spin falls by {c:%} after contact"
     c: Tensor | float = parameter("c", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau - self.c * state.inertia * state.v_after(wrench)[..., 2])
+        d = state.space.d
+        spun = rigid_body.spin_momentum(state.world_inertia, state.v_after(wrench)[..., d:])
+        return columns(
+            *wrench[..., :d].unbind(-1), *(wrench[..., d:] - torch.as_tensor(self.c)[..., None] * spun).unbind(-1)
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,7 @@ Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
 """(μ, ε), each of a shape that broadcasts against the impacts [..., N]."""
 
 _BARELY = 1e-9  # m/s
+_CENTRED = 1e-24  # squared lever below which a contact point lies under the mass centre
 _MEASURED = ("mass", "inertia", "r", "q", "v_pre", "order")
 
 
@@ -124,7 +125,8 @@ class State:
         if self.space is PLANE:
             return self.r[..., 0].abs() * (self.mass / self.inertia).sqrt()
         turning = rigid_body.contact_jacobian(self.r)[..., 2, 3:]
-        return (self.mass * (turning * rigid_body.spin(self.world_inertia, turning)).sum(-1)).sqrt()
+        square = self.mass * (turning * rigid_body.spin(self.world_inertia, turning)).sum(-1)
+        return square.clamp_min(_CENTRED).sqrt()
 
     @property
     def omega(self) -> Float[Tensor, "... n"]:
@@ -213,6 +215,13 @@ class State:
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
     """Stack K parts [..., N], broadcast against each other, side by side along a new last axis; [0] of no part."""
     return torch.stack(torch.broadcast_tensors(*parts), -1) if parts else torch.zeros(0, dtype=torch.float64)
+
+
+def changed(vector: Float[Tensor, "... k"], part: int, change: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
+    """Return a vector [..., K] with a change of one of its parts."""
+    parts = list(vector.unbind(-1))
+    parts[part] = parts[part] + change
+    return columns(*parts)
 
 
 def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:

@@ -11,6 +11,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import SLIP, Argument, CoefficientCurve
 from contactlearn.effects.state import Coefficients, State
+from contactlearn.mechanics.space import BOTH
 
 _SIMPSON = torch.tensor((1, 4, 2, 4, 1))
 _ROUNDS = 3  # of the end of the slip and the mean friction up to it
@@ -83,6 +84,7 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
 class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
+    spaces = BOTH
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP

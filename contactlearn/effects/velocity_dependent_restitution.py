@@ -8,6 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,7 @@ class VelocityDependentRestitution(ChangesRestitution, Effect):
     At v_ref the restitution is ε.  It is not a dependence on the slip (`slip_dependent_restitution`).
     """
 
+    spaces = BOTH
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
     citations = ("johnson1985", "kuwabara1987")
     component = 1
