@@ -86,8 +86,8 @@ def load(
     v_pre_cov, v_post_cov = (torch.diag_embed(torch.from_numpy(np.repeat(one, 3, 1))) for one in variances)
     count = len(hits)
     impacts = Impacts(
-        mass=torch.full((count,), mass),
-        inertia=torch.full((count,), inertia),
+        mass=torch.full((count,), mass, dtype=torch.float64),
+        inertia=torch.full((count,), inertia, dtype=torch.float64),
         r=_stacked([hit.r for hit in hits]),
         q=q,
         v_pre=v_pre,
@@ -95,7 +95,7 @@ def load(
         q_post=q_post,
         v_pre_cov=v_pre_cov,
         v_post_cov=v_post_cov,
-        time=torch.tensor([hit.time for hit in hits]),
+        time=torch.tensor([hit.time for hit in hits], dtype=torch.float64),
         trial=tuple(hit.name for hit in hits),
         object=("cube",) * count,
         source=path.name,

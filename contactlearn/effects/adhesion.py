@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State, changed
+from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.space import BOTH
 
 
@@ -43,7 +43,7 @@ class AdhesionImpulse(Adhesion):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         rebound, w_nn = state.contact_after(wrench)[..., -1].clamp_min(0), state.W[..., -1, -1]
-        return changed(wrench, state.space.d - 1, -torch.minimum(torch.as_tensor(self.c), rebound / w_nn))
+        return altered(wrench, state.space.d - 1, -torch.minimum(torch.as_tensor(self.c), rebound / w_nn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,4 +63,4 @@ class WorkOfAdhesion(Adhesion):
         squared = rebound.square() - 2 * self.w * w_nn  # of v_n⁺ after parting
         parts = squared > 0
         slower = torch.where(parts, torch.where(parts, squared, 1.0).sqrt(), 0.0)
-        return changed(wrench, state.space.d - 1, (slower - rebound) / w_nn)
+        return altered(wrench, state.space.d - 1, (slower - rebound) / w_nn)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
-from contactlearn.effects.state import State, changed
+from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import BOTH
 
@@ -26,4 +26,4 @@ class GravityImpulse(Effect):
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return changed(v_post, state.space.d - 1, -GRAVITY * torch.as_tensor(self.dt))
+        return altered(v_post, state.space.d - 1, -GRAVITY * torch.as_tensor(self.dt))

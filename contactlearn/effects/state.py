@@ -217,7 +217,7 @@ def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
     return torch.stack(torch.broadcast_tensors(*parts), -1) if parts else torch.zeros(0, dtype=torch.float64)
 
 
-def changed(vector: Float[Tensor, "... k"], part: int, change: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
+def altered(vector: Float[Tensor, "... k"], part: int, change: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
     """Return a vector [..., K] with a change of one of its parts."""
     parts = list(vector.unbind(-1))
     parts[part] = parts[part] + change
