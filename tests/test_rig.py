@@ -10,7 +10,7 @@ import torch
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import balance
-from contactlearn.data.audit.rig import changed, with_balance
+from contactlearn.data.audit.rig import changed, simplest_rig, with_balance
 from contactlearn.data.audit.trials import rig_notes
 from contactlearn.data.recordings.flights import Flight
 from contactlearn.data.recordings.track import Track
@@ -162,3 +162,14 @@ def test_what_was_applied_is_said_and_not_offered_again():
     names = {key.name for key in usable(all_candidates(), correct(stated, ["rig"]))}
     assert not names & {"orientation_offset", "corner_radius", "com_offset"}
     assert names >= {"inertia_error", "surface_tilt", "contact_patch"}
+
+
+def test_a_table_has_the_simplest_rig_that_closes_its_balance_proposed():
+    impacts = squares()
+    stated = changed(impacts, {name: x for name, x in TRUTH.items() if name not in ("inertia", "orientation")})
+    fit = simplest_rig(stated.replace(shape=stated.shape))
+    assert {*fit.estimates} == {"inertia", "orientation"}
+    for name, one in fit.estimates.items():
+        assert abs(one.value - TRUTH[name]) < 4 * one.error
+    assert fit.left < 0.5 * fit.physical
+    assert simplest_rig(changed(impacts, TRUTH)) is None

@@ -8,7 +8,9 @@ from contactlearn.data.audit.conventions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.moments import MUST, Balance, balance, drag_factor, inertia_text, torque, wrong_inertia
 from contactlearn.data.audit.result import Finding, evidence_of
+from contactlearn.data.audit.rig import simplest_rig
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.mechanics.apparatus import PROPERTIES, Row
 from contactlearn.mechanics.impacts import Impacts
 
 _INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
@@ -64,6 +66,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {MUST} gives {fit}"
     if opened and not doubted:
         sentence += "; a wrong inertia, a drag after contact, or a moment at the contact would have this effect"
+        sentence += _proposal(impacts)
     if contradictory:
         sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
     evidence = evidence_of(
@@ -74,6 +77,19 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     )
     name = "moment_balance_open" if opened else "contradictions"
     return Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)
+
+
+def _proposal(impacts: Impacts) -> str:
+    """Say which rig would close the balance, how well physics would, and what only recordings can tell."""
+    fit = simplest_rig(impacts)
+    if fit is None:
+        return ""
+    rows = [Row(name=name, estimate=one, **PROPERTIES[name]) for name, one in fit.estimates.items()]
+    return (
+        f"; the simplest rig that closes it has {' and '.join(str(row) for row in rows if row.differs)}, which leaves "
+        f"{fit.left / fit.given:.0%} of the residual, and a single moment at the contact or loss after it leaves "
+        f"{fit.physical / fit.given:.0%}: heights and rests in recordings would decide"
+    )
 
 
 def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts]:

@@ -13,6 +13,7 @@ is fitted alone in place of the rig; `physical` says how much of the imbalance t
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import torch
 from jaxtyping import Float
@@ -29,6 +30,8 @@ from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
 _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
+_SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a length over the distance of contacts
+_COMPARED, _NEARLY = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
 _FEWEST = 5  # impacts for each change, at least
 _CLEARLY = 0.8  # of the spread that the best single physical cause leaves, below which the rig explains the balance
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, or of a metre
@@ -152,6 +155,32 @@ def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
     return replace(
         rig, **{name: replace(one, error=errors.get(name, one.error)) for name, one in fit.estimates.items()}
     )
+
+
+def simplest_rig(impacts: Impacts) -> BalanceFit | None:
+    """Return the fewest changes of what was stated that close the balance of a table nearly as well as any.
+
+    Combinations of inertia, zero of θ, outline and its place are compared; None where none closes it clearly better.
+    """
+    some = impacts[torch.linspace(0, len(impacts) - 1, min(len(impacts), _COMPARED)).round().long()]
+    length = _SHARE * some.r.norm(dim=-1).median().item()
+    groups = [{"inertia": _INERTIA}]
+    if impacts.shape is not None:
+        groups += [
+            {"orientation": _SHARE},
+            {"corner": length, "oblong": length},
+            {"middle_a": length, "middle_b": length},
+        ]
+    fits = [
+        (count, fit_balance(some, {name: error for group in chosen for name, error in group.items()}))
+        for count in range(1, len(groups) + 1)
+        for chosen in combinations(groups, count)
+        if len(some) >= _FEWEST * 2 * count
+    ]
+    least = min((fit.left for _, fit in fits), default=math.inf)
+    near = [(count, fit.left, fit) for count, fit in fits if fit.left <= least * _NEARLY]
+    best = min(near, key=lambda one: one[:2])[2] if near else None
+    return best if best and best.left < _CLEARLY * best.given else None
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
