@@ -17,8 +17,9 @@ import math
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -77,6 +78,7 @@ class Tally:
     inside: list[list[bool]] = field(default_factory=list)
     instants: list[float] = field(default_factory=list)
     missing: int = 0
+    card: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
     def add(self, hit: Hit, v: np.ndarray, late: float, skipped: int) -> None:
         """Count an accepted contact with its true velocities [2, 3], and the error of its instant in frames."""
@@ -138,7 +140,11 @@ def contacts(size: int, seed: int) -> None:
 
 
 def rigs(size: int, seed: int, count: int = 30) -> None:
-    """A row for every frame rate and noise, of squares and ellipses on `size` / `count` rigs with all faults."""
+    """A row for every frame rate and noise, of squares and ellipses on `size` / `count` rigs with all faults.
+
+    Then one for every property on their cards.
+    """
+    card: dict[str, list[float]] = defaultdict(list)
     header("rigs", *COLUMNS)
     for number, (rate, noise) in enumerate(RIGS):
         tally, spent = Tally(), 0.0
@@ -147,6 +153,12 @@ def rigs(size: int, seed: int, count: int = 30) -> None:
             for rig, seen in zip(drawn, film(drawn, count, seed + number), strict=True):
                 spent += judged(rig, seen, tally)
         printed(f"{rate:g}/s, {1e3 * noise:g} mm", *tally.row(), f"{1e3 * spent / size:.0f}")
+        for name, scores in tally.card.items():
+            card[name] += scores
+    header("property", "in its interval, %", "median error, σ")
+    for name, scores in [*card.items(), ("all", [*chain(*card.values())])]:
+        off = np.abs(scores)
+        printed(name, share(int((off < 1.96).sum()), len(off)), f"{np.median(off):.2f}")
 
 
 def judged(rig: Rig, seen: Film, tally: Tally) -> float:
@@ -156,7 +168,13 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
         seen.table.to_parquet(file)
         start = time.process_time()
         try:
-            survey = find_impacts(file, mass=1.0, shape=rig.shape).survey
+            found = find_impacts(file, mass=1.0, shape=rig.shape)
+            survey, turn_of = found.survey, math.pi / 2 if rig.body == "square" else math.pi
+            for name, truth in rig.card().items():
+                one, whole = getattr(found.impacts.apparatus, name), turn_of if name == "orientation" else math.inf
+                if one is not None:
+                    off = one.value + one.applied - truth
+                    tally.card[name].append((off - whole * round(off / whole) if whole < math.inf else off) / one.error)
         except DataError as error:
             print(f"<!-- {error} -->")
             survey = None

@@ -92,6 +92,22 @@ class Rig:
         """True I/m in m²."""
         return self.inertia * (SIDE**2 / 6 if self.body == "square" else sum(a * a for a in SEMI_AXES) / 4)
 
+    def card(self) -> dict[str, float]:
+        """The true values of the rig card, by the fields of `Apparatus`, in recorded metres and seconds.
+
+        Heights show a corner and a longer axis beside a stated size: these are the ones that make the true heights.
+        """
+        x, y = self.tracked
+        known = {
+            "gravity": GRAVITY * self.scale * self.pace**2, "drag": self.drag[0] * self.pace, "slope": self.slope,
+            "orientation": -self.sense * self.zero, "middle_a": -x * self.scale, "middle_b": -y * self.scale,
+            "centre_a": (self.centre[0] - x) * self.scale, "centre_b": (self.centre[1] - y) * self.scale,
+            "inertia": math.log(self.inertia * self.scale**2),
+        }  # fmt: skip
+        if self.body == "square":
+            return {**known, "corner": SIDE / 2 - (SIDE / 2 * self.size - self.radius) * self.scale}
+        return {**known, "oblong": (SEMI_AXES[0] - SEMI_AXES[1]) * (self.size * self.scale - 1)}
+
 
 def draw(body: str, rate: float, noise: float, seed: int) -> Rig:
     """A rig with every fault, of sizes seen on real rigs."""
