@@ -7,7 +7,7 @@
 Leading axes come before the components, as many as wanted: pose [..., 3].  `Impacts` are measurements instead.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import torch
@@ -74,8 +74,14 @@ class BodyState:
         """Leading axes; empty for one state."""
         return self.mass.shape
 
-    def as_impacts(self) -> Impacts:
+    def repeated(self, count: int) -> "BodyState":
+        """Return the states `count` times along a new first axis."""
+        return replace(self, pose=self.pose.expand(count, *self.pose.shape))
+
+    def as_impacts(self, *, validate: bool = True) -> Impacts:
         """Return the states as N impacts without an outcome: their `v_post` is 0 and means nothing.
+
+        With `validate=False` the contact points need not approach.
 
         Raises:
             DataError: the contact point is not known, does not approach, or a number is impossible.
@@ -91,6 +97,7 @@ class BodyState:
         return Impacts(
             *(mass, inertia, r.reshape(-1, 2), pose, velocity, still),
             order=order, object=(self.object,) * len(mass), shape=self.shape, source="state of a body",
+            validate=validate,
         )  # fmt: skip
 
 

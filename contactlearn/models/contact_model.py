@@ -28,8 +28,11 @@ from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.body_state import BodyOutcome, BodyState
 from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
+from contactlearn.models.roll_out import RECORDING, RollOut, Until, follow
 
 RESIDUALS = ("velocity", "impulse", "wrench")
 """Quantity to which a residual is added: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
@@ -108,6 +111,49 @@ class ContactModel:
             covariance=self._covariance(impacts, predicted) if uncertainty else None,
         )
         return outcome.reshaped(state.batch)
+
+    def roll_out(
+        self,
+        state: BodyState,
+        shape: Shape | None = None,
+        *,
+        until: Until = Until(),
+        gravity: float = GRAVITY,
+        drag: float = 0.0,
+        samples: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> RollOut:
+        """Follow bodies through flights and bounces; see `roll_out.follow`.
+
+        With `samples` each body is followed with so many draws of the parameters from their covariance, along a new
+        first axis: a fan of trajectories.  Effects of the recording, such as a sampling delay, are left out.
+
+        Raises:
+            ContactLearnError: samples, and the model has no covariance of its parameters.
+            DataError: the shape is not known, or a body starts inside the floor.
+        """
+        effects = {name: effect for name, effect in self.effects.items() if name not in RECORDING}
+        model = replace(self, effects=effects)
+        values: list[Tensor] | None = None
+        if samples is not None:
+            if self.parameter_covariance is None:
+                raise ContactLearnError("the model has no covariance of its parameters to draw samples from")
+            root = torch.linalg.cholesky(self.parameter_covariance)
+            normal = torch.randn(samples, len(root), generator=generator, dtype=torch.float64)
+            drawn = self.at((torch.stack(self.values) + normal @ root.mT).unbind(-1))
+            kept = replace(drawn, effects={name: drawn.effects[name] for name in effects})
+            values = [x.repeat_interleave(state.batch.numel()) for x in kept.values]
+            state = state.repeated(samples)
+
+        def at(rows: Tensor) -> ContactModel:
+            return model if values is None else model.at([x[rows] for x in values])
+
+        found = follow(
+            lambda impacts, rows: at(rows).predict(impacts),
+            lambda measured, rows: actual_state(at(rows).under.effects, measured),
+            *(state, shape, until, gravity, drag),
+        )
+        return replace(found, left_out=tuple(name for name in self.effects if name in RECORDING))
 
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""
