@@ -25,5 +25,5 @@ class InertiaError(Effect):
     kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        factor = torch.as_tensor(self.kappa).exp()
+        factor = torch.as_tensor(self.kappa).to(state.inertia).exp()
         return state.replace(inertia=state.inertia * (factor if state.space is PLANE else factor[..., None]))

@@ -47,9 +47,8 @@ class SpinDampingAfter(SpinDamping):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         d = state.space.d
         spun = rigid_body.spin_momentum(state.world_inertia, state.v_after(wrench)[..., d:])
-        return columns(
-            *wrench[..., :d].unbind(-1), *(wrench[..., d:] - torch.as_tensor(self.c)[..., None] * spun).unbind(-1)
-        )
+        tau = wrench[..., d:] - torch.as_tensor(self.c).to(spun)[..., None] * spun
+        return columns(*wrench[..., :d].unbind(-1), *tau.unbind(-1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,7 +172,7 @@ class Polygon:
     ) -> Float[Tensor, "*batch 2"]:
         """From vertices to the points of arcs of a radius in m that have these normals, in the body frame."""
         arcs = self.arc_centres().to(direction)[vertex] + direction / direction.norm(dim=-1, keepdim=True)
-        return torch.as_tensor(radius)[..., None] * arcs
+        return torch.as_tensor(radius).to(arcs)[..., None] * arcs
 
     def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
         """The lowest corner and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
