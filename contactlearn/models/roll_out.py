@@ -127,7 +127,7 @@ class RollOut:
     def reshaped(self, batch: torch.Size) -> Self:
         """Return the trajectories with their first axis split into others."""
         parts = {name: x for name, x in vars(self).items() if isinstance(x, Tensor)}
-        return replace(self, **{name: x.reshape(*batch, *x.shape[1:]) for name, x in parts.items()})
+        return replace(self, **{name: x.reshape((*batch, *x.shape[1:])) for name, x in parts.items()})
 
     def at(self, times: Float[Tensor, "t"]) -> Float[Tensor, "*batch t 3"]:
         """Return poses [..., T, 3] at times in s; NaN after the end."""
