@@ -346,7 +346,7 @@ class DiagnoseSettings:
     laws: tuple[Law, ...]
     effects: Mapping[str, Effect]
     candidates: Mapping[str, Effect]
-    noise: tuple[float, float, float] | None
+    noise: tuple[float, ...] | None
     limits: Mapping[str, tuple[float, float]]
 
     @classmethod

@@ -38,7 +38,7 @@ def diagnose(
     *,
     candidates: Mapping[EffectId, Effect] | None = None,
     laws: Sequence[Law] | None = None,
-    noise: tuple[float, float, float] | None = None,
+    noise: tuple[float, ...] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
     seconds: float = 60.0,
