@@ -265,6 +265,7 @@ def test_a_fit_refuses_what_does_not_exist_in_space():
 
 
 OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))
+THERE = {"com_offset": lambda a, b: (a, 0.0, b)}  # values in space: y is up in the plane
 IN_SPACE = [kind for forms in effect_catalogue().values() for kind in forms if SPACE in kind.spaces]
 
 
@@ -278,19 +279,42 @@ def test_effects_agree_with_the_plane(kind):
     values = [p.start + share * (p.high - p.start) for p, share in zip(effect.parameters, shares, strict=True)]
     law = find("wang_mason").at(0.15, 0.6)
     outcomes = []
-    for impacts in (plane, in_space(plane)):
-        model = ContactModel(base=law, effects={"it": effect.at(values)})
+    there = THERE.get(kind.name, lambda *own: own)(*values)
+    for impacts, one in ((plane, effect.at(values)), (in_space(plane), again.at(there))):
+        model = ContactModel(base=law, effects={"it": one})
         outcomes.append(model.predict(impacts).v_post)
-        rest = ContactModel(base=law, effects={"it": effect.vanished()}).predict(impacts)
+        rest = ContactModel(base=law, effects={"it": one.vanished()}).predict(impacts)
         assert torch.equal(rest.v_post, ContactModel(base=law).predict(impacts).v_post)
     torch.testing.assert_close(outcomes[1], velocities(outcomes[0]), rtol=1e-9, atol=1e-9)
     assert (outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))).abs().max() > 1e-6
 
 
-def test_effects_are_fitted_in_space():
+def test_effects_agree_with_mechanics_in_space():
+    """A tracked point of a body moves as the body does: the same toss, told of another point of it."""
+    law, d = find("wang_mason").at(0.2, 0.4), torch.tensor((0.01, -0.02, 0.005)).double()
+    away = (rigid_body.rotation(TOSSED.q[:, 3:]) @ d[:, None])[..., 0]
+
+    def of_another_point(v):
+        return torch.cat((v[:, :3] - torch.linalg.cross(v[:, 3:], away), v[:, 3:]), -1)
+
+    tracked = TOSSED.replace(r=TOSSED.r + away, v_pre=of_another_point(TOSSED.v_pre))
+    model = ContactModel(base=law, effects={"it": find_effect("com_offset")().at(d)})
+    expected = of_another_point(ContactModel(base=law).predict(TOSSED).v_post)
+    torch.testing.assert_close(model.predict(tracked).v_post, expected, **EXACT)
+
+
+PLANTED = {
+    "damping and drag": {"spin_damping": [0.1], "side_drag": [0.05]},
+    "mass centre": {"com_offset": [0.003, -0.004, 0.006]},
+}
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_effects_are_fitted_in_space(name):
     """Of bodies of any pose; their derivatives are those of the fit."""
-    effects = {"spin_damping": find_effect("spin_damping")(), "side_drag": find_effect("side_drag")()}
-    truth = [effects["spin_damping"].at([0.1]), effects["side_drag"].at([0.05])]
-    model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=dict(zip(effects, truth, strict=True)))
-    fit = identify_jointly("whittaker", effects, TOSSED.replace(v_post=model.predict(TOSSED).v_post))
-    torch.testing.assert_close(fit.values, torch.tensor((0.2, 0.4, 0.1, 0.05)).double(), rtol=1e-4, atol=1e-5)
+    effects = {key: find_effect(key)().prepare(TOSSED) for key in PLANTED[name]}
+    truth = {key: effects[key].at(values) for key, values in PLANTED[name].items()}
+    model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=truth)
+    fit = identify_jointly("whittaker", list(effects), TOSSED.replace(v_post=model.predict(TOSSED).v_post))
+    wanted = torch.tensor([0.2, 0.4, *(x for values in PLANTED[name].values() for x in values)]).double()
+    torch.testing.assert_close(fit.values, wanted, rtol=1e-4, atol=1e-5)

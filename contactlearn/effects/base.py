@@ -45,7 +45,7 @@ from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE, Space, require_space
+from contactlearn.mechanics.space import PLANE, SPACE, Space, require_space
 
 OUTPUTS = {
     "state": {"rx": "m", "ry": "m", "theta": "rad"},
@@ -84,6 +84,7 @@ def parameter(
     *,
     vanishing: float | None = 0.0,
     start: float | None = None,
+    in_space: bool = False,
 ) -> Any:
     """Declare a field of an effect as a fitted parameter.
 
@@ -94,10 +95,11 @@ def parameter(
         high: greatest plausible value.
         vanishing: value at which the effect vanishes; None if another parameter makes it vanish.
         start: first value of a fit; `vanishing` if left out.
+        in_space: whether bodies in space alone have it; its value is None until the effect is prepared on some.
     """
     start = vanishing if start is None else start
     declared = {"symbol": symbol, "unit": unit, "low": low, "high": high, "vanishing": vanishing, "start": start}
-    return field(default=start, metadata={"parameter": declared})
+    return field(default=None if in_space else start, metadata={"parameter": declared})
 
 
 class Effect(ABC):
@@ -112,7 +114,7 @@ class Effect(ABC):
     in_words: ClassVar[str] = ""
     """What its fitted values say, each parameter once by name: "the floor is tilted by {phi}".
 
-    A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
+    What stands in brackets is of space alone.  A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
     the factor e^κ, `{c:-}` or `{c:-%}` the opposite of a value.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
@@ -158,8 +160,7 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            if "parameter" in f.metadata:
-                given = getattr(self, f.name)
+            if "parameter" in f.metadata and (given := getattr(self, f.name)) is not None:
                 try:
                     object.__setattr__(self, f.name, torch.as_tensor(given, dtype=torch.float64))
                 except (TypeError, ValueError, RuntimeError) as error:
@@ -183,12 +184,16 @@ class Effect(ABC):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Fitted parameters, in the order of the fields."""
-        kind = type(self)
-        if "_parameters" not in vars(kind):  # read some hundred times a fit
-            declared = (f for f in fields(kind) if "parameter" in f.metadata)
-            kind._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in declared)
-        return kind._parameters
+        """Fitted parameters, in the order of the fields; those of space once the effect was prepared there."""
+        return tuple(p for p in self.every_parameter() if getattr(self, p.name) is not None)
+
+    @classmethod
+    def every_parameter(cls) -> tuple[Parameter, ...]:
+        """Return the fields that are parameters, those of space among them."""
+        if "_parameters" not in vars(cls):  # read some hundred times a fit
+            named = (f for f in fields(cls) if "parameter" in f.metadata)
+            cls._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in named)
+        return cls._parameters
 
     @property
     def equation(self) -> str:
@@ -208,7 +213,8 @@ class Effect(ABC):
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; they broadcast against [..., N]."""
         parts = values.unbind(-1) if isinstance(values, Tensor) else values
-        return replace(self, **{p.name: value for p, value in zip(self.parameters, parts, strict=True)})
+        own = self.parameters if len(parts) == len(self.parameters) else self.every_parameter()
+        return replace(self, **{p.name: value for p, value in zip(own, parts, strict=True)})
 
     def vanished(self) -> Self:
         """Return the effect where it changes nothing."""
@@ -224,7 +230,8 @@ class Effect(ABC):
         require_space(f"effect {self.name}", impacts.space, self.spaces)
         if self.needs_shape:
             require_shape(self.name, impacts)
-        return self
+        opened = {p.name: p.start for p in self.every_parameter() if impacts.space is SPACE and getattr(self, p.name) is None}
+        return replace(self, **opened) if opened else self
 
 
 def check_decorated(kind: type[Effect]) -> None:

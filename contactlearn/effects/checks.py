@@ -82,7 +82,7 @@ def _misdeclared(effect: Effect) -> Iterator[str]:
         if not p.low < p.high or any(v is not None and not p.low <= v <= p.high for v in (p.start, p.vanishing)):
             yield f"must give its parameter {p.name} low < high, and a start and a vanishing value between them"
     named = sorted(name for _, name, _, _ in Formatter().parse(effect.in_words) if name is not None)
-    if effect.in_words and named != sorted(p.name for p in effect.parameters):
+    if effect.in_words and named != sorted(p.name for p in effect.every_parameter()):
         yield f"must name each of its parameters once in in_words, got {effect.in_words!r}"
 
 

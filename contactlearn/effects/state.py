@@ -48,7 +48,7 @@ class State:
     shape: AnyShape | None = None
     stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
     tilt: Float[Tensor, "..."] | None = None
-    offset: Float[Tensor, "... 2"] | None = None
+    offset: Float[Tensor, "... d"] | None = None
     mu: Float[Tensor, "..."] | None = None
     eps: Float[Tensor, "..."] | None = None
     corner: Tensor | float = 0.0
@@ -88,6 +88,12 @@ class State:
     def world_inertia(self) -> Float[Tensor, "..."]:
         """Moment of inertia in kg m²: [..., N] in the plane, [..., N, 3, 3] in world axes in space."""
         return rigid_body.inertia_in_world(self.inertia, self.q)
+
+    def in_world(self, vector: Float[Tensor, "... d"]) -> Float[Tensor, "... n d"]:
+        """Return a vector [..., d] in axes of the body in those of the contact."""
+        if self.space is PLANE:
+            return rigid_body.rotate(vector, self.theta)
+        return rigid_body.matvec(rigid_body.rotation(self.q[..., 3:]), vector)
 
     @property
     def x(self) -> Float[Tensor, "... n"]:
@@ -204,12 +210,12 @@ class State:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
         if self.offset is None and self.tilt is None:
             return v_post
-        velocity, spin = v_post[..., :2], v_post[..., 2]
+        velocity, spin = v_post.split((self.space.d, self.space.D - self.space.d), -1)
         if self.offset is not None:
-            velocity = velocity - spin[..., None] * perpendicular(self.offset)
+            velocity = velocity - rigid_body.swept(self.offset, spin)
         if self.tilt is not None:
             velocity = rigid_body.rotate(velocity, self.tilt)
-        return columns(*velocity.unbind(-1), spin)
+        return columns(*velocity.unbind(-1), *spin.unbind(-1))
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:
@@ -222,11 +228,6 @@ def altered(vector: Float[Tensor, "... k"], part: int, change: Float[Tensor, "..
     parts = list(vector.unbind(-1))
     parts[part] = parts[part] + change
     return columns(*parts)
-
-
-def perpendicular(vector: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-    """Return ẑ × the vector [..., 2], which is the vector turned counter-clockwise by a right angle."""
-    return torch.stack((-vector[..., 1], vector[..., 0]), -1)
 
 
 def _detached(value: Any) -> Any:

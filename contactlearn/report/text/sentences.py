@@ -180,9 +180,11 @@ def in_words(found: MissingEffect | Candidate) -> str:
     if kind and isinstance(argument := getattr(kind, "argument", None), Argument):
         quantity = kind.formula.partition(" ")[0].replace("τ", "the arm of the normal impulse")
         curve = f"over {argument.symbol}{'' if argument.unit == '–' else f' in {argument.unit}'}, {quantity} "
+    named = {one.name: numbers.Quantity(one) for one in values}
+    words = re.sub(r"\[(.*?\{(\w+).*?)\]", lambda part: part[1] * (part[2] in named), words)  # of space alone
     with suppress(KeyError):  # parameters of another version
         if words:
-            return curve + words.format_map({one.name: numbers.Quantity(one) for one in values})
+            return curve + words.format_map(named)
     if len(values) > _MOST_LISTED:
         low, high = (pick(values, key=lambda one: one.value) for pick in (min, max))
         return f"{curve and f'{curve}is a curve with '}{len(values)} coefficients from {_shown(low)} to {_shown(high)}"
