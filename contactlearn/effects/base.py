@@ -95,7 +95,7 @@ def parameter(
         high: greatest plausible value.
         vanishing: value at which the effect vanishes; None if another parameter makes it vanish.
         start: first value of a fit; `vanishing` if left out.
-        in_space: whether bodies in space alone have it; its value is None until the effect is prepared on some.
+        in_space: whether bodies in space alone have it, declared last; its value is None until the effect is prepared on some.
     """
     start = vanishing if start is None else start
     declared = {"symbol": symbol, "unit": unit, "low": low, "high": high, "vanishing": vanishing, "start": start}
@@ -114,7 +114,8 @@ class Effect(ABC):
     in_words: ClassVar[str] = ""
     """What its fitted values say, each parameter once by name: "the floor is tilted by {phi}".
 
-    What stands in brackets is of space alone.  A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
+    What stands in brackets is of space alone.
+    A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
     the factor e^κ, `{c:-}` or `{c:-%}` the opposite of a value.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
@@ -230,8 +231,8 @@ class Effect(ABC):
         require_space(f"effect {self.name}", impacts.space, self.spaces)
         if self.needs_shape:
             require_shape(self.name, impacts)
-        opened = {p.name: p.start for p in self.every_parameter() if impacts.space is SPACE and getattr(self, p.name) is None}
-        return replace(self, **opened) if opened else self
+        opened = self.every_parameter()[len(self.parameters) :] if impacts.space is SPACE else ()
+        return self.at([*self.values, *(p.start for p in opened)]) if opened else self
 
 
 def check_decorated(kind: type[Effect]) -> None:
