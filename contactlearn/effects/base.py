@@ -95,7 +95,7 @@ def parameter(
         high: greatest plausible value.
         vanishing: value at which the effect vanishes; None if another parameter makes it vanish.
         start: first value of a fit; `vanishing` if left out.
-        in_space: whether bodies in space alone have it, declared last; its value is None until the effect is prepared on some.
+        in_space: whether bodies in space alone have it; declared last, and None until the effect is prepared on some.
     """
     start = vanishing if start is None else start
     declared = {"symbol": symbol, "unit": unit, "low": low, "high": high, "vanishing": vanishing, "start": start}
