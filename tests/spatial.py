@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Ellipse, Ellipsoid
 
 ACROSS = torch.tensor((0.0, 1.0, 0.0), dtype=torch.float64)
 
@@ -36,6 +37,9 @@ def poses(q: Tensor) -> Tensor:
 def in_space(impacts: Impacts) -> Impacts:
     """Planar impacts as spatial ones of bodies that are twice as hard to turn about the other axes."""
     fields = {"q": poses(impacts.q), "r": vectors(impacts.r), "shape": None}
+    if isinstance(impacts.shape, Ellipse):
+        a, b = impacts.shape.semi_axes
+        fields["shape"] = Ellipsoid((a, 2 * a, b))
     fields |= {} if impacts.q_post is None else {"q_post": poses(impacts.q_post)}
     fields |= {name: velocities(getattr(impacts, name)) for name in ("v_pre", "v_post")}
     return impacts.replace(inertia=impacts.inertia[:, None] * torch.tensor((2.0, 1.0, 2.0)).double(), **fields)

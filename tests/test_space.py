@@ -11,8 +11,8 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.effects import State, find_effect
 from contactlearn.effects import catalogue as effect_catalogue
-from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
@@ -20,6 +20,7 @@ from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
+from contactlearn.mechanics.shapes import Cuboid, Disc, contact_point
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -286,7 +287,10 @@ def test_effects_agree_with_the_plane(kind):
         rest = ContactModel(base=law, effects={"it": one.vanished()}).predict(impacts)
         assert torch.equal(rest.v_post, ContactModel(base=law).predict(impacts).v_post)
     torch.testing.assert_close(outcomes[1], velocities(outcomes[0]), rtol=1e-9, atol=1e-9)
-    assert (outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))).abs().max() > 1e-6
+    assert (
+        kind.name == "corner_radius"
+        or (outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))).abs().max() > 1e-6
+    )
 
 
 def test_effects_agree_with_mechanics_in_space():
@@ -301,6 +305,23 @@ def test_effects_agree_with_mechanics_in_space():
     model = ContactModel(base=law, effects={"it": find_effect("com_offset")().at(d)})
     expected = of_another_point(ContactModel(base=law).predict(TOSSED).v_post)
     torch.testing.assert_close(model.predict(tracked).v_post, expected, **EXACT)
+
+
+def test_corners_are_round_in_space():
+    """A box lands on spheres whose centres lie within its sides; the table computes the same points."""
+    q, half, radius = TOSSED.q, torch.tensor((0.05, 0.04, 0.03)).double(), 0.006
+    R = rigid_body.rotation(q[:, 3:])
+    corners = torch.cartesian_prod(*[torch.tensor((-1.0, 1.0)).double()] * 3)
+    for inner, shape in ((half, Cuboid(tuple(half))), (half - radius, Cuboid(tuple(half), radius))):
+        centres = (inner * corners) @ R.mT
+        lowest = centres[torch.arange(300), centres[..., 2].argmin(-1)]
+        down = (half - inner)[0] * torch.tensor((0.0, 0.0, -1.0))
+        torch.testing.assert_close(contact_point(shape, q[:, 3:]), lowest + down, **EXACT)
+    boxes = TOSSED.replace(shape=Cuboid(tuple(half)), r=contact_point(Cuboid(tuple(half)), q[:, 3:]), validate=False)
+    rounded = find_effect("corner_radius")(radius).state(State.of(boxes))
+    torch.testing.assert_close(rounded.r, lowest + down, **EXACT)
+    with pytest.raises(DataError, match="a body in space has the shape of one, got Disc"):
+        TOSSED.replace(shape=Disc(0.1))
 
 
 PLANTED = {

@@ -29,6 +29,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import finite_number, whole
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Cuboid
 
 if TYPE_CHECKING:  # pandas takes long to load
     import pandas as pd
@@ -98,6 +99,7 @@ def load(
         time=torch.tensor([hit.time for hit in hits], dtype=torch.float64),
         trial=tuple(hit.name for hit in hits),
         object=("cube",) * count,
+        shape=Cuboid((half, half, half)),
         source=path.name,
         validate=False,
     )

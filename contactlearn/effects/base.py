@@ -252,10 +252,11 @@ def require_shape(effect: str, impacts: Impacts) -> None:
         DataError: the impacts have no shape.
     """
     if impacts.shape is None:
+        say = "{kind: ellipse, semi_axes: [a, b]}, or take the one that the contact points trace, "
+        say = "{kind: cuboid, half: [a, b, c]}" if impacts.space is SPACE else f"{say}data.correct=[traced_shape]"
         raise DataError(
             f"effect {effect} moves the contact point, so it needs the body's shape, and {impacts.source} has "
-            "none; say it with data.shape={kind: ellipse, semi_axes: [a, b]}, or take the one that the contact points "
-            "trace, data.correct=[traced_shape]"
+            f"none; say it with data.shape={say}"
         )
 
 

@@ -6,17 +6,19 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
 class CornerRadius(Effect):
-    """The corners of a polygon are arcs of radius ρ_c within its two sides.
+    """The corners of a polygon are arcs of radius ρ_c within its two sides, those of a box spheres within its three.
 
     The contact point lies ρ_c below the centre of the arc, so r is shorter than to the sharp vertex and moves along the
     corner with θ.  A body of another shape has no corners, and nothing depends on ρ_c; several polygons
     have the same ρ_c.  It is not a polygon of other sides (`shape_error`).
     """
 
+    spaces = BOTH
     formula = "r ← r(θ) of the body with corners of radius ρ_c"
     in_words = "the corners have a radius of {rho_c}"
     source = "calibration"
@@ -24,5 +26,5 @@ class CornerRadius(Effect):
     rho_c: Tensor | float = parameter("ρ_c", "m", 0.0, 0.01)
 
     def state(self, state: State) -> State:
-        rounder = state.replace(corner=state.corner + self.rho_c)
-        return rounder.replace(r=state.r + (rounder.contact_points(state.theta) - state.contact_points(state.theta)))
+        turn, rounder = state.orientation, state.replace(corner=state.corner + self.rho_c)
+        return rounder.replace(r=state.r + (rounder.contact_points(turn) - state.contact_points(turn)))

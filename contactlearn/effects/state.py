@@ -24,7 +24,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import AnyShape, per_body
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Polygon, Shape, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Polygon, Shape, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
@@ -46,7 +46,7 @@ class State:
     v_pre: Float[Tensor, "*#batch n D"]
     order: Float[Tensor, "*#batch n"]
     shape: AnyShape | None = None
-    stretch: tuple[Tensor | float, Tensor | float] = (1.0, 1.0)
+    stretch: tuple[Tensor | float, ...] = (1.0, 1.0)
     tilt: Float[Tensor, "..."] | None = None
     offset: Float[Tensor, "... d"] | None = None
     mu: Float[Tensor, "..."] | None = None
@@ -94,6 +94,11 @@ class State:
         if self.space is PLANE:
             return rigid_body.rotate(vector, self.theta)
         return rigid_body.matvec(rigid_body.rotation(self.q[..., 3:]), vector)
+
+    @property
+    def orientation(self) -> Float[Tensor, "..."]:
+        """θ [..., N] in rad, in space the quaternion [..., N, 4] from the body to the axes of the contact."""
+        return self.theta if self.space is PLANE else self.q[..., 3:]
 
     @property
     def x(self) -> Float[Tensor, "... n"]:
@@ -182,8 +187,8 @@ class State:
             r=self.r + (self.contact_points(theta) - self.contact_points(self.theta)),
         )
 
-    def contact_points(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
-        """Contact point [..., N, 2] of each trial's stretched body at orientation θ [..., N], m.
+    def contact_points(self, theta: Float[Tensor, "..."]) -> Float[Tensor, "... n d"]:
+        """Contact point [..., N, d] of each trial's stretched body at an `orientation`, m.
 
         Raises:
             ContactLearnError: the shape is not known.
@@ -192,14 +197,17 @@ class State:
             raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
         return per_body(self.shape, self.body, lambda one: self._contact_point(one, theta))
 
-    def _contact_point(self, shape: Shape, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n 2"]:
-        """Contact points [..., N, 2] of bodies that all have this shape."""
+    def _contact_point(self, shape: Shape, theta: Float[Tensor, "..."]) -> Float[Tensor, "... n d"]:
+        """Contact points [..., N, d] of bodies that all have this shape."""
         lowest = contact_point(shape, theta, self.stretch)
-        if not isinstance(shape, Polygon):
-            return lowest
-        down = torch.stack((-theta.sin(), -theta.cos()), -1)
-        vertex = (down @ torch.tensor(shape.vertices, dtype=theta.dtype, device=theta.device).T).argmax(-1)
-        return lowest + rigid_body.rotate(shape.rounding(vertex, down, self.corner), theta)
+        if isinstance(shape, Polygon):
+            down = torch.stack((-theta.sin(), -theta.cos()), -1)
+            return lowest + rigid_body.rotate(shape.rounding(shape.facing(down), down, self.corner), theta)
+        if isinstance(shape, Cuboid):
+            R = rigid_body.rotation(theta)
+            down = -R[..., 2, :]
+            return lowest + rigid_body.matvec(R, shape.rounding(shape.facing(down), down, self.corner))
+        return lowest
 
     @property
     def mass_centre(self) -> Float[Tensor, "... n 2"] | None:

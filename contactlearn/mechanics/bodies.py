@@ -4,7 +4,7 @@
 shapes where they differ, or None where it is not known.  Values of each trial follow from it and from the number of the
 trial's body (`Impacts.body`, `State.body`), in one pass over the few shapes that there are:
 
-    contact_points(shape, body, theta)      contact points [..., N, 2] of bodies at orientations [..., N]
+    contact_points(shape, body, theta)      contact points [..., N, d] of bodies at orientations [..., N], [..., N, 4]
     per_body(shape, body, value)         any other value of a trial that its body's shape gives
 """
 
@@ -74,9 +74,9 @@ def per_body(
 
 
 def contact_points(
-    shape: AnyShape, body: Int[Tensor, "*#batch n"] | None, theta: Float[Tensor, "*batch n"]
-) -> Float[Tensor, "*batch n 2"]:
-    """Contact point [..., N, 2] in m of each trial's body at orientation θ [..., N] in rad."""
+    shape: AnyShape, body: Int[Tensor, "*#batch n"] | None, theta: Float[Tensor, "..."]
+) -> Float[Tensor, "*batch n d"]:
+    """Contact point [..., N, d] in m of each trial at orientation θ [..., N] in rad, or quaternion [..., N, 4]."""
     return per_body(shape, body, lambda one: contact_point(one, theta))
 
 

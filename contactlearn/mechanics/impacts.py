@@ -32,8 +32,9 @@ from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
-from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes
+from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, shapes_among
 from contactlearn.mechanics.features import Features
+from contactlearn.mechanics.shapes import Solid
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 _ROUNDING = 1e-9  # of a correlation
@@ -118,6 +119,10 @@ class Impacts:
                 row = getattr(self, name).index("") + 1
                 raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
         object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
+        for one in shapes_among(self.shape).values():
+            if isinstance(one, Solid) != (self.space is SPACE):
+                rule = f"{self.source}: a body in {'space' if self.space is SPACE else 'a plane'} has the shape of one"
+                raise DataError(f"{rule}, got {one}; cuboid, ellipsoid, sphere are of space, other kinds of the plane")
         for name, columns in self.space.components.items():
             if (value := getattr(self, name)) is None:
                 continue

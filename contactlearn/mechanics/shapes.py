@@ -1,14 +1,15 @@
-"""Convex planar bodies on a flat floor: where they touch it, and how hard they are to turn.
+"""Convex bodies on a flat floor, in the plane and in space: where they touch it, and how hard they are to turn.
 
-`contact_point` is the body's lowest point at orientation θ, relative to the centre of mass and in
-world axes: r [..., 2] in metres, r_y < 0, differentiable in θ and in the body's scale (a polygon's,
-between the jumps from corner to corner).  `gyration_squared` is I/m of the body if its density is
-uniform.  Shapes are plain values; `None` stands for an unknown shape.
+`contact_point` is the body's lowest point at orientation θ, in space at a quaternion, relative to the centre of mass
+and in world axes: r [..., d] in metres, its last component < 0, differentiable in the orientation and in the body's
+scale (a polygon's and a box's, between the jumps from corner to corner).  `gyration_squared` is I/m of the body if its
+density is uniform.  Shapes are plain values; `None` stands for an unknown shape.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
@@ -17,35 +18,39 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number
-from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.rigid_body import matvec, rotate, rotation
 
 
 class Shape(Protocol):
     """A convex body; the body frame has its origin at the centre of mass and is turned by θ."""
 
-    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """Farthest point [..., 2] in m in a direction [..., 2] of any length, both in the body frame."""
+    def support(self, direction: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
+        """Farthest point [..., d] in m in a direction [..., d] of any length, both in the body frame."""
         ...
 
-    def gyration_squared(self) -> float:
-        """Squared radius of gyration ρ² = I/m in m² about the centre of mass, at uniform density."""
+    def gyration_squared(self) -> Any:
+        """Squared radius of gyration ρ² = I/m in m² about the centre of mass, at uniform density; in space [3]."""
         ...
 
-    def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
-        """Closed boundary [points, 2] in m, in the body frame."""
+    def outline(self, points: int = 181) -> Float[Tensor, "points d"]:
+        """Closed boundary [points, d] in m, in the body frame; in space of the shadow along y."""
         ...
 
 
 def contact_point(
     shape: Shape,
-    theta: Float[Tensor, "*#batch"],
-    scale: tuple[Float[Tensor, "*#batch"] | float, Float[Tensor, "*#batch"] | float] = (1.0, 1.0),
-) -> Float[Tensor, "*#batch 2"]:
-    """Lowest point r [..., 2] in m at orientation θ [...] in rad.
+    theta: Float[Tensor, "..."],
+    scale: Sequence[Float[Tensor, "*#batch"] | float] = (1.0, 1.0),
+) -> Float[Tensor, "..."]:
+    """Lowest point r [..., d] in m at orientation θ [...] in rad, in space at a quaternion [..., 4].
 
-    The body may be stretched by `scale` along its own x and y axes: the farthest point of S K in the
+    The body may be stretched by `scale` along its own x and y (and z) axes: the farthest point of S K in the
     direction d is S times that of K in the direction S d.
     """
+    if isinstance(shape, Solid):
+        R = rotation(theta)
+        s = torch.stack(torch.broadcast_tensors(*(torch.as_tensor(one).to(R) for one in (*scale, 1.0)[:3])), -1)
+        return matvec(R, s * shape.support(-R[..., 2, :] * s))
     s_x, s_y = scale
     down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
     x, y = shape.support(down).unbind(-1)
@@ -161,10 +166,13 @@ class Polygon:
         before = after.roll(1, 0)
         return -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
 
+    def facing(self, direction: Float[Tensor, "*batch 2"]) -> Int[Tensor, "*batch"]:
+        """The vertex of the greatest d · p, the first of equals, by its number."""
+        return (direction @ direction.new_tensor(self.vertices).T).argmax(-1)
+
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """The vertex of the greatest d · p, the first of equals, or the point of its arc with the normal d."""
-        corners = torch.tensor(self.vertices, dtype=direction.dtype, device=direction.device)
-        lowest = (direction @ corners.T).argmax(-1)
+        """The vertex that faces d, or the point of its arc with the normal d."""
+        corners, lowest = direction.new_tensor(self.vertices), self.facing(direction)
         return corners[lowest] + self.rounding(lowest, direction, self.corner) if self.corner else corners[lowest]
 
     def rounding(
@@ -210,7 +218,102 @@ class Polygon:
         return self.support(torch.stack((angle.cos(), angle.sin()), -1))
 
 
-KINDS: dict[str, type[Ellipse | Polygon | Disc]] = {"ellipse": Ellipse, "polygon": Polygon, "disc": Disc}
+class Solid(ABC):
+    """A convex body in space, whose support and gyration have three components."""
+
+    @abstractmethod
+    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Return the farthest point [..., 3] in m in a direction [..., 3], both in the body frame."""
+
+    @abstractmethod
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """Return I/m [3] in m² about the body's axes, at uniform density."""
+
+    def outline(self, points: int = 181) -> Float[Tensor, "points 3"]:
+        """Return the boundary of the shadow along the body's y axis, closed."""
+        x, z = Disc(1.0).outline(points).unbind(-1)
+        return self.support(torch.stack((x, 0 * x, z), -1))
+
+
+@dataclass(frozen=True)
+class Ellipsoid(Solid):
+    """Ellipsoid with `semi_axes` (a, b, c) in m along the body's axes."""
+
+    semi_axes: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 3))
+
+    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """A² d / |A d|, A = diag(a, b, c)."""
+        axes = direction.new_tensor(self.semi_axes)
+        scaled = axes * direction
+        return axes * scaled / scaled.norm(dim=-1, keepdim=True)
+
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """(b² + c²)/5 and so on."""
+        squares = torch.tensor(self.semi_axes, dtype=torch.float64).square()
+        return (squares.sum() - squares) / 5
+
+
+@dataclass(frozen=True)
+class Sphere(Solid):
+    """Ball of `radius` in m about its centre of mass."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
+
+    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """The radius along d."""
+        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
+
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """ρ² = 2 R²/5 about every axis."""
+        return torch.full((3,), 0.4 * self.radius**2, dtype=torch.float64)
+
+
+@dataclass(frozen=True)
+class Cuboid(Solid):
+    """Cuboid with `half` sides (a, b, c) in m along the body's axes; edges and corners are rounded by `corner` in m."""
+
+    half: tuple[float, float, float]
+    corner: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "half", _lengths("half", self.half, 3))
+        object.__setattr__(self, "corner", finite_number("corner", self.corner, 0))
+        if self.corner > min(self.half):
+            raise DataError(f"corners of a box have at most the least of its half sides as radius, got {self.corner:g}")
+
+    def facing(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Corner in a direction, by its signs."""
+        return torch.where(direction < 0, -1.0, 1.0).to(direction)
+
+    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """The corner of the greatest d · p, or the point of its rounding with the normal d."""
+        signs = self.facing(direction)
+        sharp = direction.new_tensor(self.half) * signs
+        return sharp + self.rounding(signs, direction, self.corner) if self.corner else sharp
+
+    def rounding(
+        self, corner: Float[Tensor, "*batch 3"], direction: Float[Tensor, "*batch 3"], radius: Tensor | float
+    ) -> Float[Tensor, "*#batch 3"]:
+        """From corners to the points of spheres of a radius in m, within the sides, that have these normals."""
+        spheres = direction / direction.norm(dim=-1, keepdim=True) - corner
+        return torch.as_tensor(radius).to(spheres)[..., None] * spheres
+
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """(b² + c²)/3 and so on; the rounding is left out."""
+        squares = torch.tensor(self.half, dtype=torch.float64).square()
+        return (squares.sum() - squares) / 3
+
+
+KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid]] = {
+    **{"ellipse": Ellipse, "polygon": Polygon, "disc": Disc},
+    **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cuboid": Cuboid},
+}
 
 
 def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
@@ -220,7 +323,7 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
         DataError: a missing, unknown or impossible entry.
         UnknownNameError: a kind that does not exist.
     """
-    if spec is None or isinstance(spec, Ellipse | Disc | Polygon):
+    if spec is None or isinstance(spec, tuple(KINDS.values())):
         return spec
     if not isinstance(spec, Mapping):
         raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")
@@ -241,10 +344,10 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
     """The entries from which `make_shape` makes the same shape, as plain values for a file."""
     if shape is None:
         return None
-    if not isinstance(shape, Ellipse | Polygon | Disc):
+    if not isinstance(shape, tuple(KINDS.values())):
         raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
     kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
-    return {"kind": kind, **{name: value for name, value in asdict(shape).items() if value != 0}}
+    return {"kind": kind, **{name: value for name, value in vars(shape).items() if value != 0}}
 
 
 def _plain(value: Any) -> Any:

@@ -280,8 +280,9 @@ def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapp
     found: dict[str, Tensor] = {}
     body = body_codes(values["object"]) if isinstance(shape, Mapping) else None
     if "r" in computed:
-        theta = values["q"][:, 2]
-        if (turned := theta.abs().median().item()) > _TURNED:
+        planar = values["q"].shape[1] == 3
+        theta = values["q"][:, 2] if planar else values["q"][:, 3:]
+        if planar and (turned := theta.abs().median().item()) > _TURNED:
             raise DataError(
                 f"{path}: rx, ry are computed from theta, which is {turned:.3g} rad in the median: "
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
@@ -289,7 +290,7 @@ def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapp
         found["r"] = contact_points(shape, body, theta)
     if "inertia" in computed:
         mass = values["mass"][:, None]
-        found["inertia"] = per_body(shape, body, lambda one: mass * one.gyration_squared())[:, 0]
+        found["inertia"] = per_body(shape, body, lambda one: mass * one.gyration_squared()).squeeze(-1)
     return found
 
 
