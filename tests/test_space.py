@@ -287,10 +287,8 @@ def test_effects_agree_with_the_plane(kind):
         rest = ContactModel(base=law, effects={"it": one.vanished()}).predict(impacts)
         assert torch.equal(rest.v_post, ContactModel(base=law).predict(impacts).v_post)
     torch.testing.assert_close(outcomes[1], velocities(outcomes[0]), rtol=1e-9, atol=1e-9)
-    assert (
-        kind.name == "corner_radius"
-        or (outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))).abs().max() > 1e-6
-    )
+    change = outcomes[0] - rest.v_post[:, [0, 2, 4]] * torch.tensor((1, 1, -1))
+    assert kind.name == "corner_radius" or change.abs().max() > 1e-6  # an ellipse has no corners
 
 
 def test_effects_agree_with_mechanics_in_space():
@@ -315,7 +313,7 @@ def test_corners_are_round_in_space():
     for inner, shape in ((half, Cuboid(tuple(half))), (half - radius, Cuboid(tuple(half), radius))):
         centres = (inner * corners) @ R.mT
         lowest = centres[torch.arange(300), centres[..., 2].argmin(-1)]
-        down = (half - inner)[0] * torch.tensor((0.0, 0.0, -1.0))
+        down = (half - inner)[0] * torch.tensor((0.0, 0.0, -1.0)).double()
         torch.testing.assert_close(contact_point(shape, q[:, 3:]), lowest + down, **EXACT)
     boxes = TOSSED.replace(shape=Cuboid(tuple(half)), r=contact_point(Cuboid(tuple(half)), q[:, 3:]), validate=False)
     rounded = find_effect("corner_radius")(radius).state(State.of(boxes))

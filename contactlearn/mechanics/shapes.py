@@ -49,7 +49,7 @@ def contact_point(
     """
     if isinstance(shape, Solid):
         R = rotation(theta)
-        s = torch.stack(torch.broadcast_tensors(*(torch.as_tensor(one).to(R) for one in (*scale, 1.0)[:3])), -1)
+        s = torch.stack(torch.broadcast_tensors(*(R.new_ones(()) * one for one in (*scale, 1.0)[:3])), -1)
         return matvec(R, s * shape.support(-R[..., 2, :] * s))
     s_x, s_y = scale
     down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
@@ -180,7 +180,7 @@ class Polygon:
     ) -> Float[Tensor, "*batch 2"]:
         """From vertices to the points of arcs of a radius in m that have these normals, in the body frame."""
         arcs = self.arc_centres().to(direction)[vertex] + direction / direction.norm(dim=-1, keepdim=True)
-        return torch.as_tensor(radius).to(arcs)[..., None] * arcs
+        return (arcs.new_ones(()) * radius)[..., None] * arcs
 
     def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
         """The lowest corner and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
@@ -302,7 +302,7 @@ class Cuboid(Solid):
     ) -> Float[Tensor, "*#batch 3"]:
         """From corners to the points of spheres of a radius in m, within the sides, that have these normals."""
         spheres = direction / direction.norm(dim=-1, keepdim=True) - corner
-        return torch.as_tensor(radius).to(spheres)[..., None] * spheres
+        return (spheres.new_ones(()) * radius)[..., None] * spheres
 
     def gyration_squared(self) -> Float[Tensor, "3"]:
         """(b² + c²)/3 and so on; the rounding is left out."""
