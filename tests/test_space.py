@@ -20,7 +20,7 @@ from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
-from contactlearn.mechanics.shapes import Cuboid, Disc, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipsoid, contact_point
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -266,7 +266,12 @@ def test_a_fit_refuses_what_does_not_exist_in_space():
 
 
 OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))
-THERE = {"com_offset": lambda a, b: (a, 0.0, b)}  # values in space: y is up in the plane
+THERE = {  # values in space: y is up in the plane
+    "com_offset": lambda a, b: (a, 0.0, b),
+    "shape_error": lambda a, b: (a, 0.0, b),
+    "surface_tilt": lambda phi: (phi, 0.0),
+    "orientation_offset": lambda delta: (delta, 0.0, 0.0),
+}
 IN_SPACE = [kind for forms in effect_catalogue().values() for kind in forms if SPACE in kind.spaces]
 
 
@@ -293,7 +298,7 @@ def test_effects_agree_with_the_plane(kind):
 
 def test_effects_agree_with_mechanics_in_space():
     """A tracked point of a body moves as the body does: the same toss, told of another point of it."""
-    law, d = find("wang_mason").at(0.2, 0.4), torch.tensor((0.01, -0.02, 0.005)).double()
+    law, d = find("wang_mason").at(0.2, 0.4), torch.tensor((0.01, -0.02, 0.005), dtype=torch.float64)
     away = (rigid_body.rotation(TOSSED.q[:, 3:]) @ d[:, None])[..., 0]
 
     def of_another_point(v):
@@ -301,8 +306,19 @@ def test_effects_agree_with_mechanics_in_space():
 
     tracked = TOSSED.replace(r=TOSSED.r + away, v_pre=of_another_point(TOSSED.v_pre))
     model = ContactModel(base=law, effects={"it": find_effect("com_offset")().at(d)})
-    expected = of_another_point(ContactModel(base=law).predict(TOSSED).v_post)
-    torch.testing.assert_close(model.predict(tracked).v_post, expected, **EXACT)
+    outcome = ContactModel(base=law).predict(TOSSED).v_post
+    torch.testing.assert_close(model.predict(tracked).v_post, of_another_point(outcome), **EXACT)
+
+
+def test_a_tilted_floor_is_a_turned_world():
+    law, lean = find("wang_mason").at(0.2, 0.4), torch.tensor((-0.07, -0.1, 0.0), dtype=torch.float64)
+    R = rigid_body.rotation(rigid_body.turn_quaternion(torch.tensor((1.0, 0, 0, 0)).double(), lean))
+    v_pre, outcome = (v.reshape(-1, 2, 3) @ R.mT for v in (TOSSED.v_pre, ContactModel(base=law).predict(TOSSED).v_post))
+    q = torch.cat((TOSSED.q[:, :3] @ R.mT, rigid_body.turn_quaternion(TOSSED.q[:, 3:], lean)), -1)
+    turned = TOSSED.replace(r=TOSSED.r @ R.mT, q=q, v_pre=v_pre.flatten(1), validate=False)
+    model = ContactModel(base=law, effects={"it": find_effect("surface_tilt", "seen")().at((0.1, -0.07))})
+    torch.testing.assert_close(model.predict(turned).v_post, outcome.flatten(1), **EXACT)
+    torch.testing.assert_close(rigid_body.rotation(q[:, 3:]), R @ rigid_body.rotation(TOSSED.q[:, 3:]), **EXACT)
 
 
 def test_corners_are_round_in_space():
@@ -325,15 +341,20 @@ def test_corners_are_round_in_space():
 PLANTED = {
     "damping and drag": {"spin_damping": [0.1], "side_drag": [0.05]},
     "mass centre": {"com_offset": [0.003, -0.004, 0.006]},
+    "floor": {"surface_tilt": [0.02, -0.03], "sampling_delay": [0.004]},
+    "body": {"shape_error": [0.1, -0.05, 0.08], "orientation_offset": [0.05, -0.03, 0.02]},
 }
 
 
 @pytest.mark.parametrize("name", PLANTED)
 def test_effects_are_fitted_in_space(name):
     """Of bodies of any pose; their derivatives are those of the fit."""
-    effects = {key: find_effect(key)().prepare(TOSSED) for key in PLANTED[name]}
+    shape = Ellipsoid((0.08, 0.06, 0.04))
+    bodies = TOSSED.replace(shape=shape, r=contact_point(shape, TOSSED.q[:, 3:]), validate=False)
+    tossed = bodies[bodies.v_c[:, 2] < -0.2]
+    effects = {key: find_effect(key)().prepare(tossed) for key in PLANTED[name]}
     truth = {key: effects[key].at(values) for key, values in PLANTED[name].items()}
     model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=truth)
-    fit = identify_jointly("whittaker", list(effects), TOSSED.replace(v_post=model.predict(TOSSED).v_post))
+    fit = identify_jointly("whittaker", list(effects), tossed.replace(v_post=model.predict(tossed).v_post))
     wanted = torch.tensor([0.2, 0.4, *(x for values in PLANTED[name].values() for x in values)]).double()
     torch.testing.assert_close(fit.values, wanted, rtol=1e-4, atol=1e-5)

@@ -51,7 +51,7 @@ class ComOffsetTracked(ComOffset):
     adds_energy = True
 
     def state(self, state: State) -> State:
-        d, (linear, spin) = self.shift(state), state.v_pre.split((state.space.d, state.space.D - state.space.d), -1)
+        d, linear, spin = self.shift(state), state.v_pre[..., : state.space.d], state.v_pre[..., state.space.d :]
         return state.replace(
             r=state.r - d,
             v_pre=columns(*(linear + swept(d, spin)).unbind(-1), *spin.unbind(-1)),

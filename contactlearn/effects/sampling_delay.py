@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.space import BOTH, PLANE
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,9 +22,12 @@ class SamplingDelay(Effect):
     formula = "(x, y, θ) ← (x, y, θ) + Δt v, r ← r(θ)"
     in_words = "the time from the recorded pose to contact is {dt}"
     source = "frame rate"
+    spaces = BOTH
     needs_shape = True
     dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)
 
     def state(self, state: State) -> State:
-        moved = (state.q[..., k] + self.dt * state.v_pre[..., k] for k in (0, 1))
-        return state.replace(q=columns(*moved, state.theta)).turned(self.dt * state.omega)
+        d, dt = state.space.d, torch.as_tensor(self.dt)
+        moved = (state.q[..., k] + dt * state.v_pre[..., k] for k in range(d))
+        turn = dt * state.omega if state.space is PLANE else dt[..., None] * state.v_pre[..., d:]
+        return state.replace(q=columns(*moved, *state.q.unbind(-1)[d:])).turned(turn)

@@ -3,7 +3,8 @@
 `Impacts` are measurements, validated and fixed; a model derives a `State` from them.  Effects of
 the place `state` change it, and it keeps the changes of frame, so that a velocity can be brought back to measured axes:
 
-    tilt      angle in rad from the world's axes to those of the contact; r, q and v_pre are in the latter
+    tilt      angle in rad from the world's axes to those of the contact; r, q and v_pre are in the latter; in space the
+              matrix [..., 3, 3] from axes of the contact to the world's
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
 `stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
@@ -46,7 +47,7 @@ class State:
     v_pre: Float[Tensor, "*#batch n D"]
     order: Float[Tensor, "*#batch n"]
     shape: AnyShape | None = None
-    stretch: tuple[Tensor | float, ...] = (1.0, 1.0)
+    stretch: tuple[Tensor | float, ...] = (1.0, 1.0, 1.0)
     tilt: Float[Tensor, "..."] | None = None
     offset: Float[Tensor, "... d"] | None = None
     mu: Float[Tensor, "..."] | None = None
@@ -91,9 +92,7 @@ class State:
 
     def in_world(self, vector: Float[Tensor, "... d"]) -> Float[Tensor, "... n d"]:
         """Return a vector [..., d] in axes of the body in those of the contact."""
-        if self.space is PLANE:
-            return rigid_body.rotate(vector, self.theta)
-        return rigid_body.matvec(rigid_body.rotation(self.q[..., 3:]), vector)
+        return _rotated(vector, self.theta if self.space is PLANE else rigid_body.rotation(self.orientation))
 
     @property
     def orientation(self) -> Float[Tensor, "..."]:
@@ -180,11 +179,28 @@ class State:
         return rigid_body.contact_velocity(self.r, self.v_after(wrench))
 
     def turned(self, angle: Float[Tensor, "..."]) -> "State":
-        """Return the state with the orientation changed by `angle` [..., N] in rad, and the contact point with it."""
-        theta = self.theta + angle
+        """Return the state with the orientation changed by `angle` in rad, and the contact point with it.
+
+        It is [..., N] in the plane, and in space a rotation vector [..., N, 3].
+        """
+        before = self.orientation
+        after = before + angle if self.space is PLANE else rigid_body.turn_quaternion(before, angle)
         return self.replace(
-            q=columns(*self.q.unbind(-1)[:2], theta),
-            r=self.r + (self.contact_points(theta) - self.contact_points(self.theta)),
+            q=columns(*self.q.unbind(-1)[: self.space.d], *_parts(after, self.space)),
+            r=self.r + (self.contact_points(after) - self.contact_points(before)),
+        )
+
+    def tilted(self, tilt: Float[Tensor, "..."], orientation: Float[Tensor, "..."]) -> "State":
+        """Return the state in axes that a `tilt` takes to those of this one, with the body's orientation in them."""
+        d, back = self.space.d, -tilt if self.space is PLANE else tilt.mT
+        velocity, spin = self.v_pre[..., :d], self.v_pre[..., d:]
+        spin = spin if self.space is PLANE else _rotated(spin, back)
+        return self.replace(
+            r=_rotated(self.r, back),
+            q=columns(*_rotated(self.q[..., :d], back).unbind(-1), *_parts(orientation, self.space)),
+            v_pre=columns(*_rotated(velocity, back).unbind(-1), *spin.unbind(-1)),
+            tilt=tilt if self.tilt is None else self.tilt + tilt if self.space is PLANE else self.tilt @ tilt,
+            offset=None if self.offset is None else _rotated(self.offset, back),
         )
 
     def contact_points(self, theta: Float[Tensor, "..."]) -> Float[Tensor, "... n d"]:
@@ -212,18 +228,29 @@ class State:
     @property
     def mass_centre(self) -> Float[Tensor, "... n 2"] | None:
         """Centre of mass minus tracked point [..., N, 2] in world axes, m; None where they are one point."""
-        return self.offset if self.offset is None or self.tilt is None else rigid_body.rotate(self.offset, self.tilt)
+        return self.offset if self.offset is None or self.tilt is None else _rotated(self.offset, self.tilt)
 
     def as_measured(self, v_post: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
         """Return the velocity of the tracked point in world axes, from that of the centre of mass in contact axes."""
         if self.offset is None and self.tilt is None:
             return v_post
-        velocity, spin = v_post.split((self.space.d, self.space.D - self.space.d), -1)
+        velocity, spin = v_post[..., : self.space.d], v_post[..., self.space.d :]
         if self.offset is not None:
             velocity = velocity - rigid_body.swept(self.offset, spin)
         if self.tilt is not None:
-            velocity = rigid_body.rotate(velocity, self.tilt)
+            velocity = _rotated(velocity, self.tilt)
+            spin = spin if self.space is PLANE else _rotated(spin, self.tilt)
         return columns(*velocity.unbind(-1), *spin.unbind(-1))
+
+
+def _parts(orientation: Float[Tensor, "..."], space: Space) -> tuple[Tensor, ...]:
+    """Components of an orientation in a pose."""
+    return (orientation,) if space is PLANE else orientation.unbind(-1)
+
+
+def _rotated(vector: Float[Tensor, "... d"], turn: Float[Tensor, "..."]) -> Float[Tensor, "... d"]:
+    """A vector turned by an angle [...] in rad, in space by a matrix [..., 3, 3]."""
+    return rigid_body.rotate(vector, turn) if vector.shape[-1] == 2 else rigid_body.matvec(turn, vector)
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "... k"]:

@@ -11,7 +11,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.rigid_body import rotation, turn_quaternion
+from contactlearn.mechanics.space import BOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,31 +23,33 @@ class SurfaceTilt(Effect):
                     for it was computed above a level one
         seen        r, v, θ → R(−φ) r, R(−φ) v, θ − φ: the contact point is where it was measured
 
+    In space the normal also leans along y, by ψ: the contact frame is turned about (ψ, −φ, 0).
+
     Both are the same on a polygon that touches with the same vertex.  A measurement frame that is
     turned by −φ against a level floor is the same as a floor that leans by φ: positions, velocities and orientation
     are taken to the floor's axes, and the outcome back.  It is not an error of the body's orientation, which leaves
     the velocities alone (`orientation_offset`).
     """
 
+    spaces = BOTH
     source = "calibration"
-    in_words = "the floor is tilted by {phi}"
+    in_words = "the floor is tilted by {phi}[ along x and {psi} along y]"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
+    psi: Tensor | float | None = parameter("ψ", "rad", -0.2, 0.2, in_space=True)
 
     @abstractmethod
     def state(self, state: State) -> State:
         """Return the state in the axes of the tilted floor."""
 
     def turned(self, state: State) -> State:
-        """Return the state in axes that are turned by φ, with the contact point as it was."""
+        """Return the state in axes that are turned, with the contact point as it was."""
         phi = torch.as_tensor(self.phi)
-        return state.replace(
-            r=rotate(state.r, -phi),
-            q=columns(*rotate(state.q[..., :2], -phi).unbind(-1), state.theta - phi),
-            v_pre=columns(*rotate(state.v_pre[..., :2], -phi).unbind(-1), state.omega),
-            tilt=phi if state.tilt is None else state.tilt + phi,
-            offset=None if state.offset is None else rotate(state.offset, -phi),
-        )
+        if self.psi is None:
+            return state.tilted(phi, state.theta - phi)
+        vector = columns(torch.as_tensor(self.psi), -phi, torch.zeros_like(phi))
+        level = vector.new_tensor((1.0, 0.0, 0.0, 0.0)).expand(*vector.shape[:-1], 4)
+        return state.tilted(rotation(turn_quaternion(level, vector)), turn_quaternion(state.orientation, -vector))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +69,8 @@ class SurfaceTiltComputed(SurfaceTilt):
             ) from None
 
     def state(self, state: State) -> State:
-        tilted = self.turned(state)
-        level = rotate(state.contact_points(state.theta), -torch.as_tensor(self.phi))
-        return tilted.replace(r=tilted.r + (state.contact_points(tilted.theta) - level))
+        tilted, level = self.turned(state), state.replace(r=state.contact_points(state.orientation))
+        return tilted.replace(r=tilted.r + (state.contact_points(tilted.orientation) - self.turned(level).r))
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,16 @@ def rotation(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3
     return torch.stack([torch.stack(row, -1) for row in rows], -2)
 
 
+def turn_quaternion(
+    quaternion: Float[Tensor, "*#batch 4"], vector: Float[Tensor, "*#batch 3"]
+) -> Float[Tensor, "*#batch 4"]:
+    """Quaternion [..., 4] of a body that is turned by a rotation vector [..., 3] in rad, in world axes."""
+    half = vector.norm(dim=-1, keepdim=True) / 2
+    c, s = half.cos(), torch.sinc(half / torch.pi) * vector / 2
+    w, u, s = *quaternion.split((1, 3), -1), s.expand(torch.broadcast_shapes(s.shape, quaternion[..., 1:].shape))
+    return torch.cat((c * w - (s * u).sum(-1, keepdim=True), c * u + w * s + torch.linalg.cross(s, u.expand_as(s))), -1)
+
+
 def inertia_in_world(inertia: Float[Tensor, "..."], q: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """Moment of inertia `I` in world axes from that of the body and its pose: R diag(I) Rᵀ in space."""
     if q.shape[-1] == 3:

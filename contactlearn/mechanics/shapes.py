@@ -51,7 +51,7 @@ def contact_point(
         R = rotation(theta)
         s = torch.stack(torch.broadcast_tensors(*(R.new_ones(()) * one for one in (*scale, 1.0)[:3])), -1)
         return matvec(R, s * shape.support(-R[..., 2, :] * s))
-    s_x, s_y = scale
+    s_x, s_y, *_ = scale
     down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
     x, y = shape.support(down).unbind(-1)
     return rotate(torch.stack((s_x * x, s_y * y), -1), theta)
