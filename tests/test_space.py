@@ -147,7 +147,7 @@ def test_mistakes_are_refused_in_one_line(name):
 PLANE_ALONE = {
     "audit": lambda: audit(SPATIAL),
     "diagnosis": lambda: diagnose(SPATIAL),
-    "feature space": lambda: SPATIAL.features("x1"),
+    "feature space": lambda: SPATIAL.features("x2_polar"),
     "law whittaker .fazeli2017.": lambda: find("whittaker", "fazeli2017").at(0.1, 0.5).impulse(SPATIAL.W, SPATIAL.v_c),
     "effect contact_patch": lambda: ContactModel(
         base=find("whittaker").at(0.1, 0.5), effects={"contact_patch": find_effect("contact_patch")()}

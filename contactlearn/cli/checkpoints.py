@@ -69,7 +69,7 @@ class TrainedModel:
         """Return its origin, and how well its covariances cover the held-out trials."""
         coverage, density = None, None
         if prediction.covariance is not None:
-            inside = metrics.squared_distance(test, prediction) <= metrics.CHI_SQUARED_95
+            inside = metrics.squared_distance(test, prediction) <= metrics.CHI_SQUARED_95[test.space.D]
             coverage = inside.double().mean().item()
             density = metrics.negative_log_density(test, prediction).mean().item()
         return JudgedModel(

@@ -41,6 +41,7 @@ from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import contact_point
+from contactlearn.mechanics.space import SPACE
 
 MODES = ("predicted to reverse its slip", "predicted to stick", "predicted to slide")
 DIRECTIONS = ("slip to the left (v_t < 0)", "no slip", "slip to the right (v_t > 0)")
@@ -94,8 +95,13 @@ class Variable:
 
 
 def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
-    """Compute all variables; incidence is the signed angle of the contact's velocity against the normal."""
+    """Compute all variables; incidence is the angle of the contact's velocity against the normal, in the plane signed.
+
+    In space the mode is decided along the slip before contact, and the axes of the world have no part.
+    """
     state = State.of(impacts)
+    if state.space is SPACE:
+        return _in_space(state, impacts, prediction)
     theta, v_t, v_n, lever = state.theta, state.v_t, state.v_n, state.r[:, 0] / (state.inertia / state.mass).sqrt()
     slip = contact_velocity(impacts.r, prediction.v_post.reshape(-1, len(impacts), 3).mean(0))[:, 0]
     mode = torch.where(slip.abs() <= _STUCK * state.v_c.norm(dim=-1), 0.0, (slip * v_t).sign())
@@ -115,6 +121,28 @@ def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
         Variable("spin", "ω", "rad/s", state.omega),
         Variable("spin_rate", "|ω|", "rad/s", state.omega.abs()),
         Variable("location", "x", "m", state.x),
+        Variable("order", "order", "–", state.order),
+    ]
+
+
+def _in_space(state: State, impacts: Impacts, prediction: Prediction) -> list[Variable]:
+    """The variables of bodies in space: none but the place depends on the direction of the slip."""
+    v_post = prediction.v_post.reshape(-1, len(impacts), 6).mean(0)
+    slip = contact_velocity(impacts.r, v_post)[:, :2]
+    along = (slip * impacts.slip_axes[:, :2, 0]).sum(-1)
+    mode = torch.where(slip.norm(dim=-1) <= _STUCK * state.v_c.norm(dim=-1), 0.0, along.sign())
+    spin = state.v_pre[:, 3:]
+    return [
+        Variable("mode", "mode", "–", mode, labels=MODES),
+        Variable("slip_speed", "|v_t|", "m/s", state.slip),
+        Variable("approach_speed", "|v_n|", "m/s", state.v_n.abs()),
+        Variable("slip_ratio", "|v_t|/|v_n|", "–", (state.slip / state.v_n).abs()),
+        Variable("incidence", "incidence", "°", state.incidence),
+        Variable("lever_length", "|r_t|/ρ", "–", state.lever),
+        Variable("spin_rate", "|ω|", "rad/s", spin.norm(dim=-1)),
+        Variable("twist", "ω_n", "rad/s", spin[:, 2]),
+        Variable("location", "x", "m", state.x),
+        Variable("location_y", "y", "m", state.q[:, 1]),
         Variable("order", "order", "–", state.order),
     ]
 

@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.mechanics import rigid_body
+
 Values = Float[Tensor, "*#batch"]
 """Values of each trial, broadcast against [..., N]."""
 Impulse = tuple[Values, Values, Values]
@@ -53,17 +55,12 @@ class SpatialContact(NamedTuple):
     ) -> "tuple[SpatialContact, tuple[Values, Values]]":
         """Take W and v_c apart; return also the cosine and sine of the direction of the slip."""
         w_xx, w_xy, w_xn, _, w_yy, w_yn, _, _, w_nn = W.flatten(-2).unbind(-1)
-        v_x, v_y, v_n = v_c.unbind(-1)
-        still = (v_x == 0) & (v_y == 0)
-        a, b = torch.where(still, w_xn, v_x), torch.where(still, w_yn, v_y)
-        a = torch.where((a == 0) & (b == 0), 1.0, a)
-        length = torch.hypot(a, b)
-        c, s = a / length, b / length
+        c, s, slip = rigid_body.slip_heading(W, v_c)
         cc, cs, ss = c * c, c * s, s * s
         w_11, w_22 = cc * w_xx + 2 * cs * w_xy + ss * w_yy, ss * w_xx - 2 * cs * w_xy + cc * w_yy
         w_12 = cs * (w_yy - w_xx) + (cc - ss) * w_xy
-        slip = torch.where(still, 0.0, length)
-        return cls(w_11, w_12, w_22, c * w_xn + s * w_yn, c * w_yn - s * w_xn, w_nn, slip, v_n), (c, s)
+        w_1n, w_2n = c * w_xn + s * w_yn, c * w_yn - s * w_xn
+        return cls(w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_c[..., 2]), (c, s)
 
 
 def slip_direction(contact: Contact) -> Values:

@@ -3,7 +3,10 @@
     state     10-D    {m, I, r_x, r_y, x, y, θ, v_x, v_y, ω}, θ as (cos θ, sin θ) because it is periodic
     x1        X1      {M_c,tt, M_c,tn, M_c,nn, v_t, v_n}, what the admissible impulses depend on
     x2        X2      M_c v_c, the momentum of the contact point: {p_t, p_n}
-    x2_polar  X2      the same as angle from −n and norm, the form that the authors stored
+    x2_polar  X2      the same as angle from −n and norm, the form that the authors stored; in the plane alone
+
+In space they are the same in the axes of the slip, 1 along it, 2 across it and n up (`rigid_body.slip_axes`): a turn
+about the normal changes none.  The state has the direction of gravity in the body, g, for the angle, and no place.
 
 Source: Fazeli et al. (2017), Section 4.1.  Its text calls the 5-D space of Class II X_5; it is X1.
 """
@@ -18,7 +21,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.mechanics import rigid_body
-from contactlearn.mechanics.space import require_space
+from contactlearn.mechanics.space import PLANE, SPACE, Space, require_space
 
 if TYPE_CHECKING:  # pandas takes long to load
     import pandas as pd
@@ -27,27 +30,45 @@ if TYPE_CHECKING:  # pandas takes long to load
 
 
 class FeatureSpace(NamedTuple):
-    """A feature space: its symbols with units, and how it is computed."""
+    """A feature space: its symbols with units in the plane and in space, if it exists there, and how it is computed."""
 
     columns: dict[str, str]
+    in_space: dict[str, str]
     compute: "Callable[[Impacts], tuple[Tensor, ...]]"
 
 
 def _state(impacts: "Impacts") -> tuple[Tensor, ...]:
+    if impacts.space is SPACE:
+        down = -rigid_body.rotation(impacts.q[:, 3:])[:, 2]
+        vectors = _along_slip(impacts, impacts.r), down, _along_slip(impacts, impacts.v_pre)
+        return impacts.mass, *impacts.inertia.unbind(-1), *torch.cat(vectors, -1).unbind(-1)
     x, y, theta = impacts.q.unbind(-1)
     pose = x, y, theta.cos(), theta.sin()
     return impacts.mass, impacts.inertia, *impacts.r.unbind(-1), *pose, *impacts.v_pre.unbind(-1)
 
 
+def _along_slip(impacts: "Impacts", vector: Tensor) -> Tensor:
+    """Components in the axes of the slip, of a vector [N, d] or of a velocity [N, D]."""
+    size = vector.shape[-1]
+    return rigid_body.matvec(impacts.slip_axes.mT[:, :size, :size], vector)
+
+
 def _x1(impacts: "Impacts") -> tuple[Tensor, ...]:
-    M_c = rigid_body.effective_inertia(impacts.W)
-    M_tt, M_tn, M_nn = M_c[:, 0, 0], M_c[:, 0, 1], M_c[:, 1, 1]
-    M_tn = torch.where(M_tn.abs() < 1e-12 * (M_tt * M_nn).sqrt(), 0.0, M_tn)  # a disc's is 0 but for rounding
-    return M_tt, M_tn, M_nn, *impacts.v_c.unbind(-1)
+    d = impacts.space.d
+    axes = impacts.slip_axes[:, :d, :d]
+    M_c = axes.mT @ rigid_body.effective_inertia(impacts.W) @ axes
+    size = M_c.diagonal(dim1=-2, dim2=-1).sqrt()
+    M_c = torch.where(
+        M_c.abs() < 1e-12 * size[:, :, None] * size[:, None], 0.0, M_c
+    )  # a disc's M_c,tn, but for rounding
+    rows, columns = torch.triu_indices(d, d)
+    v = _along_slip(impacts, impacts.v_c)
+    return *M_c[:, rows, columns].unbind(-1), v[:, 0], v[:, -1]
 
 
 def _x2(impacts: "Impacts") -> tuple[Tensor, ...]:
-    return (rigid_body.effective_inertia(impacts.W) @ impacts.v_c[..., None])[..., 0].unbind(-1)
+    momentum = rigid_body.matvec(rigid_body.effective_inertia(impacts.W), impacts.v_c)
+    return _along_slip(impacts, momentum).unbind(-1)
 
 
 def _x2_polar(impacts: "Impacts") -> tuple[Tensor, ...]:
@@ -55,14 +76,44 @@ def _x2_polar(impacts: "Impacts") -> tuple[Tensor, ...]:
     return torch.atan2(p_t, -p_n), torch.hypot(p_t, p_n)
 
 
+def _units(unit: str, *symbols: str) -> dict[str, str]:
+    return dict.fromkeys(symbols, unit)
+
+
 _STATE = {"m": "kg", "I": "kg m²", "r_x": "m", "r_y": "m", "x": "m", "y": "m", "cos θ": "–", "sin θ": "–"}
+_STATE_IN_SPACE = (
+    {"m": "kg"}
+    | _units("kg m²", "I_1", "I_2", "I_3")
+    | _units("m", "r_1", "r_2", "r_n")
+    | _units("–", "g_x", "g_y", "g_z")
+    | _units("m/s", "v_1", "v_2", "v_n")
+    | _units("rad/s", "ω_1", "ω_2", "ω_n")
+)
+_X1 = _units("kg", "M_c,tt", "M_c,tn", "M_c,nn") | _units("m/s", "v_t", "v_n")
+_X1_IN_SPACE = _units("kg", "M_c,11", "M_c,12", "M_c,1n", "M_c,22", "M_c,2n", "M_c,nn") | _units("m/s", "slip", "v_n")
 SPACES = {
-    "state": FeatureSpace(_STATE | {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"}, _state),
-    "x1": FeatureSpace({"M_c,tt": "kg", "M_c,tn": "kg", "M_c,nn": "kg", "v_t": "m/s", "v_n": "m/s"}, _x1),
-    "x2": FeatureSpace({"p_t": "N s", "p_n": "N s"}, _x2),
-    "x2_polar": FeatureSpace({"angle": "rad", "norm": "N s"}, _x2_polar),
+    "state": FeatureSpace(_STATE | {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"}, _STATE_IN_SPACE, _state),
+    "x1": FeatureSpace(_X1, _X1_IN_SPACE, _x1),
+    "x2": FeatureSpace(_units("N s", "p_t", "p_n"), _units("N s", "p_1", "p_2", "p_n"), _x2),
+    "x2_polar": FeatureSpace({"angle": "rad", "norm": "N s"}, {}, _x2_polar),
 }
 """Each feature space by name."""
+
+
+def feature_units(name: str, space: Space) -> dict[str, str]:
+    """Return the symbols of a feature space with their units.
+
+    Raises:
+        UnknownNameError: no such feature space.
+        ContactLearnError: it does not exist in space.
+    """
+    if name not in SPACES:
+        raise UnknownNameError("feature space", name, SPACES)
+    if space is PLANE:
+        return SPACES[name].columns
+    if not SPACES[name].in_space:
+        require_space(f"the feature space {name}", space)
+    return SPACES[name].in_space
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,13 +136,10 @@ class Features:
 
         Raises:
             UnknownNameError: no such space.
-            ContactLearnError: the bodies do not move in a plane.
+            ContactLearnError: the bodies move in space, where it does not exist.
         """
-        if space not in SPACES:
-            raise UnknownNameError("feature space", space, SPACES)
-        require_space(f"the feature space {space}", impacts.space)
-        columns, compute = SPACES[space]
-        return cls(values=torch.stack(compute(impacts), -1), units=columns, trial=impacts.trial)
+        units = feature_units(space, impacts.space)
+        return cls(values=torch.stack(SPACES[space].compute(impacts), -1), units=units, trial=impacts.trial)
 
     def table(self) -> "pd.DataFrame":
         """Return a row a trial: its name, and a column for each feature with its unit, such as `v_t (m/s)`."""

@@ -272,6 +272,11 @@ class Impacts:
         return rigid_body.contact_velocity(self.r, self.v_pre)
 
     @cached_property
+    def slip_axes(self) -> Float[Tensor, "n D D"]:
+        """Rotation [N, D, D] from the axes of the slip to those of the world, see `rigid_body.slip_axes`."""
+        return rigid_body.slip_axes(self.W, self.v_c)
+
+    @cached_property
     def scales(self) -> tuple[float, float, float]:
         """Medians of the radius of gyration in m, the mass in kg, and the speed of the contact point in m/s."""
         gyration = (self.inertia.reshape(len(self), -1).mean(-1) / self.mass).sqrt()

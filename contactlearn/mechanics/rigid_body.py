@@ -134,6 +134,37 @@ def contact_velocity(r: Float[Tensor, "*#batch d"], v: Float[Tensor, "*#batch D"
     return v[..., :d] + swept(r, v[..., d:])
 
 
+def slip_heading(
+    W: Float[Tensor, "*#batch 3 3"], v_c: Float[Tensor, "*#batch 3"]
+) -> tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]]:
+    """Cosine and sine [...] of the direction of the slip in space, and its speed in m/s.
+
+    Where there is no slip at all the direction is that of the slip that a normal impulse would start, else x.
+    """
+    v_x, v_y = v_c[..., 0], v_c[..., 1]
+    still = (v_x == 0) & (v_y == 0)
+    a, b = torch.where(still, W[..., 0, 2], v_x), torch.where(still, W[..., 1, 2], v_y)
+    a = torch.where((a == 0) & (b == 0), 1.0, a)
+    length = torch.hypot(a, b)
+    return a / length, b / length, torch.where(still, 0.0, length)
+
+
+def slip_axes(W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"]) -> Float[Tensor, "*#batch D D"]:
+    """Rotation [..., D, D] of velocities and wrenches from the axes of the slip to those of the world.
+
+    In space these axes are 1 along the slip, 2 across it and the normal, so that a model in them turns with the
+    impact about the normal.  In the plane both are the same.
+    """
+    d = v_c.shape[-1]
+    turn = torch.eye(3 * d - 3).to(v_c).expand(*v_c.shape[:-1], -1, -1)
+    if d == 3:
+        turn = turn.clone()
+        c, s, _ = slip_heading(W, v_c)
+        for k in (0, 3):
+            turn[..., k, k], turn[..., k, k + 1], turn[..., k + 1, k], turn[..., k + 1, k + 1] = c, -s, s, c
+    return turn
+
+
 def apply_wrench(
     mass: Float[Tensor, "*#batch"],
     inertia: Float[Tensor, "..."],

@@ -53,6 +53,12 @@ class Space:
         return len(self.velocity)
 
     @cached_property
+    def symbols(self) -> dict[str, str]:
+        """Symbols of the components of a velocity with their units."""
+        names = (name.replace("omega", "ω").replace("w", "ω_").replace("v", "v_") for name in self.velocity)
+        return {name: "m/s" if name[0] == "v" else "rad/s" for name in names}
+
+    @cached_property
     def components(self) -> dict[str, tuple[str, ...]]:
         """Columns by the field that they fill."""
         pose_post, post = (tuple(f"{name}_post" for name in names) for names in (self.pose, self.velocity))

@@ -193,9 +193,11 @@ def _check_space(part: Regressor, name: str) -> None:
     """Refuse a regressor on an unknown feature space, or with another number of columns than its space has."""
     if part.space not in SPACES:
         raise UnknownNameError("feature space", part.space, SPACES)
-    wanted, seen = len(SPACES[part.space].columns), part.inputs.mean.shape[-1]
-    if seen != wanted:
-        raise DataError(f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {wanted}")
+    wanted, seen = SPACES[part.space], part.inputs.mean.shape[-1]
+    if seen not in (len(wanted.columns), len(wanted.in_space)):
+        raise DataError(
+            f"{name}.inputs.mean has {seen} columns, and feature space {part.space} has {len(wanted.columns)}"
+        )
 
 
 def _build_effect(description: dict[str, Any]) -> Effect:

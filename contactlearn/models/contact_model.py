@@ -40,8 +40,9 @@ RESIDUALS = ("velocity", "impulse", "wrench")
 
 @dataclass(frozen=True)
 class ContactModel:
-    """See the module; `target` is one of `RESIDUALS`, `noise` [..., 3, 3] in squares of (m/s, m/s, rad/s).
+    """See the module; `target` is one of `RESIDUALS`, `noise` [..., D, D] in squares of (m/s, rad/s).
 
+    In space residual and noise are in the axes of the slip (`Impacts.slip_axes`): what is learnt turns with the impact.
     `parameter_covariance` [..., K, K] is that of the fitted μ, ε and parameters of the effects, in this order.
 
     Raises:
@@ -85,7 +86,7 @@ class ContactModel:
         prediction = self.complete(impacts, mean)
         if self.noise is None:
             return prediction
-        covariance = self.spread(impacts, mean, variance) + self.noise[..., None, :, :]
+        covariance = self.spread(impacts, mean, variance) + self._noise_of(impacts)
         return Prediction(prediction.v_post, prediction.wrench, covariance)
 
     def step(self, state: BodyState, *, uncertainty: bool = False) -> BodyOutcome:
@@ -158,7 +159,7 @@ class ContactModel:
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""
         parts = [] if predicted.covariance is None else [predicted.covariance]
-        parts += [] if self.noise is None or parts else [self.noise[..., None, :, :]]
+        parts += [] if self.noise is None or parts else [self._noise_of(impacts)]
         under = self.under
         if under.parameter_covariance is not None and self.parameters is None:
             shape = predicted.v_post.shape[:-1]
@@ -172,6 +173,11 @@ class ContactModel:
                 "the model states no uncertainty: give it a parameter_covariance, as identify_jointly does, or a noise"
             )
         return torch.stack(torch.broadcast_tensors(*parts)).sum(0)
+
+    def _noise_of(self, impacts: Impacts) -> Tensor:
+        """Noise of each impact [..., N, D, D] in world axes."""
+        assert self.noise is not None
+        return impacts.slip_axes @ self.noise[..., None, :, :] @ impacts.slip_axes.mT
 
     @property
     def under(self) -> "ContactModel":
@@ -296,20 +302,25 @@ class ContactModel:
         """Prediction from the value [..., N, O] of the learned part: (μ, ε) or the residual."""
         if self.parameters is not None:
             return predict_with(self.law, impacts, learned, self.effects)
-        base = self.base_prediction(impacts)
+        base, size = self.base_prediction(impacts), learned.shape[-1]
+        learned = rigid_body.matvec(impacts.slip_axes[:, :size, :size], learned)
         if self.target == "velocity":
             v_post = base.v_post + learned
             body = impacts.mass, impacts.world_inertia, impacts.r, impacts.v_pre
             return Prediction(v_post, rigid_body.measured_wrench(*body, v_post))
-        return Prediction.from_wrench(impacts, base.wrench + pad(learned, (0, impacts.space.D - learned.shape[-1])))
+        return Prediction.from_wrench(impacts, base.wrench + pad(learned, (0, impacts.space.D - size)))
 
     def spread(self, impacts: Impacts, learned: Tensor, variance: Tensor) -> Tensor:
         """Covariance [..., N, 3, 3] of v_post from the variance [..., N, O] of the learned part."""
-        if self.target == "velocity":
-            return torch.diag_embed(variance)
-        slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.world_inertia, impacts.r)
-        if self.parameters is not None:
-            slope = slope @ wrench_per_parameter(self.law, impacts, learned, self.effects)
+        slope = impacts.slip_axes
+        if self.parameters is not None or self.target != "velocity":
+            slope = rigid_body.velocity_per_wrench(impacts.mass, impacts.world_inertia, impacts.r)
+            turn = (
+                impacts.slip_axes
+                if self.parameters is None
+                else wrench_per_parameter(self.law, impacts, learned, self.effects)
+            )
+            slope = slope @ turn
         slope = slope[..., : variance.shape[-1]]
         return (slope * variance[..., None, :]) @ slope.mT
 

@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.mechanics.features import SPACES
+from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.standardisation import Standardisation
 
@@ -74,7 +75,7 @@ class Regressor:
         inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
         noise = None if noise is None else noise / outputs.scale**2
-        options = checked_options(options, list(SPACES[space].columns))
+        options = checked_options(options, list(feature_units(space, impacts.space)))
         weight, noise = (None if part is None else part.mT for part in (weight, noise))
         gps = family(inputs.apply(x), outputs.apply(values).mT, weight, options, noise)
         untrained = cls(space, inputs, outputs, gps)
@@ -111,12 +112,22 @@ class Regressor:
 
     def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""
-        mean, variance = self.gps.predict(self.inputs.apply(impacts.features(self.space).values))
+        mean, variance = self.gps.predict(self._inputs(impacts))
         return self.outputs.undo(mean.mT), self.outputs.spread**2 * variance.mT
+
+    def _inputs(self, impacts: Impacts) -> Float[Tensor, "*batch n d"]:
+        """Standardised features of impacts in the space of the training."""
+        x = impacts.features(self.space).values
+        if (size := self.inputs.mean.shape[-1]) != x.shape[-1]:
+            here, there = ("a plane", "space") if impacts.space is PLANE else ("space", "a plane")
+            raise ContactLearnError(
+                f"the model has learnt from {size} features of bodies in {there}; these bodies move in {here}"
+            )
+        return self.inputs.apply(x)
 
     def trained_with(self, impacts: Impacts) -> Bool[Tensor, " n"]:
         """Find the impacts [N] whose features are, to rounding, those of a training trial."""
-        x = self.inputs.apply(impacts.features(self.space).values)
+        x = self._inputs(impacts)
         here, there = ((1e9 * part).round().tolist() for part in (x, self.gps.train_inputs[0][..., 0, :, :]))
         known = set(map(tuple, there))
         return torch.tensor([tuple(row) in known for row in here])

@@ -11,8 +11,9 @@ from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
-from contactlearn.inference.learning.recipe import TARGETS, Recipe
-from contactlearn.mechanics.features import SPACES
+from contactlearn.inference.learning.recipe import Recipe, target_units
+from contactlearn.mechanics.features import feature_units
+from contactlearn.mechanics.space import Space
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.types import (
     BEST_POST_HOC,
@@ -74,15 +75,15 @@ def joint_estimate(fit: JointFit) -> JointEstimate:
     )
 
 
-def process_estimates(recipe: Recipe, regressor: Regressor) -> tuple[ProcessEstimate, ...]:
+def process_estimates(recipe: Recipe, regressor: Regressor, space: Space) -> tuple[ProcessEstimate, ...]:
     """Return the hyperparameters of each output's process, spread and noise in the output's unit.
 
     Columns that are constant over the training trials have no length scale.
     """
     training, spread = regressor.training, regressor.outputs.spread[0]
-    columns, varies = SPACES[recipe.features].columns, regressor.inputs.scale[0].isfinite().tolist()
+    columns, varies = feature_units(recipe.features, space), regressor.inputs.scale[0].isfinite().tolist()
     entries = []
-    for o, (output, unit) in enumerate(TARGETS[recipe.target].items()):
+    for o, (output, unit) in enumerate(target_units(recipe.target, space).items()):
         *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
         entry = ProcessEstimate(
             output=output,

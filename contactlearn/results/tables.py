@@ -25,7 +25,7 @@ from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table import table_blocks
 from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95, METRICS, outside_admissible
+from contactlearn.inference.evaluation.metrics import METRICS, outside_admissible
 from contactlearn.inference.identification.per_trial import TrialFit
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import make_shapes
@@ -107,7 +107,7 @@ def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
         columns |= {name: errors.mean(-1).flatten().tolist() for name, errors in curve.errors.items()}
         if curve.density is not None:
             columns["negative_log_density"] = curve.density.negative_log.mean(-1).flatten().tolist()
-            columns["coverage"] = (curve.density.distance <= CHI_SQUARED_95).double().mean(-1).flatten().tolist()
+            columns["coverage"] = curve.density.coverage.flatten().tolist()
         frames.append(pd.DataFrame(columns))
     write_frames(frames, path)
 

@@ -21,11 +21,12 @@ from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve, CurveDensity, Trained, count_trainings
-from contactlearn.inference.learning.recipe import TARGETS
+from contactlearn.inference.learning.curves import Curve, Trained, count_trainings
+from contactlearn.inference.learning.recipe import target_units
 from contactlearn.laws import Law
-from contactlearn.mechanics.features import SPACES
+from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
@@ -49,8 +50,8 @@ class _Points:
     All have the same resamples of the trials, so that they depend neither on each other nor on their order.
     """
 
-    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], on_event: OnEvent) -> None:
-        self._settings, self._on_event, self._sizes = settings, on_event, sizes
+    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], space: Space, on_event: OnEvent) -> None:
+        self._settings, self._on_event, self._sizes, self._space = settings, on_event, sizes, space
         self.by_model = dict[str, dict[int, CurvePoint]]()
 
     def add(self, model: str, curve: Curve, trained: Trained | None = None) -> None:
@@ -58,7 +59,7 @@ class _Points:
         loss, noise, lengths = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
         if trained is not None:
             recipe = self._settings.learnable[model]
-            outputs, features = TARGETS[recipe.target], SPACES[recipe.features].columns
+            outputs, features = target_units(recipe.target, self._space), feature_units(recipe.features, self._space)
             loss |= zip(outputs, trained.loss, strict=True)
             noise |= zip(outputs, trained.noise, strict=True)
             for output, scales in zip(outputs, trained.length_scales, strict=True):
@@ -78,7 +79,7 @@ class _Points:
                 noise=noise,
                 length_scales=lengths,
                 negative_log_density=None if density is None else density.negative_log[place].mean().item(),
-                coverage=None if density is None else _coverage(density)[place].item(),
+                coverage=None if density is None else density.coverage[place].mean().item(),
             )
         for size in self._reported(points)[before:]:
             self._on_event(points[size])
@@ -86,11 +87,6 @@ class _Points:
     def _reported(self, points: Mapping[int, CurvePoint]) -> list[int]:
         """Sizes up to the first that is missing."""
         return list(takewhile(lambda size: size in points, self._sizes))
-
-
-def _coverage(density: CurveDensity) -> Float[Tensor, " sizes"]:
-    """Share of the trials inside the predicted 95 % ellipsoid at each size."""
-    return (density.distance <= metrics.CHI_SQUARED_95).double().mean((1, 2))
 
 
 def learning_study(
@@ -117,7 +113,7 @@ def learning_study(
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder, tracker) as on_event:
-        points = _Points(settings, sizes, on_event)
+        points = _Points(settings, sizes, test.space, on_event)
         bases, curves = _law_curves(settings, pool, test, orders, sizes, points, on_event)
 
         def add(trained: Trained) -> None:
@@ -214,7 +210,7 @@ def curve_entry(
             processes=curve.kinds,
             converged=curve.converged,
             negative_log_density=tuple(density.negative_log.mean((1, 2)).tolist()),
-            coverage=tuple(_coverage(density).tolist()),
+            coverage=tuple(density.coverage.mean(1).tolist()),
             component_coverage=tuple(map(tuple, density.covered.double().mean((1, 2)).tolist())),
         )
     return LearningCurve(sizes=curve.sizes, **intervals, below=below, settled=settled, calibration=calibration)

@@ -25,6 +25,7 @@ from contactlearn.inference.evaluation.reach import reached_share
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.mechanics.bodies import shapes_entries
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import laws as figures
@@ -146,6 +147,7 @@ def _result(
     law, laws = settings.law.name, [fit.law.name for fit in compared.fits]
     law = law if joint or law in laws else min(laws, key=lambda name: errors[name].of(metric))
     model, effects = list(joint)[-1] if joint else law, settings.effects
+    planar = data.test.space is PLANE  # in space a law's impulses are a surface, and the admissible ones fill a volume
     if settings.trained:
         model = min(settings.trained, key=lambda name: errors[name].of(metric))
         chosen = settings.trained[model]
@@ -160,7 +162,9 @@ def _result(
         joint=joint,
         errors=errors,
         back_spin=sums.back_spin(),
-        reach={name: reached_share(law, data.test).mean().item() for name, law in settings.laws.items()},
+        reach={name: reached_share(law, data.test).mean().item() for name, law in settings.laws.items()}
+        if planar
+        else {},
         best=best,
         differences=differences,
         tables=settings.tables,
@@ -272,7 +276,7 @@ def _judged_drawn(result: Evaluation, held_out: HeldOut) -> dict[str, Figure]:
     """Predictions of the run's own model, and the calibration of all models from checkpoints, by file name."""
     test, predictions = held_out.impacts, held_out.predictions
     coverage = {
-        name: metrics.calibration(metrics.squared_distance(test, predictions[name]))
+        name: metrics.calibration(metrics.squared_distance(test, predictions[name]), test.space.D)
         for name, model in result.trained.items()
         if model.coverage is not None
     }
@@ -295,5 +299,7 @@ def _curves_drawn(
         densities[IRB] = metrics.METRICS[metric].error(test, irb)
         drawn[f"error_densities{suffix}"] = learning.error_densities(densities, axis)
     predicted = {name: curve.density for name, curve in learned.items() if curve.density is not None}
-    coverage = {name: metrics.calibration(density.distance[-1].flatten()) for name, density in predicted.items()}
+    coverage = {
+        name: metrics.calibration(density.distance[-1].flatten(), test.space.D) for name, density in predicted.items()
+    }
     return drawn | {"calibration": quality.calibration_curve(coverage)}

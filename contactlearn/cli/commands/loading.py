@@ -31,7 +31,7 @@ from contactlearn.data.tracks import Tracked
 from contactlearn.diagnosis.events import OnEvent, TaskProgress
 from contactlearn.inference.evaluation.metrics import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import require_space
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report import terminal
 from contactlearn.report.page.page import RECORDINGS, SOURCES
 from contactlearn.report.page.recordings import write_recordings_page
@@ -175,8 +175,8 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)
-    require_space("a comparison of models", impacts.space)
-    show_mistakes(quick_audit(impacts), settings.source.corrections)
+    if impacts.space is PLANE:
+        show_mistakes(quick_audit(impacts), settings.source.corrections)
     pool, test = impacts[~shown[in_memory]], impacts[shown[in_memory]]
     if len(pool) < size:
         raise DataError(

@@ -146,7 +146,7 @@ def distributions(metric: str, test: Impacts, predictions: Mapping[str, Predicti
     """Return the errors of all models on the held-out trials, and the residuals of one of them, by tag."""
     found = {f"errors/{metric}/{name}": metrics.METRICS[metric].error(test, one) for name, one in predictions.items()}
     residual = test.v_post - predictions[model].v_post
-    return found | {f"residuals/{name}": x for name, x in zip(("v_x", "v_y", "ω"), residual.T, strict=True)}
+    return found | {f"residuals/{name}": x for name, x in zip(test.space.symbols, residual.T, strict=True)}
 
 
 def law_equation(fit: LawEstimate) -> str:

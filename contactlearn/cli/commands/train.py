@@ -22,7 +22,7 @@ from contactlearn.inference.identification.joint import JointFit
 from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.inference.learning.recipe import Recipe, Round, learn
 from contactlearn.laws import Law
-from contactlearn.mechanics.features import SPACES
+from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
@@ -142,7 +142,7 @@ class _RoundReporter:
 
     def __call__(self, now: Round) -> None:
         self.rounds += 1
-        processes = estimates.process_estimates(self.recipe, now.regressor)
+        processes = estimates.process_estimates(self.recipe, now.regressor, self.test.space)
         if not all(math.isfinite(one.loss) for one in processes):
             return
         self.on_event(
@@ -195,7 +195,9 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         errors=estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator),
         back_spin=sums.back_spin(),
         norm=settings.norm,
-        processes=() if recipe is None or regressor is None else estimates.process_estimates(recipe, regressor),
+        processes=()
+        if recipe is None or regressor is None
+        else estimates.process_estimates(recipe, regressor, data.test.space),
         processes_kind=None if regressor is None else regressor.kind,
     )
 
@@ -220,7 +222,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     if recipe is not None and regressor is not None:
         lengths = {one.output: one.length_scales for one in result.processes}
         relevance = {
-            output: {name: 1 / known.get(name, math.inf) for name in SPACES[recipe.features].columns}
+            output: {name: 1 / known.get(name, math.inf) for name in feature_units(recipe.features, test.space)}
             for output, known in lengths.items()
         }
         distributions |= {
@@ -228,7 +230,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         }
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
-            "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance)}),
+            "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance, test.space.D)}),
             "training": quality.training(regressor.training.history, relevance, regressor.objective),
         }
     return RunRecord(

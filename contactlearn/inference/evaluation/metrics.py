@@ -111,7 +111,7 @@ def back_spin(impacts: Impacts, v_post: Float[Tensor, "*batch n D"]) -> Bool[Ten
 
 
 def squared_distance(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:
-    """Compute the squared Mahalanobis distance [..., N] of the measured v_post: χ² of 3 degrees if all is Gaussian."""
+    """Compute the squared Mahalanobis distance [..., N] of the measured v_post: χ² of D degrees if all is Gaussian."""
     return _whitened(impacts, prediction)[0].square().sum(-1)
 
 
@@ -137,16 +137,18 @@ def _covariance(prediction: Prediction) -> Tensor:
     return prediction.covariance
 
 
-CHI_SQUARED_95 = 7.8147279
-"""95 % quantile of χ² with 3 degrees of freedom: that of squared distances, if the predictions are right."""
+CHI_SQUARED_95 = {3: 7.8147279, 6: 12.5915872}
+"""95 % quantile of χ² by its degrees of freedom, D: that of squared distances, if the predictions are right."""
 
 
-def calibration(distance: Float[Tensor, "k"]) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
+def calibration(
+    distance: Float[Tensor, "k"], freedom: int = 3
+) -> tuple[Float[Tensor, "levels"], Float[Tensor, "levels"]]:
     """Return nominal levels [L], and the shares [L] of squared distances [K] inside the ellipsoids of those levels."""
     from scipy.special import chdtri  # SciPy takes long to load
 
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
-    radii = torch.from_numpy(chdtri(3, 1 - levels.numpy())).to(distance.device)
+    radii = torch.from_numpy(chdtri(freedom, 1 - levels.numpy())).to(distance.device)
     return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
 
 

@@ -30,7 +30,7 @@ def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[T
     (Whittaker's law has one) is left out.  The admissible impulses are half of the energy ellipse, since the line
     v_n⁺ = 0 runs through its centre; the few of them that pull count as well.
     """
-    require_space("the share of the admissible impulses", impacts.space)
+    require_space("the area of the admissible impulses", impacts.space)
     mu, eps = (nodes.to(impacts.mass) for nodes in grid(box or Box(), _NODES))
     W, v_c = impacts.W, impacts.v_c
     P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)

@@ -20,7 +20,6 @@ from torch import Tensor
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
-from contactlearn.mechanics.space import require_space
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
 
@@ -56,7 +55,6 @@ def identify_trials(
 
     The arguments are those of `identify`; `box.nodes` is not used.
     """
-    require_space("the identification of single trials", impacts.space)
     P = measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
     W, v_c, P = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))
@@ -86,15 +84,13 @@ class _Problem:
     def __getitem__(self, rows: Tensor) -> "_Problem":
         return _Problem(self.law, self.W[rows], self.v_c[rows], self.P[rows], self.box)
 
-    def impulse(self, mu: Tensor | float, eps: Tensor) -> tuple[Tensor, Tensor]:
-        """P̂ by component, [..., N] each."""
-        P_t, P_n = self.law.at(mu, eps).impulse(self.W, self.v_c).unbind(-1)
-        return P_t, P_n
+    def impulse(self, mu: Tensor | float, eps: Tensor) -> tuple[Tensor, ...]:
+        """P̂ by component, [..., N] each, the normal one last."""
+        return self.law.at(mu, eps).impulse(self.W, self.v_c).unbind(-1)
 
-    def residual(self, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
+    def residual(self, mu: Tensor, eps: Tensor) -> tuple[Tensor, ...]:
         """P̂ − P by component, [..., N] each."""
-        P_t, P_n = self.impulse(mu, eps)
-        return P_t - self.P[:, 0], P_n - self.P[:, 1]
+        return tuple(a - b for a, b in zip(self.impulse(mu, eps), self.P.unbind(-1), strict=True))
 
     def cost(self, mu: Tensor, eps: Tensor) -> Tensor:
         """‖P̂ − P‖² [..., N]."""
@@ -120,7 +116,7 @@ class _Problem:
         # Just below the slope of the measurement and below the edges of sticking; friction acts on
         # all of P_n, or in some variants on that of compression.
         slope = 0.98 * _slope(*self.P.T).expand(nodes, -1)
-        reversal = _slope(self.W[:, 0, 1], self.W[:, 0, 0]).expand(nodes, -1)
+        reversal = _slope(*self.W[:, :-1, -1].unbind(-1), self.W[:, 0, 0]).expand(nodes, -1)
         edge = 0.999 * _slope(*self.impulse(high, eps))
         rows = torch.stack((slope, slope * (1 + eps), 0.9 * reversal, 0.999 * reversal, edge)).clamp(low, high)
         cost, eps_row, mu_row = _lowest(self.cost(rows, eps).movedim(1, 0), eps[:, None], rows.movedim(1, 0))
@@ -252,12 +248,16 @@ def _best_in_eps(problem: _Problem, mu: Tensor, eps: Tensor, steps: int) -> tupl
 
 def _dot(a: Sequence[Tensor] | Tensor, b: Sequence[Tensor] | Tensor) -> Tensor:
     """a·b of vectors by component."""
-    return a[0] * b[0] + a[1] * b[1]
+    total = a[0] * b[0]
+    for one, other in zip(a[1:], b[1:], strict=True):
+        total = total + one * other
+    return total
 
 
-def _slope(t: Tensor, n: Tensor) -> Tensor:
-    """|t| / n, very large where n is not positive."""
-    return t.abs() / n.clamp_min(1e-300)
+def _slope(*components: Tensor) -> Tensor:
+    """‖t‖ / n of components (t, n), very large where n is not positive."""
+    *t, n = components
+    return (t[0].abs() if len(t) == 1 else torch.hypot(*t)) / n.clamp_min(1e-300)
 
 
 def _lowest(cost: Tensor, *values: Tensor) -> tuple[Tensor, ...]:

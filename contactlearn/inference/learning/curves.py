@@ -124,7 +124,12 @@ class CurveDensity:
 
     negative_log: Tensor  # −log density, [S, R, N] in nats
     distance: Tensor  # squared Mahalanobis distance, [S, R, N]
-    covered: Tensor  # whether each component is in its 95 % interval, [S, R, N, 3] bool
+    covered: Tensor  # whether each component is in its 95 % interval, [S, R, N, D] bool
+
+    @property
+    def coverage(self) -> Tensor:
+        """Share of the trials inside the predicted 95 % ellipsoid, [S, R]."""
+        return (self.distance <= metrics.CHI_SQUARED_95[self.covered.shape[-1]]).double().mean(-1)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@
     parameters_likelihood   (μ, ε) such that the law's impulse is likely         Class II; rigid
 
 A trial that sticks carries no information on μ.  `parameters_likelihood` gives it almost no weight in learning μ, while
-`parameters_identified` learns from it one of the many μ that fit.  Subsets of equal size are learnt from in one batch.
+`parameters_identified` learns from it one of the many μ that fit.  In space velocities and impulses are learnt in the
+axes of the slip, so that a turn about the normal turns a prediction.  Subsets of equal size are learnt from in one
+batch.
 Source: Fazeli et al. (2017), Section 4.
 """
 
@@ -29,19 +31,31 @@ from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
 from contactlearn.mechanics.impacts import Impacts, measured_impulse
 from contactlearn.mechanics.noise_weight import noise_variance, noise_weight
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import ContactModel, predict_with, wrench_per_parameter
 from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.standardisation import Standardisation
 
 TARGETS = {
-    "velocity": {"v_x": "m/s", "v_y": "m/s", "ω": "rad/s"},
+    "velocity": PLANE.symbols,
     "impulse": {"P_t": "N s", "P_n": "N s"},
     "wrench": {"P_t": "N s", "P_n": "N s", "τ": "N m s"},
     "parameters_identified": {"μ": "–", "ε": "–"},
     "parameters_likelihood": {"μ": "–", "ε": "–"},
 }
-"""Components of each target, with units."""
+"""Components of each target in the plane, with units."""
+
+
+def target_units(target: str, space: Space) -> dict[str, str]:
+    """Return the components of a target with their units; in space along the slip, across it and along the normal."""
+    units = TARGETS[target]
+    if space is PLANE or target.startswith("parameters"):
+        return units
+    letters = {name[0]: unit for name, unit in units.items()}
+    return {f"{letter}_{axis}": unit for letter, unit in letters.items() for axis in ("1", "2", "n")}
+
 
 OnRegressor = Callable[[Regressor], None]
 
@@ -166,10 +180,11 @@ def learn(
         left = start.base_prediction(impacts)
         values = {
             "velocity": impacts.v_post - left.v_post,
-            "impulse": measured_impulse(impacts, impulse) - left.wrench[..., :2],
+            "impulse": measured_impulse(impacts, impulse) - left.wrench[..., : impacts.space.d],
             "wrench": impacts.wrench - left.wrench,
         }[recipe.target]
-        values = _at(values, rows)
+        size = values.shape[-1]
+        values = _at(matvec(impacts.slip_axes.mT[:, :size, :size], values), rows)
         stated = noise_weight(impacts, recipe.target), noise_variance(impacts, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
         regressor = fit(values, weight=weight, noise=noise, on_round=listener(values))
@@ -208,7 +223,7 @@ def _learn_parameters(
     regressor: Regressor | None,
     listener: Callable[[Tensor], OnRegressor | None],
 ) -> tuple[Regressor, Tensor]:
-    """Fit processes for (μ, ε) that make the measured impulse P [N, 2] likely; return them and their data [..., n, 2].
+    """Fit processes for (μ, ε) that make the measured impulse P [N, d] likely; return them and their data [..., n, 2].
 
     Generalised Gauss–Newton: about the present parameters θ₀ of each trial the law is P ≈ P̂ + G (θ − θ₀).
     With isotropic noise that is an observation of each parameter, θ₀ + H_kᵀ (P − P̂) / (G_kᵀ H_k) with a noise
@@ -223,8 +238,8 @@ def _learn_parameters(
     for _ in range(_ROUNDS):
         theta = torch.minimum(torch.maximum(theta, box.low.to(theta)), box.high.to(theta))
         everywhere = _everywhere(theta, rows, len(impacts))
-        G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., :2, :], rows, 2)
-        error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., :2], rows)
+        G = _at(wrench_per_parameter(law, impacts, everywhere, effects)[..., : P.shape[-1], :], rows, 2)
+        error = _at(P - predict_with(law, impacts, everywhere, effects).wrench[..., : P.shape[-1]], rows)
         other, typical = G.flip(-1), G.square().sum(-2).mean(-2, keepdim=True).amax(-1, keepdim=True).sqrt()
         shrunk = other.square().sum(-2, keepdim=True) + (_PRIOR_SPREAD * typical[..., None]).square()
         H = G - (G * other).sum(-2, keepdim=True) / shrunk * other
@@ -247,7 +262,7 @@ def _learn_parameters(
 
 
 def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
-    """Return the model with the noise covariance t E of v_post, calibrated on the training trials.
+    """Return the model with the noise covariance t E of v_post in the axes of the slip, calibrated on training trials.
 
     E is the mean of e eᵀ over the leave-one-out errors e of the training trials.  The factor t is such that the 95 %
     ellipsoids of V + t E, with V the covariance of the processes, contain 95 % of these errors; the rank is that of
@@ -256,14 +271,16 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
     """
     error, variance = model.processes.leave_one_out()
     learned = _everywhere(values - error, rows, len(impacts))
-    e = _at(impacts.v_post - model.complete(impacts, learned).v_post, rows)
-    V = _at(model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))), rows, 2)
-    speed = _at(impacts.v_post, rows).square().mean(-2).sqrt()
+    back = impacts.slip_axes.mT
+    e = _at(matvec(back, impacts.v_post - model.complete(impacts, learned).v_post), rows)
+    V = model.spread(impacts, learned, _everywhere(variance, rows, len(impacts)))
+    V = _at(back @ V @ back.mT, rows, 2)
+    speed = _at(matvec(back, impacts.v_post), rows).square().mean(-2).sqrt()
     speed = torch.where(speed > 0, speed, _usual_speed(impacts))  # such as v_x of drops that are vertical throughout
     scale = torch.maximum(e.square().mean(-2).sqrt(), 1e-6 * speed)
     unit = scale[..., :, None] * scale[..., None, :]
     e, V = e / scale[..., None, :], V / unit[..., None, :, :]
-    E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(3, dtype=e.dtype, device=e.device)
+    E = (e.mT @ e) / e.shape[-2] + 1e-6 * torch.eye(impacts.space.D, dtype=e.dtype, device=e.device)
     some = slice(None, None, -(-rows.shape[-1] // _CALIBRATED))
     e, V = e[..., some, :], V[..., some, :, :]
     n = e.shape[-2]
@@ -273,15 +290,16 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
         middle = (low + high) / 2
         total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
         distance = (e * torch.linalg.solve(total, e)).sum(-1)
-        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95
+        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95[impacts.space.D]
         low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
     return replace(model, noise=high.exp()[..., None, None] * E * unit)
 
 
-def _usual_speed(impacts: Impacts) -> Float[Tensor, "3"]:
-    """Contact's speed before impact as one of (v_x, v_y, ω), which is never 0."""
-    speed = impacts.v_c.square().sum(-1).mean().sqrt()
-    return torch.stack((speed, speed, speed / (impacts.inertia / impacts.mass).sqrt().mean()))
+def _usual_speed(impacts: Impacts) -> Float[Tensor, "D"]:
+    """Contact's speed before impact as a component of the velocity or of the spin, which is never 0."""
+    speed, d = impacts.v_c.square().sum(-1).mean().sqrt(), impacts.space.d
+    spin = speed / (impacts.inertia.reshape(len(impacts), -1) / impacts.mass[:, None]).sqrt().mean()
+    return torch.stack((*[speed] * d, *[spin] * (impacts.space.D - d)))
 
 
 def _at(values: Tensor, rows: Tensor, event: int = 1) -> Tensor:

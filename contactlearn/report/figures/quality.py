@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.mechanics.space import BOTH
 from contactlearn.report.figures import style as st
 
 __all__ = ["calibration_curve", "predicted_against_measured", "training"]
@@ -21,23 +22,28 @@ __all__ = ["calibration_curve", "predicted_against_measured", "training"]
 
 @st.look()
 def predicted_against_measured(
-    measured: Float[Tensor, "n 3"], predicted: Float[Tensor, "n 3"], std: Float[Tensor, "n 3"] | None = None
+    measured: Float[Tensor, "n D"], predicted: Float[Tensor, "n D"], std: Float[Tensor, "n D"] | None = None
 ) -> Figure:
-    """Draw the post-contact velocity as predicted and as measured, in three panels.
+    """Draw the post-contact velocity as predicted and as measured, a panel a component.
 
     Args:
-        measured, predicted: (v_x, v_y, ω) in m/s and rad/s.
+        measured, predicted: velocities in m/s and rad/s, of the plane or of space.
         std: standard deviations of the predictions, drawn as ± 1.96 of them; not where the density of many trials is.
 
     Raises:
         ContactLearnError: no trials, or shapes that differ.
     """
     shapes = [tuple(x.shape) for x in (measured, predicted, std) if x is not None]
-    if not len(measured) or set(shapes) != {(len(measured), 3)}:
-        raise ContactLearnError(f"measured, predicted and std must all be [N, 3] with N ≥ 1, got {shapes}")
-    figure = st.new_figure(st.PAGE, 2.75)
-    components = zip(("$v_x$", "$v_y$", "ω"), ("m/s", "m/s", "rad/s"), figure.subplots(1, 3), strict=True)
-    for column, (name, unit, axes) in enumerate(components):
+    space = next((space for space in BOTH if shapes[0] == (len(measured), space.D)), None)
+    if not len(measured) or space is None or len(set(shapes)) > 1:
+        raise ContactLearnError(
+            f"measured, predicted and std must all be [N, 3], or [N, 6] in space, with N ≥ 1, got {shapes}"
+        )
+    rows = space.D // 3
+    figure = st.new_figure(st.PAGE, 2.4 * rows + 0.35)
+    panels = figure.subplots(rows, 3, squeeze=False).flat
+    for column, ((symbol, unit), axes) in enumerate(zip(space.symbols.items(), panels, strict=True)):
+        name = f"${symbol}$" if "_" in symbol else symbol
         st.name_axes(axes, f"Measured {name} ({unit})", f"Predicted {name} ({unit})").set_box_aspect(1)
         spread = None if std is None else st.array(std)[:, column]
         _draw_component(axes, st.array(measured)[:, column], st.array(predicted)[:, column], spread, unit)
