@@ -146,7 +146,7 @@ def test_density_is_that_of_the_normal_distribution(predicted):
     z = torch.randn(200_000, 3, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     levels, shares = metrics.calibration(z.square().sum(-1))
     assert (levels - shares).abs().max() < 5 * math.sqrt(0.25 / len(z))
-    assert (z.square().sum(-1) <= metrics.CHI_SQUARED_95).double().mean().item() == pytest.approx(0.95, abs=0.003)
+    assert (z.square().sum(-1) <= metrics.CHI_SQUARED_95[3]).double().mean().item() == pytest.approx(0.95, abs=0.003)
 
 
 def test_bootstrap_resamples_subsets_and_trials():

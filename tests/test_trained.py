@@ -73,7 +73,7 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     assert (found["model"], found["law"]) == ("x1_wrench", None)
     judged = found["trained"]["x1_wrench"]
     assert judged["data"] == results(folder)["provenance"]["data"]
-    inside = metrics.squared_distance(test, model.predict(test)) <= metrics.CHI_SQUARED_95
+    inside = metrics.squared_distance(test, model.predict(test)) <= metrics.CHI_SQUARED_95[3]
     assert judged["coverage"] == pytest.approx(inside.double().mean().item())
     origin = "was trained on 20 impacts of synthetic drops (wang_mason, seed 0) in another run"
     told = f"{origin}; {100 * judged['coverage']:.1f}"

@@ -297,14 +297,14 @@ class CurveCalibration:
         converged: share of the processes with a training that settled.
         negative_log_density: mean −log density of the measured v_post, in nats.
         coverage: share of trials inside the predicted 95 % ellipsoid.
-        component_coverage: share of trials with each of (v_x, v_y, ω) inside its 95 % interval.
+        component_coverage: share of trials with each component of the velocity inside its 95 % interval.
     """
 
     processes: tuple[str, ...]
     converged: tuple[float, ...]
     negative_log_density: tuple[float, ...]
     coverage: tuple[float, ...]
-    component_coverage: tuple[tuple[float, float, float], ...]
+    component_coverage: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)

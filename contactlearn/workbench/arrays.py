@@ -30,6 +30,7 @@ from contactlearn.report.page.trials import (
     map_variables,
     of_laws,
     of_outcomes,
+    of_space,
     outlines,
     trial_columns,
 )
@@ -48,6 +49,7 @@ def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         "object": list(impacts.object),
         "columns": {name: floats(values) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
+        "space": of_space(impacts.space),
         "variables": [
             axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)
         ],
@@ -88,9 +90,11 @@ def _drawn(impacts: Impacts, model: ContactModel) -> list[str]:
 def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:
     """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
     laws, found = of_laws(impacts[[row]], fitted)
-    ellipse = digits(found.pop("ellipse")[0])
-    arrays = {name: digits(values[:, 0].double().tolist()) for name, values in found.items()}
-    return {"row": row, "fitted": laws, "ellipse": ellipse} | arrays
+    arrays = {
+        name: digits(values[0 if name == "ellipse" else slice(None), 0].double().tolist())
+        for name, values in found.items()
+    }
+    return {"row": row, "fitted": laws} | arrays
 
 
 def inside(windows: tuple[Window, ...], among: list[Variable]) -> Bool[Tensor, " n"]:

@@ -31,6 +31,7 @@ from contactlearn.report.events import progress
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning, quality
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
+from contactlearn.report.figures.contact_in_space import body_at_contact, slip_hodograph
 from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
@@ -244,22 +245,32 @@ def _errors_drawn(
 ) -> dict[str, Figure]:
     """Errors of all models, the bound of contact patches, and one trial in impulse space, by file name.
 
-    The trial is the held-out `row`, or that with the median error of the best law.
+    The trial is the held-out `row`, or that with the median error of the best law.  In space it is drawn as a body with
+    its hodograph, and the contact is a point.
     """
     test, how, headline = data.test, settings.identification, metrics.METRICS[result.metric]
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     best = min(laws, key=lambda name: result.errors[name].of(result.metric))
     if row is None:
         row = int(headline.error(test, held_out.predictions[best]).argsort()[len(test) // 2])
-    levels = {name: result.errors[name].of(result.metric).mean for name in (best, BEST_POST_HOC)}
-    widths = settings.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
-    shown = moved(test, settings.device)
-    patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
-    rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
-    drawn = {
-        "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
-        "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, headline.axis),
-    }
+    if test.space is PLANE:
+        levels = {name: result.errors[name].of(result.metric).mean for name in (best, BEST_POST_HOC)}
+        widths = settings.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
+        shown = moved(test, settings.device)
+        patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
+        rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
+        drawn = {
+            "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
+            "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, headline.axis),
+        }
+    else:
+        trial, v_post = test[[row]], held_out.predictions[result.model].v_post[[row]]
+        prediction = Prediction(v_post, held_out.predictions[result.model].wrench[[row]])
+        ordered = {best: laws[best], **laws}
+        drawn = {
+            "slip_hodograph": slip_hodograph(trial, ordered, prediction),
+            "body_at_contact": body_at_contact(trial, prediction),
+        }
     for name, suffix in _bounded(result).items():
         metric, intervals = metrics.METRICS[name], {model: errors.of(name) for model, errors in result.errors.items()}
         per_trial = {model: metric.error(test, prediction) for model, prediction in held_out.predictions.items()}

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.diagnosis.regions import Variable, variables
-from contactlearn.inference.evaluation.bounds import Norm, weights
+from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline_metric
 from contactlearn.inference.evaluation.reach import grid
 from contactlearn.inference.identification.shared import Box
@@ -16,7 +16,10 @@ from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures.browser import as_plotly, plotly_style
+from contactlearn.report.figures.contact_in_space import slip_after, slip_hodograph, slip_paths
 from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors
 from contactlearn.report.figures.style import MILLI
 
@@ -25,6 +28,7 @@ EMBEDDED = 1500
 STEPS = {"reach": 0.002, "torn": 1.0, "parts": 0.004}
 """Steps of the arrays of a page: reachable impulses are in units of the momentum of the contact."""
 _NODES, _FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
+_PATH = 12  # steps of a path of the slip
 _JUMP = 0.15  # of the momentum, between neighbours of the finer grid
 
 
@@ -41,9 +45,23 @@ def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
         "object": list(impacts.object),
         **{name: digits(values, 6) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
+        "space": of_space(impacts.space),
         "variables": [
             axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
         ],
+    }
+
+
+def of_space(space: Space) -> dict[str, Any]:
+    """Return the columns by field, and the symbols of velocity and wrench with the units of the page."""
+    letters = {"P": "mN s", "t": "mN m s"}
+    return {
+        "columns": {name: list(space.components[name]) for name in ("r", "q", "v_pre", "v_post")},
+        "wrench": list(space.wrench),
+        "velocity": [f"{symbol} ({unit})" for symbol, unit in space.symbols.items()],
+        "impulse": [f"{name.replace('tau', 'τ')} ({letters[name[0]]})" for name in space.wrench],
+        "parts": list(space.symbols),
+        "planar": space is PLANE,
     }
 
 
@@ -54,16 +72,20 @@ def trial_columns(impacts: Impacts) -> dict[str, Float[Tensor, " n"]]:
         for name in ("r", "q", "v_pre", "v_post")
         for column, values in zip(impacts.space.components[name], getattr(impacts, name).T, strict=True)
     }
-    return found | dict(zip(("P_t", "P_n", "tau"), MILLI * impacts.wrench.T, strict=True))
+    return found | dict(zip(impacts.space.wrench, MILLI * impacts.wrench.T, strict=True))
 
 
-def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n 3"], norm: Norm = "mass") -> dict[str, Tensor]:
-    """Return what M models predict: `v_post`, the `wrench` to it [M, N, 3] in mN s and mN m s, and their errors.
+def of_outcomes(impacts: Impacts, v_post: Float[Tensor, "m n D"], norm: Norm = "mass") -> dict[str, Tensor]:
+    """Return what M models predict: `v_post`, the `wrench` to it [M, N, D] in mN s and mN m s, and their errors.
 
-    `error` [M, N] is the headline of the norm, `parts` [M, N, 3] are the shares of its square in v_x, v_y and ω.
+    `error` [M, N] is the headline of the norm, `parts` [M, N, D] are the shares of its square in the components.
     """
     wrench = rigid_body.measured_wrench(impacts.mass, impacts.world_inertia, impacts.r, impacts.v_pre, v_post)
-    parts = weights(impacts, norm).mT * (v_post - impacts.v_post).square()
+    error, d = v_post - impacts.v_post, impacts.space.d
+    parts = error * error
+    if norm == "mass":
+        spun = rigid_body.spin_momentum(impacts.world_inertia, error[..., d:])
+        parts = error * torch.cat((impacts.mass[:, None] * error[..., :d], spun), -1)
     return {
         "v_post": v_post,
         "wrench": MILLI * wrench,
@@ -82,12 +104,17 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
 
     `ellipse` [N, 4, 2] are the vectors of `ellipse_vectors` in mN s.
     `reach` [L, N, A, B, 2] is the impulse at nodes of (μ, ε), in units of the momentum ‖M_c v_c‖; between nodes where
-    `torn` [L, N, A − 1, B − 1] is 1 it jumps.
+    `torn` [L, N, A − 1, B − 1] is 1 it jumps.  In space the arrays are the
+    `path` of the slip at each law's friction and the slip at its `end` in m/s, see `contact_in_space`.
     """
     entries = [
         {"name": name, "mu": digits(float(law.mu), 4), "eps": digits(float(law.eps), 4), **plotly_style(name)}
         for name, law in fitted.items()
     ]
+    if impacts.space is SPACE:
+        v_post = torch.stack([ContactModel(law).predict(impacts).v_post for law in fitted.values()])
+        paths = torch.stack([slip_paths(impacts, law, _PATH) for law in fitted.values()])
+        return entries, {"path": paths, "end": slip_after(impacts, v_post)}
     W, v_c = impacts.W, impacts.v_c
     impulses = torch.stack([law.impulse(W, v_c).detach() for law in fitted.values()])
     reach, torn = zip(*(_reach(law, W, v_c) for law in fitted.values()), strict=True)
@@ -96,8 +123,9 @@ def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str,
 
 
 def impulse_figure(impacts: Impacts, fitted: Mapping[str, Law]) -> dict[str, Any]:
-    """Return the figure of impulse space in which a script shows any trial, here the first."""
-    figure = as_plotly(compared_impulses(impacts[[0]], fitted))
+    """Return the figure of impulse space, or of the hodograph, in which a script shows any trial, here the first."""
+    compared = compared_impulses if impacts.space is PLANE else slip_hodograph
+    figure = as_plotly(compared(impacts[[0]], fitted))
     return digits(figure | {"data": [trace | {"x": [], "y": []} for trace in figure["data"] if trace["meta"]]})
 
 
@@ -140,8 +168,8 @@ def finely(x: Any) -> Any:
 
 def map_variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
     """Return the variables in which the map is drawn: those of regions, and the velocity before impact."""
-    v_x, v_y = impacts.v_pre[:, 0], impacts.v_pre[:, 1]
-    plain = [Variable("v_x", "v_x", "m/s", v_x), Variable("v_y", "v_y", "m/s", v_y)]
+    linear = zip(impacts.space.symbols, impacts.v_pre.T[: impacts.space.d], strict=False)
+    plain = [Variable(name, name, "m/s", values) for name, values in linear]
     return [*variables(impacts, prediction), *plain]
 
 

@@ -5,7 +5,7 @@ let trials = null;
 let errors = [];  // of the law alone and of the model, by trial
 const arrays = {};
 
-const OUTCOMES = {v_post: 3, wrench: 3, error: 1, parts: 3};  // numbers of a trial
+const sizes = (D = trials.space.parts.length) => Object.entries({v_post: D, wrench: D, error: 1, parts: D});  // numbers of a trial
 const outcomes = {};  // of the law alone and of the model, one trial after the other
 
 const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);

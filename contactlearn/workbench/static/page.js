@@ -7,7 +7,7 @@ const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
   curve: () => show("curve", page.curve),
 };
-const needs = {map: () => errors, picture: () => true, impulse: () => page.arrays.reach, curve: () => page.curve};
+const needs = {map: () => errors, picture: () => true, impulse: () => page.fitted.length, curve: () => page.curve};
 const stale = new Set(), near = new Set();
 
 // Actions that the server has not answered yet; it is sent all of them, so none is lost when answers are overtaken.
@@ -100,8 +100,8 @@ function showTrial() {
   const line = get("trial-status");
   if (!trials || !errors || !line) return;
   const i = state.trial, all = errorsOf(state.model);
-  const parts = ["v_x", "v_y", "ω"].map((name, k) => `${(100 * arrays.parts(state.model, i, k)).toFixed(0)} % in ${name}`);
-  line.textContent = `Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the model ${
+  const parts = trials.space.parts.map((name, k) => `${(100 * arrays.parts(state.model, i, k)).toFixed(0)} % in ${name}`);
+  line.textContent = `Trial ${trials.name[i]} of ${trials.object[i]}${posed(i)}: error of the model ${
     written(all[i])}, of the law alone ${written(errorsOf(0)[i])}; of the squared error ${parts.join(", ")}.`;
 }
 
@@ -126,7 +126,7 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
       variables: variables.map(one => ({...one, values: floats(one.values)}))};
     arrays.v_post = null;
     const place = name => Math.max(0, trials.variables.findIndex(one => one.name === name));
-    [state.across, state.up] = [place("slip_speed"), place("theta")];
+    [state.across, state.up] = [place("slip_speed"), place(trials.space.planar ? "theta" : "approach_speed")];
     const options = trials.variables.map(one => one.label);
     for (const [id, chosen] of [["map-x", state.across], ["map-y", state.up]]) {
       get(id).replaceChildren(...options.map((text, k) => new Option(text, k, k === chosen, k === chosen)));
@@ -137,7 +137,7 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   model(sent) {
     if (!sent || !trials || sent.count !== trials.count) return "";
     const N = trials.count;
-    for (const [name, size] of Object.entries(OUTCOMES)) {
+    for (const [name, size] of sizes()) {
       outcomes[name] = floats(sent[name]);
       arrays[name] = (model, i, k = 0) => outcomes[name][(model * N + i) * size + k];
     }
@@ -159,11 +159,14 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
     state.trial = sent.row;
     Object.assign(page, {fitted: sent.fitted, impulses: sent.figure});
     state.law = Math.max(0, sent.fitted.findIndex(one => one.name === sent.law));
-    page.arrays = {reach: {shape: [sent.reach.length, 1, sent.reach[0].length, sent.reach[0][0].length]}};
-    arrays.impulse = (law, _, k) => sent.impulse[law][k];
+    for (const name of ["reach", "path"]) {
+      const one = sent[name];
+      if (one) page.arrays[name] = {shape: [one.length, 1, one[0].length, one[0][0].length]};
+    }
+    for (const name of ["impulse", "end", "reach", "path", "torn"]) {
+      arrays[name] = (law, _, ...index) => index.reduce((part, k) => part[k], sent[name][law]) ?? NaN;
+    }
     arrays.ellipse = (_, vector, k) => sent.ellipse[vector][k];
-    arrays.reach = (law, _, a, b, k) => sent.reach[law][a][b][k] ?? NaN;
-    arrays.torn = (law, _, a, b) => sent.torn[law][a][b];
     if (arrays.v_post) showTrial();
     redraw("map", "picture", "impulse");
     return String(sent.row);

@@ -54,12 +54,11 @@ function show(id, {data, layout}, exchanged = {}, changed = {}) {
   return draw(id, traces, {margin: {l: 50, r: 15, t: notes ? 40 : 15, b: 45}, ...layout, ...stacked, shapes, ...changed});
 }
 
-const before = i => [trials.vx[i], trials.vy[i], trials.omega[i]];
-const measured = {
-  v_post: i => [trials.vx_post[i], trials.vy_post[i], trials.omega_post[i]],
-  wrench: i => [trials.P_t[i], trials.P_n[i], trials.tau[i]],
-};
-const predicted = (model, i) => [0, 1, 2].map(k => arrays.v_post(model, i, k));
+const state_of = (field, i) => trials.space.columns[field].map(name => trials[name][i]);
+const before = i => state_of("v_pre", i);
+const measured = {v_post: i => state_of("v_post", i), wrench: i => trials.space.wrench.map(name => trials[name][i])};
+const predicted = (model, i) => trials.space.parts.map((_, k) => arrays.v_post(model, i, k));
+const posed = i => trials.theta ? `, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°` : "";
 const errorsOf = model => errors[model] ??= trials.name.map((_, i) => arrays.error(model, i));
 
 // Error over two variables; the selected trial is ringed, if there is one, trials outside the region are faint.
@@ -160,17 +159,31 @@ function bands(region, variable, along) {
   }));
 }
 
+// Slip of the contact point in space with a velocity of the body; and the direction of that before contact.
+const slipWith = (i, [x, y, , a, b, c]) => {
+  const [rx, ry, rz] = state_of("r", i);
+  return [x + b * rz - c * ry, y + c * rx - a * rz];
+};
+const heading = i => { const [x, y] = slipWith(i, before(i)), length = Math.hypot(x, y) || 1; return [x / length, y / length]; };
+
+// A vector in the picture: in space along the slip and up, and what is across the slip at 45° and half its length.
+function seen(i, vector) {
+  if (trials.space.planar) return vector;
+  const [c, s] = heading(i), across = 0.5 ** 1.5 * (c * vector[1] - s * vector[0]);
+  return [c * vector[0] + s * vector[1] + across, vector[2] + across];
+}
+
 // The body above the floor, its contact point at 0; velocities as arrows of its centre of mass.
 function drawPicture(state) {
-  const i = state.trial, r = [trials.rx[i], trials.ry[i]], theta = trials.theta[i], mm = 1000;
-  const com = [-r[0] * mm, -r[1] * mm], size = Math.hypot(...r) * mm;
+  const i = state.trial, arm = state_of("r", i), r = seen(i, arm), theta = trials.theta?.[i], mm = 1000, d = arm.length;
+  const com = [-r[0] * mm, -r[1] * mm], size = Math.hypot(...arm) * mm;
   const velocities = [
     ["Before", before(i), "muted", "dot"], ["After, measured", measured.v_post(i), "text", "solid"],
     ["After, predicted", predicted(state.model, i), "red", "dash"],
   ];
-  const longest = Math.max(...velocities.map(([, v]) => Math.hypot(v[0], v[1])));
-  const scale = 1.6 * size / (longest || 1);
-  const fastest = Math.max(...velocities.map(([, v]) => Math.abs(v[2]))) || 1;
+  const longest = Math.max(...velocities.map(([, v]) => Math.hypot(...v.slice(0, d))));
+  const scale = 1.6 * size / (longest || 1), told = values => values.map(x => digits(x)).join(", ");
+  const fastest = Math.max(...velocities.map(([, v]) => Math.hypot(...v.slice(d)))) || 1;
   const traces = [];
   let ends = [[0, 0], com];
   const body = trials.outlines[""] ?? trials.outlines[trials.object[i]];
@@ -189,16 +202,18 @@ function drawPicture(state) {
     line: {color: color("muted"), width: 1, dash: "dot"}, marker: {size: [5, 10], color: color("accent")},
   });
   for (const [k, [name, v, ink, dash]] of velocities.entries()) {
-    const arrow = [0, 1].map(end => com.map((value, j) => value + scale * v[j] * (k ? end : end - 1)));  // before: comes in
-    const radius = (0.55 + 0.2 * k) * size, turn = 0.85 * Math.PI * v[2] / fastest;  // counter-clockwise, from straight up
-    const arc = Array.from({length: 33}, (_, j) => [com[0] - radius * Math.sin(turn * j / 32), com[1] + radius * Math.cos(turn * j / 32)]);
+    const flat = seen(i, v.slice(0, d)), spin = v.slice(d), omega = d > 2 ? `(${told(spin)})` : told(spin);
+    const arrow = [0, 1].map(end => com.map((value, j) => value + scale * flat[j] * (k ? end : end - 1)));  // before: comes in
+    const radius = (0.55 + 0.2 * k) * size, turn = 0.85 * Math.PI * spin[0] / fastest;  // counter-clockwise, from straight up
+    const arc = d > 2 ? [com, seen(i, spin).map((value, j) => com[j] + size * value / fastest)] :
+      Array.from({length: 33}, (_, j) => [com[0] - radius * Math.sin(turn * j / 32), com[1] + radius * Math.cos(turn * j / 32)]);
     ends.push(...arrow, ...arc);
-    for (const [points, what] of [[arrow, `v = (${digits(v[0])}, ${digits(v[1])}) m/s`], [arc, `ω = ${digits(v[2])} rad/s`]]) {
-      const head = points.map((_, j) => j === points.length - 1 && (points === arrow || Math.abs(turn) > 0.02));
+    for (const [points, what] of [[arrow, `v = (${told(v.slice(0, d))}) m/s`], [arc, `ω = ${omega} rad/s`]]) {
+      const head = points.map((_, j) => j === points.length - 1 && (points === arrow || d > 2 || Math.abs(turn) > 0.02));
       traces.push({
         type: "scatter", mode: "lines+markers", x: points.map(p => p[0]), y: points.map(p => p[1]), hoverinfo: "text",
-        name: `${name}, ω = ${digits(v[2])} rad/s`, text: `${name}: ${what}`, legendgroup: name, showlegend: points === arrow,
-        line: {color: color(ink), width: 2.5, dash},
+        name: `${name}, ω = ${omega} rad/s`, text: `${name}: ${what}`, legendgroup: name, showlegend: points === arrow,
+        line: {color: color(ink), width: points === arc && d > 2 ? 1 : 2.5, dash},
         marker: {color: color(ink), symbol: head.map(one => one ? "arrow" : "circle"), size: head.map(one => one ? 14 : 0), angleref: "previous", opacity: head.map(Number)},
       });
     }
@@ -206,15 +221,16 @@ function drawPicture(state) {
   const [x, y] = [0, 1].map(k => [Math.min(...ends.map(p => p[k])), Math.max(...ends.map(p => p[k]))]);
   const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
   return draw("picture", traces, {
-    xaxis: {title: {text: "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
+    xaxis: {title: {text: d > 2 ? "Along the slip from the contact point (mm)" : "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
     yaxis: {title: {text: "Height (mm)"}, scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: true, zerolinecolor: color("text"), zerolinewidth: 3},
-    summary: `Trial ${trials.name[i]} at θ = ${digits(theta * 180 / Math.PI)}°. ` + velocities.map(([name, v]) =>
-      `${name}: v = (${digits(v[0])}, ${digits(v[1])}) m/s, ω = ${digits(v[2])} rad/s`).join(". ") + ".",
+    summary: `Trial ${trials.name[i]}${posed(i)}. ` + velocities.map(([name, v]) =>
+      `${name}: v = (${told(v.slice(0, d))}) m/s, ω = ${told(v.slice(d))} rad/s`).join(". ") + ".",
   });
 }
 
 // Impulse space of the selected trial: the figure of Python with the arrays of this trial, law and model.
 function drawImpulse(state) {
+  if (!trials.space.planar) return drawHodograph(state);
   const i = state.trial, law = page.fitted[state.law], pair = at => [at(0), at(1)];
   const [centre, across, up, along] = [0, 1, 2, 3].map(one => pair(k => arrays.ellipse(i, one, k)));
   const turn = (from, to) => Array.from({length: 121}, (_, k) => from + (to - from) * k / 120)
@@ -238,6 +254,19 @@ function drawImpulse(state) {
     return [low - 0.08 * (high - low), high + 0.08 * (high - low)];
   };
   return show("impulse", page.impulses, named, {xaxis: {...xaxis, range: range(0)}, yaxis: {...yaxis, range: range(1)}});
+}
+
+// The slip of the selected trial in space, along its direction before contact and across it, with Routh's path of a law.
+function drawHodograph(state) {
+  const i = state.trial, law = page.fitted[state.law], [c, s] = heading(i), steps = page.arrays.path.shape[2];
+  const turned = v => { const [x, y] = slipWith(i, v); return {x: [c * x + s * y], y: [c * y - s * x]}; };
+  const path = Array.from({length: steps}, (_, k) => [0, 1].map(j => arrays.path(state.law, i, k, j)));
+  const named = {
+    path: {x: path.map(p => p[0]), y: path.map(p => p[1]), name: `Routh's path, μ = ${digits(law.mu)} of ${plain(law.label)}`, line: {color: law.color}},
+    before: turned(before(i)), Measured: turned(measured.v_post(i)), "Chosen model": turned(predicted(state.model, i)),
+  };
+  page.fitted.forEach((_, k) => { named[`law ${k}`] = {x: [arrays.end(k, i, 0)], y: [arrays.end(k, i, 1)]}; });
+  return show("impulse", page.impulses, named);
 }
 
 // The part of a convex polygon where the contact does not pull.

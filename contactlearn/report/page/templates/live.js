@@ -34,12 +34,12 @@ function showTrial(note = "") {
   const i = state.trial, rank = errorsOf(state.model).filter(error => error > errorsOf(state.model)[i]).length + 1;
   get("number").value = i + 1;
   get("name").value = trials.name[i];
-  const parts = ["v_x", "v_y", "ω"].map((name, k) => [arrays.parts(state.model, i, k), name]).sort((a, b) => b[0] - a[0]);
+  const parts = trials.space.parts.map((name, k) => [arrays.parts(state.model, i, k), name]).sort((a, b) => b[0] - a[0]);
   const percent = part => part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
-  get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}, θ = ${digits(trials.theta[i] * 180 / Math.PI)}°: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
+  get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}${posed(i)}: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
     written(errorsOf(state.model)[i])}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
     parts.map(([part, name], k) => `${percent(part)} ${k ? "" : "of the squared error is "}in ${name}`).join(", ")}` : "") + ".";
-  const wrench = [0, 1, 2].map(k => arrays.wrench(state.model, i, k));
+  const wrench = trials.space.wrench.map((_, k) => arrays.wrench(state.model, i, k));
   const rows = [["Before", before(i), []], ["After, measured", measured.v_post(i), measured.wrench(i)], ["After, predicted", predicted(state.model, i), wrench]];
   get("numbers").tBodies[0].replaceChildren(...rows.map(([name, v, impulse]) => {
     const row = document.createElement("tr"), head = document.createElement("th");
@@ -47,7 +47,7 @@ function showTrial(note = "") {
     head.scope = "row";
     row.append(head);
     for (const value of [...v, ...impulse]) row.insertCell().textContent = digits(value, 4);
-    if (!impulse.length) row.insertCell().colSpan = 3;
+    if (!impulse.length) row.insertCell().colSpan = trials.space.wrench.length;
     return row;
   }));
 }
@@ -194,8 +194,8 @@ async function start() {
   const [block] = await Promise.all([unpacked("block"), library()]);
   for (const [name, entry] of Object.entries(page.arrays)) arrays[name] = view(block, entry);
   const labels = trials.variables.map(one => one.label), place = name => trials.variables.findIndex(one => one.name === name);
-  const up = page.regions?.[0]?.variable ?? "theta", pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
-  axes("map-x", "across", labels, place(pose ? "incidence" : "theta"), "map");
+  const up = page.regions?.[0]?.variable ?? (trials.theta ? "theta" : "approach_speed"), pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
+  axes("map-x", "across", labels, place(pose || !trials.theta ? "incidence" : "theta"), "map");
   axes("map-y", "up", labels, place(up), "map");
   Object.assign(first, {across: state.across, up: state.up});
   if (page.experiment) {
