@@ -6,12 +6,14 @@ While the contact slides the slip turns, so the path is a curve.  Where the slip
 equation, the contact sticks if the cone allows, dP_t/dp = −W_tt⁻¹ W_tn, and otherwise slides on in the one direction
 that does not turn; the rest of the path is straight.  A phase (compression, restitution) takes a fixed number of
 midpoint steps, implicit in the slip, to the nearer of its two ends.  Steps shrink towards the end of the slip, and are
-exact in v_n and its work.  The order is two where the slip lasts.
+exact in v_n and its work.  The order is two where the slip lasts.  Restitution is followed once, up to an elastic one,
+and ends within one of its steps: all ε of a grid share the path.
 
 Sources: Keller 1986; Batlle 1996; Bhatt & Koechling 1995; Stronge 2000.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -22,6 +24,7 @@ from contactlearn.laws.contact import Impulse, SpatialContact, opposing
 STEPS = 6
 """Midpoint steps of a phase."""
 _ROUNDS = 2  # of the speed in the middle of a step
+_LEAST = 1e-100  # N s: a shorter step is none
 
 
 class Slide(NamedTuple):
@@ -48,7 +51,12 @@ Left = Callable[[Slide, Tensor], Tensor]
 
 def until(rise: Tensor) -> Left:
     """Phase that ends where v_n is `rise` (m/s)."""
-    return lambda at, rate: torch.where(rate > 0, (rise - at.v_n) / torch.where(rate > 0, rate, 1.0), torch.inf)
+
+    def left(at: Slide, rate: Tensor) -> Tensor:
+        gap, rises = rise - at.v_n, rate > 0
+        return torch.where(rises, gap / torch.where(rises, rate, 1.0), torch.where(gap > 0, torch.inf, 0.0))
+
+    return left
 
 
 def after_impulse(total: Tensor) -> Left:
@@ -101,8 +109,27 @@ class Hodograph:
         """Return the point at which compression ends."""
         return self.followed(self.start(), until(torch.zeros_like(self.q_1)))
 
+    def restored(self, at: Slide, elastic: Left, left: Left) -> Impulse:
+        """Return the impulse at which a phase of restitution ends on the path of an elastic one."""
+        P_1, P_2, P_n = at.impulse
+        taken = torch.ones_like(P_n)
+        for first, last in pairwise(self.points(at, elastic)):
+            step, before = (last.P_n - first.P_n).clamp_min(_LEAST), taken
+            taken = (left(first, (last.v_n - first.v_n) / step) / step).clamp(0, 1)
+            taken = torch.where(before < 1, 0.0, taken)
+            P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
+            P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)
+            P_n = torch.addcmul(P_n, taken, last.P_n - first.P_n)
+        return P_1, P_2, P_n
+
     def followed(self, at: Slide, left: Left) -> Slide:
         """Return the point at which a phase ends."""
+        *_, end = self.points(at, left)
+        return end
+
+    def points(self, at: Slide, left: Left) -> Iterator[Slide]:
+        """Yield the points of a phase, from its first to its last."""
+        yield at
         straight, ended = at.ended, at.ended
         for count in range(self.steps, 0, -1):
             share, slowing = 1 / count, 1 - ((count - 1) / count) ** 2
@@ -130,9 +157,10 @@ class Hodograph:
                 at.work + step * (at.v_n + 0.5 * step * rate_n),
                 straight,
             )
+            yield at
         step = torch.where(ended, left(at, self.stiffness_after), 0.0)
         v_1, v_2 = (torch.where(ended & ~straight, 0.0, v) for v in (at.v_1, at.v_2))
-        return Slide(
+        yield Slide(
             v_1 + step * self.after[0],
             v_2 + step * self.after[1],
             at.v_n + step * self.stiffness_after,

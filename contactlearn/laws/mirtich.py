@@ -58,7 +58,7 @@ class Mirtich(Law):
         """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
         path = Hodograph(contact, mu)
         compressed = path.compressed()
-        return path.followed(compressed, after_work((1 - eps**2) * compressed.work)).impulse
+        return path.restored(compressed, *(after_work(kept * compressed.work) for kept in (0.0, 1 - eps**2)))
 
 
 @dataclass(frozen=True)

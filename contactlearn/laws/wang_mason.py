@@ -89,4 +89,4 @@ class WangMason(Law):
         """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
         path = Hodograph(contact, mu)
         compressed = path.compressed()
-        return path.followed(compressed, after_impulse((1 + eps) * compressed.P_n)).impulse
+        return path.restored(compressed, *(after_impulse((1 + e) * compressed.P_n) for e in (1.0, eps)))

@@ -33,4 +33,4 @@ class WangMasonNewton(Law):
     def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
         """Return (P_1, P_2, P_n) in N s; see `hodograph`."""
         path = Hodograph(contact, mu)
-        return path.followed(path.compressed(), until(-eps * contact.v_n)).impulse
+        return path.restored(path.compressed(), *(until(-e * contact.v_n) for e in (1.0, eps)))
