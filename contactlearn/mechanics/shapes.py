@@ -218,6 +218,9 @@ class Polygon:
         return self.support(torch.stack((angle.cos(), angle.sin()), -1))
 
 
+_BESIDE = 1e-9  # of a direction, to either side of a plane of the body's axes
+
+
 class Solid(ABC):
     """A convex body in space, whose support and gyration have three components."""
 
@@ -229,10 +232,12 @@ class Solid(ABC):
     def gyration_squared(self) -> Float[Tensor, "3"]:
         """Return I/m [3] in m² about the body's axes, at uniform density."""
 
-    def outline(self, points: int = 181) -> Float[Tensor, "points 3"]:
-        """Return the boundary of the shadow along the body's y axis, closed."""
-        x, z = Disc(1.0).outline(points).unbind(-1)
-        return self.support(torch.stack((x, 0 * x, z), -1))
+    def outline(self, points: int = 181) -> Float[Tensor, "lines 3"]:
+        """Return two closed lines about each axis, with a gap (nan) behind each: edges of a cuboid, else circles."""
+        x, y = Disc(1.0).outline(points).unbind(-1)
+        about = [torch.stack((x, y, torch.full_like(x, side)), -1) for side in (-_BESIDE, _BESIDE)]
+        lines = [self.support(one.roll(axis, -1)) for axis in range(3) for one in about]
+        return torch.cat([torch.cat((line, torch.full_like(line[:1], torch.nan))) for line in lines])
 
 
 @dataclass(frozen=True)

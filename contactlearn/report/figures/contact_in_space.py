@@ -20,6 +20,7 @@ from contactlearn.laws import Law
 from contactlearn.laws.contact import SpatialContact
 from contactlearn.laws.hodograph import Hodograph, after_impulse
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report.figures import style as st
 
@@ -79,7 +80,7 @@ def slip_hodograph(trial: Impacts, laws: Mapping[str, Law], prediction: Predicti
 
 @st.look()
 def body_at_contact(trial: Impacts, prediction: Prediction) -> Figure:
-    """Draw a body at contact: the floor, mass centre and contact point, and the velocities of the mass centre.
+    """Draw a body at contact: the floor, the edges of its shape, and the velocities of the mass centre.
 
     The velocity before contact ends at the mass centre, those after it begin there; spins are in the legend.
     """
@@ -92,10 +93,13 @@ def body_at_contact(trial: Impacts, prediction: Prediction) -> Figure:
     centre, size = -trial.r[0], trial.r[0].norm().item()
     velocities = {"Before": trial.v_pre[0], "Measured": trial.v_post[0], "Predicted": prediction.v_post[0]}
     scale = 1.6 * size / max(v[:3].norm().item() for v in velocities.values())
-    figure = st.new_figure(st.COLUMN, 3.6)
+    figure = st.new_figure(st.COLUMN, 3.0)
     axes = st.name_axes(figure.subplots(), "Along the slip, from the contact (mm)", "Height (mm)")
     corners = 1.5 * size * torch.tensor([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=torch.float64)
     axes.fill(*flat(corners @ axes_of_slip.mT).T * st.MILLI, color="#EFEFEF", zorder=0)
+    for shape in list(shapes_among(trial.shape).values())[:1]:
+        edges = shape.outline() @ rigid_body.rotation(trial.q[0, 3:]).mT + centre
+        axes.plot(*flat(edges).T * st.MILLI, color="#888888", linewidth=0.8, zorder=1)
     axes.plot(*flat(torch.stack((centre, 0 * centre))).T * st.MILLI, ":o", color=st.DARK, markersize=4, zorder=2)
     for (name, v), color in zip(velocities.items(), ("#888888", st.DARK, st.CONTRAST[1]), strict=True):
         ends = torch.stack((centre - scale * v[:3], centre) if name == "Before" else (centre, centre + scale * v[:3]))

@@ -173,6 +173,15 @@ function seen(i, vector) {
   return [c * vector[0] + s * vector[1] + across, vector[2] + across];
 }
 
+// The rotation by a unit quaternion: p + 2 w u × p + 2 u × (u × p).
+function spun([w, ...u]) {
+  const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+  return p => {
+    const once = cross(u, p), twice = cross(u, once);
+    return p.map((value, k) => value + 2 * (w * once[k] + twice[k]));
+  };
+}
+
 // The body above the floor, its contact point at 0; velocities as arrows of its centre of mass.
 function drawPicture(state) {
   const i = state.trial, arm = state_of("r", i), r = seen(i, arm), theta = trials.theta?.[i], mm = 1000, d = arm.length;
@@ -188,12 +197,13 @@ function drawPicture(state) {
   let ends = [[0, 0], com];
   const body = trials.outlines[""] ?? trials.outlines[trials.object[i]];
   if (body) {
+    const turned = d > 2 ? spun(state_of("q", i).slice(3)) : ([x, y]) => [c * x - s * y, s * x + c * y];
     const [c, s] = [Math.cos(theta), Math.sin(theta)];
-    const outline = body[0].map((x, k) => [
-      com[0] + mm * (c * x - s * body[1][k]), com[1] + mm * (s * x + c * body[1][k])]);
-    ends = ends.concat(outline);
+    const outline = body[0].map((x, k) => x === null ? [null, null]
+      : seen(i, turned(body.map(part => part[k]))).map((value, j) => com[j] + mm * value));
+    ends = ends.concat(outline.filter(([x]) => x !== null));
     traces.push({
-      type: "scatter", mode: "lines", x: outline.map(p => p[0]), y: outline.map(p => p[1]), fill: "toself",
+      type: "scatter", mode: "lines", x: outline.map(p => p[0]), y: outline.map(p => p[1]), fill: d > 2 ? "none" : "toself",
       fillcolor: "rgba(128,140,155,0.22)", line: {color: color("muted"), width: 1.5}, name: "Body", hoverinfo: "skip",
     });
   }
