@@ -167,12 +167,12 @@ def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) ->
 def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 3"]:
     """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
 
-    Source: Lange, Little & Taylor 1989.
+    Source: Lange, Little & Taylor 1989; Kent, Tyler & Vardi 1994, for the sum of the weights, which needs fewer steps.
     """
     scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
-    for _ in range(30):
-        distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
-        scatter = residual.mT @ (8 / (5 + distance)[..., None] * residual) / residual.shape[-2]
+    for _ in range(15):
+        weight = 8 / (5 + (residual @ torch.linalg.inv(scatter) * residual).sum(-1, keepdim=True))
+        scatter = residual.mT @ (weight * residual) / weight.sum(-2, keepdim=True)
         scatter = scatter + 1e-12 * torch.eye(3, dtype=residual.dtype)
     distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
     return scatter * (distance.median(-1).values / _CHI_SQUARED_50).clamp_min(1e-6)[..., None, None]  # of exact data
