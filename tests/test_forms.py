@@ -10,9 +10,11 @@ from scipy.optimize import linprog
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import State, catalogue, find_effect
+from contactlearn.effects.tangential_restitution import _integrate_springs
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import assemble, identify_jointly
 from contactlearn.laws import find
+from contactlearn.laws.contact import Contact
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Polygon
 from contactlearn.models import checkpoint
@@ -115,6 +117,19 @@ def test_a_ball_on_springs_swings_back():
         swing = (1 + eps) * math.pi / 2 * (W[:, 0, 0] / (c * W[:, 1, 1])).sqrt()
         torch.testing.assert_close(after[:, 0], slips * swing.cos(), rtol=0, atol=0.1 * 0.3)
         torch.testing.assert_close(after[:, 1], torch.full_like(slips, eps * 2), rtol=0, atol=1e-3)
+
+
+def test_derivatives_of_springs_are_those_of_differences():
+    """Through sticking and sliding, and in every quantity that the contact, the law and the effect are made of."""
+    generator = torch.Generator().manual_seed(0)
+
+    def impulses(*given):
+        *contact, mu, eps, s, c = given
+        return _integrate_springs(Contact(*contact), (mu, eps), s, c)
+
+    ranges = [(3, 5), (-2, 2), (2, 4), (-1, 1), (-2, -1), (0.05, 0.6), (0.3, 0.8), (0.1, 0.9), (0.5, 2)]
+    given = [low + (high - low) * torch.rand(6, generator=generator, dtype=torch.float64) for low, high in ranges]
+    assert torch.autograd.gradcheck(impulses, [part.requires_grad_() for part in given], eps=1e-8, atol=1e-4, rtol=1e-3)
 
 
 def test_planted_forms_are_found():
