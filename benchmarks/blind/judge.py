@@ -13,6 +13,7 @@ from contactlearn.diagnosis.result import Diagnosis
 
 PERIOD = 0.05
 """Relative error up to which a period in trials is right."""
+_SIGMAS = 2.0  # standard errors within which a parameter is right
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,7 @@ class Answer:
         serial_dependence: `coefficient`, `follows`, `trials` and `share` of a coefficient that follows the sequence.
         state_dependence: `coefficient`, `variables` and `share` of a coefficient that depends on the state.
         candidates: names of effects that explain a part under a name that is not probable, proxies among them.
+        planted: of each listed effect, its part of the change that was planted in measured impacts; see `planted`.
         formulas: proposed for the residual.
         complete: False where the search ran out of time.
         seconds: that the diagnosis took.
@@ -66,6 +68,7 @@ class Answer:
     serial_dependence: dict[str, Any] | None = None
     state_dependence: dict[str, Any] | None = None
     candidates: list[str] = field(default_factory=list)
+    planted: dict[str, dict[str, float]] = field(default_factory=dict)
     formulas: list[str] = field(default_factory=list)
     complete: bool = True
     seconds: float = 0.0
@@ -198,6 +201,8 @@ class Score:
         confounded: the hidden effect and a confounded one are both listed.
         bad_data: faulty measurements are called so, and sound ones are not.
         correction: faulty measurements are corrected rightly, or not at all where nothing corrects them.
+        parameters: those of a planted effect are the planted ones within two standard errors.
+        planted: a planted effect takes what it can of the planted change within two standard errors.
         named: place of each name that is judged, and whether it is right.
     """
 
@@ -214,6 +219,8 @@ class Score:
     confounded: bool | None = None
     bad_data: bool | None = None
     correction: bool | None = None
+    parameters: bool | None = None
+    planted: bool | None = None
     named: tuple[tuple[int, bool], ...] = ()
 
 
@@ -228,7 +235,13 @@ def score(answer: Answer, truth: Truth) -> Score:
             return Score()
         case "includes":
             listed = [*names, *answer.candidates]
-            return Score(first=not truth.right.isdisjoint(names), plausible=not truth.right.isdisjoint(listed))
+            parts = [part for name, part in answer.planted.items() if name in truth.right]
+            return Score(
+                first=not truth.right.isdisjoint(names),
+                plausible=not truth.right.isdisjoint(listed),
+                parameters=any(part["off"] <= _SIGMAS for part in parts),
+                planted=any(abs(part["taken"] - part["able"]) <= _SIGMAS * part["error"] for part in parts),
+            )
         case "ordered":
             right = [name in accepted for name, accepted in zip(names, truth.accepted, strict=False)]
             return Score(first=right[:1] == [True], exact=right == [True] * len(truth.accepted))

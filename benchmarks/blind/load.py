@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from contactlearn.data import ellipse_drops, table
 from contactlearn.mechanics.impacts import Impacts
@@ -121,6 +123,12 @@ def _planted(blind_set: BlindSet) -> Impacts:
     recipe = _rows(blind_set, "planted.parquet")
     published = {"ellipse_drops": _ellipse_drops, "table_tennis": _table_tennis}[str(blind_set.measured)]()
     impacts = published[recipe["row"].tolist()]
-    change = torch.tensor(recipe[["vx_post", "vy_post", "omega_post"]].to_numpy(), dtype=torch.float64)
     order = np.arange(1, blind_set.n + 1)
-    return impacts.replace(v_post=impacts.v_post + change, order=order, trial=tuple(map(str, order)))
+    v_post = impacts.v_post + planted_change(blind_set)
+    return impacts.replace(v_post=v_post, order=order, trial=tuple(map(str, order)))
+
+
+def planted_change(blind_set: BlindSet) -> Float[Tensor, "n 3"]:
+    """Return the change of v_post in (m/s, m/s, rad/s) by the effect hidden in a set of measured impacts."""
+    columns = _rows(blind_set, "planted.parquet")[["vx_post", "vy_post", "omega_post"]]
+    return torch.tensor(columns.to_numpy(), dtype=torch.float64)

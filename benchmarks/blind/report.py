@@ -22,6 +22,8 @@ QUESTIONS = {
     "confounded": "confounded effects listed",
     "bad_data": "right about bad data",
     "correction": "right correction",
+    "parameters": "planted parameters",
+    "planted": "planted change",
 }
 Z = 1.96
 

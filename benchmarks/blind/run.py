@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from blind.judge import Answer, answer_of, read_truth
 from blind.load import SUITES, BlindSet, blind_sets, load, read_suite
+from blind.planted import planted_parts
 from blind.report import report
 from contactlearn import diagnose
 from contactlearn.diagnosis.search import ladder
@@ -39,7 +40,10 @@ def ask(blind_set: BlindSet, seconds: float, shapeless: bool = False) -> Answer:
         try:
             impacts = load(blind_set)
             impacts = impacts.replace(shape=None) if shapeless else impacts
-            answer = answer_of(blind_set.suite, blind_set.name, diagnose(impacts, seconds=seconds))
+            found = diagnose(impacts, seconds=seconds)
+            answer = answer_of(blind_set.suite, blind_set.name, found)
+            if blind_set.measured == "ellipse_drops":
+                answer = replace(answer, planted=planted_parts(blind_set, found))
         except Exception as problem:  # a diagnosis that fails is a wrong answer, and the others go on
             error = f"{type(problem).__name__}: {problem}"
             answer = Answer(suite=blind_set.suite, name=blind_set.name, verdict="failed", physics="failed", error=error)

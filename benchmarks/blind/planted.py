@@ -1,0 +1,69 @@
+"""What an effect that was planted in measured impacts has become in the diagnosed model.
+
+Measured impacts have effects of their own, also of the planted kind, so a parameter need not be the planted one.  The
+same model, with all effects that the diagnosis lists, is fitted to the impacts with the planted change Δ of v_post and
+without it.  Each listed effect changes v_post by C, the prediction with it less that without it, and
+
+    taken = ⟨C_with − C_without, Δ⟩ / ⟨Δ, Δ⟩        in the mass metric
+
+is its part of Δ, with the standard error of the fit with Δ.  What its form can take is `able`, from a fit of law and
+effect alone to the law's own outcome plus Δ, whose parameters are the `right` ones.
+"""
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from blind.load import BlindSet, load, planted_change
+from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.diagnosis.search.candidates import all_candidates
+from contactlearn.effects import Effect
+from contactlearn.inference.identification.joint import JointFit, assemble, identify_jointly
+from contactlearn.mechanics.impacts import Impacts
+
+
+def planted_parts(blind_set: BlindSet, found: Diagnosis) -> dict[str, dict[str, float]]:
+    """Compare every listed effect with the planted change.
+
+    Returns:
+        `taken`, its standard error `error`, `able`, and `off`, the largest distance of a parameter from the right one
+        in its standard errors, by the name of the effect.
+    """
+    impacts, change = load(blind_set), planted_change(blind_set)
+    without = impacts.replace(v_post=impacts.v_post - change)
+    known = all_candidates()
+    listed = {one.effect.name: known[one.effect] for one in (*found.candidates[::-1], *found.missing)}
+    law = str(found.law)
+    whole = identify_jointly(law, listed, impacts)
+    plain = identify_jointly(law, listed, without, start=whole.values)
+    outcome = identify_jointly(law, {}, without).model.predict(without).v_post
+    exact, parts = without.replace(v_post=outcome + change), dict[str, dict[str, float]]()
+    for name, effect in listed.items():
+        alone = identify_jointly(law, {name: effect}, exact)
+        mine = [k for k, p in enumerate(whole.parameters) if p.name.startswith(f"{name}.")]
+        off = (whole.values[mine] - alone.values[2:]).abs() / whole.standard_errors[mine]
+        taken = _part(whole, name, impacts, change, whole.values)
+        slope = torch.stack(
+            [
+                _part(whole, name, impacts, change, whole.values + step) - taken
+                for step in 1e-3 * torch.diag(whole.standard_errors)
+            ]
+        )
+        scaled = whole.correlation  # of parameters in units of their standard errors
+        parts[name] = {
+            "taken": (taken - _part(plain, name, without, change, plain.values)).item(),
+            "error": 1e3 * (slope @ scaled @ slope).sqrt().item(),
+            "able": _part(alone, name, exact, change, alone.values).item(),
+            "off": off.max().item(),
+        }
+    return parts
+
+
+def _part(fit: JointFit, name: str, impacts: Impacts, change: Tensor, values: Tensor) -> Tensor:
+    """Part of a change of v_post that an effect of a model makes at some values of its parameters."""
+    model = assemble(fit.model.law, fit.model.effects, values)
+    less: dict[str, Effect] = {other: effect for other, effect in model.effects.items() if other != name}
+    mine = model.predict(impacts).v_post - replace(model, effects=less).predict(impacts).v_post
+    weighted = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1) * change
+    return (weighted * mine).sum() / (weighted * change).sum()
