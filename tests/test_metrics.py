@@ -120,3 +120,20 @@ def test_back_spin_is_beyond_the_line_of_sticking():
     sums.add(discs.replace(v_post=predictions["drumwright_shell"].v_post), predictions)
     assert sums.back_spin("drumwright_shell") == sums.back_spin() == reversed_.double().mean() > 0.5
     assert all(sums.back_spin(name) == 0 for name in PAPER_LAWS if name != "drumwright_shell")
+
+
+def test_trials_of_one_recording_are_held_out_and_resampled_together():
+    """Copies of a trial change neither mean nor interval, and no recording is on both sides."""
+    generator = torch.Generator().manual_seed(1)
+    errors = torch.rand(40, generator=generator, dtype=torch.float64)
+    once = metrics.bootstrap(errors, torch.Generator().manual_seed(0))
+    rows = torch.arange(40).repeat_interleave(5)
+    together = metrics.bootstrap(errors[rows], torch.Generator().manual_seed(0), groups=rows)
+    apart = metrics.bootstrap(errors[rows], torch.Generator().manual_seed(0))
+    assert tuple(together) == pytest.approx(tuple(once), abs=1e-12)
+    assert apart.high - apart.low < 0.6 * (once.high - once.low)
+    drops = synthetic.load(60)
+    drops = drops.replace(recording=tuple(f"toss {k // 3}" for k in range(60)))
+    pool, test = drops.split(0.25, generator)
+    assert len(test) == 15
+    assert not {*pool.recording} & {*test.recording}

@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeGuard
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
@@ -46,14 +46,18 @@ def random(draw: Callable[..., Tensor], shape: tuple[int, ...], generator: torch
     return draw(shape, generator=generator, dtype=torch.float64)
 
 
-def random_share(trials: int, share: float, generator: torch.Generator, source: str) -> Bool[Tensor, "trials"]:
-    """A random share of trials to hold out.
+def random_share(
+    trials: int, share: float, generator: torch.Generator, source: str, groups: Int[Tensor, "trials"] | None = None
+) -> Bool[Tensor, "trials"]:
+    """A random share of trials to hold out, or of groups of them by their numbers from 0.
 
     Raises:
         DataError: none would be held out, or all; or no generator.
     """
     if not isinstance(generator, torch.Generator):
         raise DataError(f"generator must be one such as torch.Generator().manual_seed(0), got {generator!r}")
+    if groups is not None:
+        return random_share(int(groups.max()) + 1, share, generator, source)[groups]
     count = round(share * trials)
     if not 0 < count < trials:
         rest = "train" if count else "test"

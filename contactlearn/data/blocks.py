@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
@@ -34,12 +34,14 @@ class Blocks:
         trials: of all blocks.
         sha256: of all names and numbers, see `Impacts.fingerprint`.
         read: the blocks, in order.
+        groups: see `Impacts.groups`, of impacts in memory.
     """
 
     source: str
     trials: int
     sha256: str
     read: Callable[[], Iterator[Impacts]]
+    groups: Int[Tensor, " n"] | None = None
 
     @classmethod
     def of(cls, impacts: Impacts) -> "Blocks":
@@ -51,7 +53,7 @@ class Blocks:
             for first in range(0, size, step):
                 yield impacts if step == size else impacts[first : first + step]
 
-        return cls(source=impacts.source, trials=size, sha256=impacts.fingerprint(), read=read)
+        return cls(source=impacts.source, trials=size, sha256=impacts.fingerprint(), read=read, groups=impacts.groups)
 
     @classmethod
     def survey(cls, read: Callable[[], Iterator[Impacts]]) -> "Blocks":
@@ -102,7 +104,10 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
         for name in (*parts[0].space.components, *parts[0].space.covariances)
         if getattr(parts[0], name) is not None
     }
-    names = {field: tuple(name for part in parts for name in getattr(part, field)) for field in ("trial", "object")}
+    names = {
+        field: tuple(name for part in parts for name in getattr(part, field))
+        for field in ("trial", "object", "recording")
+    }
     return parts[0].replace(**values, **names)
 
 

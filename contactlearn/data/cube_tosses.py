@@ -98,6 +98,7 @@ def load(
         v_post_cov=v_post_cov,
         time=torch.tensor([hit.time for hit in hits], dtype=torch.float64),
         trial=tuple(hit.name for hit in hits),
+        recording=tuple(hit.toss for hit in hits),
         object=("cube",) * count,
         shape=Cuboid((half, half, half)),
         source=path.name,
@@ -237,6 +238,7 @@ def _fitted(toss: _Toss, rows: Array) -> _Flight:
 @dataclass(frozen=True, kw_only=True)
 class _Hit:
     name: str
+    toss: str
     time: float
     before: _Flight
     after: _Flight
@@ -281,7 +283,7 @@ def _hit(toss: _Toss, half: float, frames: tuple[int, int, int], fewest: int) ->
     if missed > _APART or heights[1] - heights[0] < _ALONE:
         return None
     r, height = corners[:, order[0]], float(heights[0])
-    return _Hit(name=f"{toss.name}-{here}", time=time, before=first, after=second, r=r, height=height)
+    return _Hit(name=f"{toss.name}-{here}", toss=toss.name, time=time, before=first, after=second, r=r, height=height)
 
 
 def _free(toss: _Toss, rows: Array, fewest: int) -> _Flight | None:

@@ -11,6 +11,7 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
     v_pre_cov, v_post_cov  [N, D, D]       optional: covariances of the errors of v_pre and v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
+    recording          optional: names of the recordings of the trials; those of one are held out together
     shape                              optional: that of all bodies, or by object (`contactlearn.mechanics.bodies`)
     apparatus                          optional: estimates of its parameters from other measurements
 
@@ -76,6 +77,7 @@ class Impacts:
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
     shape: AnyShape | None = None
+    recording: tuple[str, ...] = field(default=(), kw_only=True)
     apparatus: Apparatus | None = field(default=None, kw_only=True)
     source: str = field(default="unnamed", kw_only=True)
     validate: bool = field(default=True, kw_only=True)
@@ -112,7 +114,7 @@ class Impacts:
         n = len(self)
         if n == 0:
             raise DataError(f"{self.source}: no impacts; at least one is needed")
-        for name in ("trial", "object"):
+        for name in ("trial", "object", *(("recording",) if self.recording else ())):
             if len(getattr(self, name)) != n:
                 raise DataError(f"{self.source}: {len(getattr(self, name))} {name} names for {n} impacts")
             if "" in getattr(self, name):
@@ -238,8 +240,8 @@ class Impacts:
         for name in (*self.space.components, *self.space.covariances):
             if values[name] is not None:
                 values[name] = values[name][index]
-        for name in ("trial", "object"):
-            values[name] = tuple(values[name][i] for i in picked)
+        for name in ("trial", "object", "recording"):
+            values[name] = tuple(values[name][i] for i in picked) if values[name] else ()
         return Impacts(**values)
 
     def replace(self, **changes: Any) -> "Impacts":
@@ -250,6 +252,12 @@ class Impacts:
     def body(self) -> Int[Tensor, "n"]:
         """Number of each trial's body, `contactlearn.mechanics.bodies.body_code` of its name."""
         return body_codes(self.object).to(self.mass.device)
+
+    @cached_property
+    def groups(self) -> Int[Tensor, "n"] | None:
+        """Number of each trial's recording, counted from 0; None where recordings are not named."""
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(self.recording))}
+        return torch.tensor([numbers[name] for name in self.recording]) if self.recording else None
 
     @property
     def space(self) -> Space:
@@ -312,8 +320,8 @@ class Impacts:
             digest.set_text("apparatus", repr(self.apparatus))
 
     def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
-        """Random (training pool, held-out test) with a share `test` of the trials held out."""
-        held_out = random_share(len(self), test, generator, self.source)
+        """Random (training pool, held-out test) with a share `test` of the trials, or recordings, held out."""
+        held_out = random_share(len(self), test, generator, self.source, self.groups)
         return self[~held_out], self[held_out]
 
 

@@ -26,7 +26,6 @@ from contactlearn.inference.learning.recipe import target_units
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
@@ -50,8 +49,9 @@ class _Points:
     All have the same resamples of the trials, so that they depend neither on each other nor on their order.
     """
 
-    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], space: Space, on_event: OnEvent) -> None:
-        self._settings, self._on_event, self._sizes, self._space = settings, on_event, sizes, space
+    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], test: Impacts, on_event: OnEvent) -> None:
+        self._settings, self._on_event, self._sizes = settings, on_event, sizes
+        self._space, self._groups = test.space, test.groups
         self.by_model = dict[str, dict[int, CurvePoint]]()
 
     def add(self, model: str, curve: Curve, trained: Trained | None = None) -> None:
@@ -72,7 +72,7 @@ class _Points:
                 model=model,
                 trained_on=size,
                 errors={
-                    name: metrics.bootstrap(error[place], generator, self._settings.bootstrap)
+                    name: metrics.bootstrap(error[place], generator, self._settings.bootstrap, groups=self._groups)
                     for name, error in curve.errors.items()
                 },
                 loss=loss,
@@ -113,7 +113,7 @@ def learning_study(
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder, tracker) as on_event:
-        points = _Points(settings, sizes, test.space, on_event)
+        points = _Points(settings, sizes, test, on_event)
         bases, curves = _law_curves(settings, pool, test, orders, sizes, points, on_event)
 
         def add(trained: Trained) -> None:

@@ -169,7 +169,7 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
     wanted = affordable_train_size(settings.train_size)
     blocks = load_blocks(settings.source, folder)
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
-    held_out = random_share(blocks.trials, settings.test, splitting, blocks.source)
+    held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
     size = max(1, min(_USUAL, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
@@ -194,6 +194,7 @@ def show_split(data: Split, device_name: str, device: torch.device) -> None:
     trials, held_out = data.blocks.trials, data.held_out_trials
     terminal.print_line(
         f"{data.blocks.source}: {trials} impacts, {trials - held_out} for identification, {held_out} held out"
+        + ("" if data.blocks.groups is None else "; recordings are held out as a whole, and resampled so for intervals")
     )
     if data.train_size < len(data.pool):
         terminal.print_line(f"models are fitted to random subsets of {data.train_size} of them (train.size)")

@@ -20,7 +20,7 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -191,12 +191,15 @@ def bootstrap(
     generator: torch.Generator,
     resamples: int = 2000,
     level: float = 0.95,
+    groups: Int[Tensor, "n"] | None = None,
 ) -> Interval:
     """Average the errors of trials [N], or [R, N] of R training subsets, with a percentile bootstrap interval.
 
-    Trials are resampled, and so are subsets, independently of them.  For more than `BOOTSTRAPPED` trials [N] the
-    interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.
+    Trials are resampled, or groups of them by their numbers, and so are subsets, independently of them.  For more than
+    `BOOTSTRAPPED` trials [N] the interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.
     """
+    if errors.ndim == 1 and groups is not None:
+        errors = errors[None]
     if errors.ndim == 1 and len(errors) > BOOTSTRAPPED:
         return gaussian_interval(errors.mean().item(), errors.var().item(), len(errors), level)
     errors, size = errors.cpu(), errors.shape[-1]
@@ -205,13 +208,19 @@ def bootstrap(
         drawn = (torch.randint(size, (len(block), size), generator=generator) for block in blocks)
         means = torch.cat([errors[rows].mean(-1) for rows in drawn])
     else:
+        size = size if groups is None else int(groups.max()) + 1
         rows = torch.randint(size, (resamples, size), generator=generator)
         subsets = torch.randint(len(errors), (resamples, len(errors)), generator=generator)
-        counts = (torch.zeros(resamples, size, dtype=errors.dtype) for size in errors.shape)
         by_subset, by_trial = (
-            count.scatter_add_(1, drawn, torch.ones_like(drawn, dtype=errors.dtype)) / drawn.shape[1]
-            for count, drawn in zip(counts, (subsets, rows), strict=True)
+            torch.zeros_like(drawn, dtype=errors.dtype).scatter_add_(
+                1, drawn, torch.ones_like(drawn, dtype=errors.dtype)
+            )
+            / drawn.shape[1]
+            for drawn in (subsets, rows)
         )
+        if groups is not None:
+            by_trial = by_trial[:, groups]
+            by_trial = by_trial / by_trial.sum(1, keepdim=True)
         means = ((by_subset @ errors) * by_trial).sum(-1)
     low, high = means.quantile(torch.tensor(((1 - level) / 2, (1 + level) / 2), dtype=errors.dtype))
     return Interval(errors.mean().item(), low.item(), high.item())
@@ -230,6 +239,7 @@ class ErrorSums:
         self._outside, self._back_spin = torch.zeros(2, len(self.models), dtype=torch.float64)
         self._measured_back_spin = 0.0
         self._moments = {name: _Moments(len(self.models)) for name in METRICS}
+        self._groups: Tensor | None = None
 
     def add(self, impacts: Impacts, predictions: Mapping[str, Prediction]) -> None:
         """Add the trials of a block.
@@ -239,6 +249,7 @@ class ErrorSums:
         """
         refuse_rest(impacts)
         chosen = [predictions[name] for name in self.models]
+        self._groups = impacts.groups if not self.trials else None  # of impacts in memory, which are one block
         for name, metric in METRICS.items():
             self._moments[name].add(torch.stack([metric.error(impacts, one) for one in chosen]).cpu())
         outside = [outside_admissible(impacts, one.wrench[..., : impacts.space.d]).sum() for one in chosen]
@@ -255,7 +266,7 @@ class ErrorSums:
         """Return the mean error of a model with its interval."""
         weights = torch.zeros(len(self.models), dtype=torch.float64)
         weights[self.models.index(model)] = 1
-        return self._moments[metric].interval(weights, generator, resamples)
+        return self._moments[metric].interval(weights, generator, resamples, self._groups)
 
     def difference(
         self, metric: str, model: str, other: str, generator: torch.Generator, resamples: int = 2000
@@ -263,7 +274,7 @@ class ErrorSums:
         """Return the mean error of a model less that of another on the same trials, with its interval."""
         weights = torch.zeros(len(self.models), dtype=torch.float64)
         weights[self.models.index(model)], weights[self.models.index(other)] = 1, -1
-        return self._moments[metric].interval(weights, generator, resamples)
+        return self._moments[metric].interval(weights, generator, resamples, self._groups)
 
     def outside_admissible(self, model: str) -> float:
         """Return the share of impulses of a model that gain energy, pull or leave penetration."""
@@ -293,12 +304,14 @@ class _Moments:
         self.trials = total
         self.kept = [*self.kept, errors] if total <= BOOTSTRAPPED else []
 
-    def interval(self, weights: Float[Tensor, " k"], generator: torch.Generator, resamples: int) -> Interval:
+    def interval(
+        self, weights: Float[Tensor, " k"], generator: torch.Generator, resamples: int, groups: Tensor | None
+    ) -> Interval:
         """Mean of a weighted sum of the errors with its interval."""
         if self.kept:
             chosen = weights.nonzero()[:, 0]
             errors = (weights[chosen, None] * torch.cat(self.kept, 1)[chosen]).sum(0)
-            return bootstrap(errors, generator, resamples)
+            return bootstrap(errors, generator, resamples, groups=groups)
         variance = (weights @ self.comoment @ weights).clamp_min(0) / (self.trials - 1)
         return gaussian_interval((weights @ self.mean).item(), variance.item(), self.trials)
 
