@@ -27,6 +27,7 @@ def add_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add a parser for each command."""
     _add_data_tools(add)
     _add_export(add)
+    _add_replay(add)
     _add_result_tools(add)
 
 
@@ -96,6 +97,20 @@ def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     export.add_argument("--features", metavar="SPACE", help="without --to: state (10-D), x1, x2 or x2_polar")
     export.set_defaults(run=run_export)
+
+
+def _add_replay(add: Callable[..., argparse.ArgumentParser]) -> None:
+    replay = add(
+        "replay",
+        help="predict recorded trajectories with a model, and see both side by side",
+        description="Follow the models of a run from the first flight of each recording, bounce after bounce: errors "
+        "over time and over bounces, and an animation. Recordings to which a diagnosis was fitted are left out.",
+        epilog="example: contactlearn replay outputs/diagnose/2026-01-31_12-00-00 data=mydata data.path=others/",
+    )
+    replay.add_argument("model", metavar="RUN", help="a run folder or model.pt")
+    replay.add_argument("overrides", nargs="+", metavar="key=value", help="recordings: data=NAME, data.KEY=…")
+    replay.add_argument("-o", "--out", metavar="DIR", default="replay", help="folder for page, figure and numbers")
+    replay.set_defaults(run=run_replay)
 
 
 def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -205,6 +220,15 @@ def run_export(options: argparse.Namespace) -> str:
     else:
         path = table.write_columns([impacts.features(options.features).table().to_dict("list")], options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
+
+
+def run_replay(options: argparse.Namespace) -> str:
+    """Predict recorded trajectories with the models of a run; return a summary."""
+    from pathlib import Path
+
+    from contactlearn.cli.commands.replay import write_replay
+
+    return write_replay(options.model, _source("replay", options.overrides), Path(options.out))
 
 
 def run_impacts(options: argparse.Namespace) -> str:

@@ -96,10 +96,14 @@ def find(
     shape: Mapping[str, Any] | Shape | None = None,
     inertia: float | None = None,
     centre: Centre = None,
+    progress: Progress = iter,
     **settings: Any,
 ) -> Tracked:
     """Impacts, and everything found on the way to them; see `find_impacts` and `track_options`."""
-    return find_impacts(path, mass=mass, shape=shape, inertia=inertia, centre=centre, options=track_options(**settings))
+    options = track_options(**settings)
+    return find_impacts(
+        path, mass=mass, shape=shape, inertia=inertia, centre=centre, options=options, progress=progress
+    )
 
 
 def track_options(

@@ -129,16 +129,16 @@ class RollOut:
         parts = {name: x for name, x in vars(self).items() if isinstance(x, Tensor)}
         return replace(self, **{name: x.reshape((*batch, *x.shape[1:])) for name, x in parts.items()})
 
-    def at(self, times: Float[Tensor, "t"]) -> Float[Tensor, "*batch t 3"]:
-        """Return poses [..., T, 3] at times in s; NaN after the end."""
+    def at(self, times: Float[Tensor, "*#batch t"]) -> Float[Tensor, "*batch t 3"]:
+        """Return poses [..., T, 3] at times in s, the same for all or those of each; NaN after the end."""
         found, end = [], self.end.reshape(-1)
-        for time in times.double().unbind(0):
+        for time in times.double().expand(*self.contacts.shape, -1).reshape(len(end), -1).unbind(-1):
             pose = torch.full_like(self.flights[0].pose, math.nan)
             for flight in self.flights:  # the last one that has begun counts
                 here = (time >= flight.start) & (time <= end)
                 pose = torch.where(here[:, None], flight.after(time - flight.start)[0], pose)
             found.append(pose)
-        return torch.stack(found, 1).reshape(*self.contacts.shape, len(times), 3)
+        return torch.stack(found, 1).reshape(*self.contacts.shape, -1, 3)
 
 
 def follow(

@@ -35,22 +35,8 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         ContactLearnError: a setting is missing.
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
-    source.refuse_missing()
     table.check_suffix(out)
-    entries = dict(source.options)
-    body = {name: entries.pop(name) for name in ("mass", "shape", "inertia", "centre")}
-    path = Path(entries.pop("path"))
-    try:
-        options = tracks.track_options(**entries)
-    except TypeError as error:  # a setting that the source does not have
-        raise ContactLearnError(f"impacts: {error}") from None
-    with progress() as on_event:
-        found = tracks.find_impacts(
-            path,
-            **body,
-            options=options,
-            progress=lambda parts: track(parts, "searching recordings", on_event),
-        )
+    found = find_recorded(source)
     refusals = [replace(one, message=own_names(one.message, source.options)) for one in found.survey.refusals]
     found = replace(found, survey=replace(found.survey, refusals=tuple(refusals)))
     table.save(found.impacts, out)
@@ -69,6 +55,21 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
     return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
+
+
+def find_recorded(source: SourceSettings) -> tracks.Tracked:
+    """Find the impacts of recordings, and show the progress.
+
+    Raises:
+        ContactLearnError: a setting that the source does not have.
+        DataError: see `contactlearn.data.tracks.find_impacts`.
+    """
+    source.refuse_missing()
+    with progress() as on_event:
+        try:
+            return tracks.find(**source.options, progress=lambda parts: track(parts, "searching recordings", on_event))
+        except TypeError as error:
+            raise ContactLearnError(f"data: {error}") from None
 
 
 def own_names(text: str, settings: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,6 +31,7 @@ from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
 from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, tracks_facts, tracks_headline
 
+Item = TypeVar("Item")
 MOST = 200
 """Recordings on a page."""
 FRAMES = 1500
@@ -105,20 +106,20 @@ def chosen(found: Tracked, most: int = MOST) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
     refusals = [one for one in found.survey.refusals if one.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
-    first = _spread(first, most // 2)
+    first = spread(first, most // 2)
     rest = [*dict.fromkeys(one.recording for one in (*found.survey.contacts, *refusals))]
     accepted = {one.recording for one in found.survey.contacts}.difference(first)
-    second = _spread([name for name in rest if name in accepted], most - len(first))
+    second = spread([name for name in rest if name in accepted], most - len(first))
     known = {*first, *second}
     third = [name for name in rest if name not in known]
     return [*first, *second, *third[: most - len(known)]]
 
 
-def _spread(names: Sequence[str], most: int) -> list[str]:
-    """At most so many names, evenly spread."""
-    if len(names) <= most:
-        return [*names]
-    return [names[int(k)] for k in np.linspace(0, len(names) - 1, most).round()]
+def spread(items: Sequence[Item], most: int) -> list[Item]:
+    """Return at most so many items, evenly spread."""
+    if len(items) <= most:
+        return [*items]
+    return [items[int(k)] for k in np.linspace(0, len(items) - 1, most).round()]
 
 
 def _limits(found: Tracked, shown: int) -> str:

@@ -1,0 +1,50 @@
+"""The replay command: trajectories that the models of a run predict, beside those of recordings."""
+
+from pathlib import Path
+
+from contactlearn.cli.checkpoints import load_models
+from contactlearn.cli.commands.export import impacts_of_run
+from contactlearn.cli.commands.impacts import find_recorded
+from contactlearn.cli.settings import SourceSettings
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import atomic_write
+from contactlearn.core.serialisation import to_json
+from contactlearn.inference.evaluation.replay import ReplayErrors, replays
+from contactlearn.report.figures import style
+from contactlearn.report.figures.replays import replay_figure
+from contactlearn.report.page.replays import write_replay_page
+from contactlearn.report.text.replays import replay_sentence
+
+
+def write_replay(run: str, source: SourceSettings, out: Path) -> str:
+    """Predict recordings with the models of a run; return a summary, line by line.
+
+    Args:
+        run: a run folder or a checkpoint.
+        source: `data` of a configuration of recordings.
+        out: folder for replay.html, replay.json and the figure.
+
+    Raises:
+        ContactLearnError: no model, or a setting that is missing.
+        DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
+    """
+    models = {name: one.model for name, one in load_models([run], ()).items()}
+    found, fitted = find_recorded(source), impacts_of_run(run)
+    names = {contact.recording for contact in found.survey.contacts}
+    known = set[str]() if fitted is None else names & {name.rpartition("#")[0] for name in fitted.trial}
+    some = known != names
+    shown = replays(models, found, source.corrections, without=known if some else ())
+    errors = {name: ReplayErrors.of(shown, name) for name in models}
+    said = f"{len(shown)} of {found.survey.recordings} recordings, from the flight before their first accepted contact"
+    if known:
+        said += f"; {len(known)} to which the run was fitted are left out" if some else "; the run was fitted to them"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with atomic_write(out / "replay.json") as part:
+            part.write_text(to_json(errors), encoding="utf-8")
+        style.save(replay_figure(shown), out, "replay")
+        page = write_replay_page(out / "replay.html", shown, errors, said)
+    except OSError as error:
+        raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+    lines = [f"  {name}: {replay_sentence(one)}" for name, one in errors.items()]
+    return "\n".join([said, *lines, f"open     {page}"])

@@ -1,0 +1,234 @@
+"""Replays: the trajectories of recordings as models predict them from the state of a first flight.
+
+    for one in replays({"law": model}, found, ["rig"]):
+        one.errors("law")
+
+A prediction starts with the flight before the first accepted contact of a recording, and knows nothing of what comes
+later.  Once its contacts pile up the body stays where it is.  Recorded poses are corrected as the impacts are, and
+heights are above the floor that the accepted contacts show.  Errors are those of Acosta, Yang & Posa, RA-L 2022: the
+mean over frames of the distance over the body's width, and of the angle.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
+
+from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import wrapped
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.recordings.result import Found, Hit, Reason
+from contactlearn.data.recordings.track import Array, arms
+from contactlearn.data.tracks import Tracked
+from contactlearn.mechanics.apparatus import REACH, Apparatus
+from contactlearn.mechanics.body_state import BodyState
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.roll_out import Until
+
+_BOUNCES = 100  # after which a prediction ends that does not pile up
+_ABOVE = 0.02  # widths above the floor from which on a flight is predicted
+FAR = 0.1
+"""Distance over the body's width from which on a prediction is lost."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replay:
+    """One recording and its predictions.
+
+    Args:
+        recording: its name.
+        time: of the frames [T] in s, from the state that predictions start with.
+        recorded: poses (x, y, θ) [T, 3], corrected, above the floor.
+        predicted: poses [T, 3] by model.
+        bounces: recorded contacts before each frame [T].
+        shape: of the body.
+    """
+
+    recording: str
+    time: Float[Tensor, "t"]
+    recorded: Float[Tensor, "t 3"]
+    predicted: dict[str, Float[Tensor, "t 3"]]
+    bounces: Int[Tensor, "t"]
+    shape: Shape
+
+    def errors(self, model: str) -> Float[Tensor, "t 2"]:
+        """Return the distance over the body's width, and the angle in rad, of each frame."""
+        apart = self.predicted[model] - self.recorded
+        return torch.stack((apart[:, :2].norm(dim=-1) / width(self.shape), wrapped(apart[:, 2]).abs()), -1)
+
+    def lost_after(self, model: str) -> float:
+        """Return the time in s until the distance first exceeds `FAR`; infinite if it never does."""
+        far = (self.errors(model)[:, 0] > FAR).nonzero()
+        return self.time[far[0, 0]].item() if len(far) else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Mean, standard deviation and median over recordings."""
+
+    mean: float
+    deviation: float
+    median: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayErrors:
+    """Errors of a model.
+
+    Args:
+        distance: over the body's width, mean over the frames of a recording.
+        angle: in rad, likewise.
+        lost_after: median time in s until the distance exceeds `FAR`; None where most predictions last to the end.
+    """
+
+    distance: Spread
+    angle: Spread
+    lost_after: float | None
+
+    @classmethod
+    def of(cls, replays: Sequence[Replay], model: str) -> Self:
+        """Return the errors of one model."""
+        means = torch.stack([one.errors(model).mean(0) for one in replays])
+        distance, angle = (
+            Spread(mean=x.mean().item(), deviation=x.std(correction=0).item(), median=x.quantile(0.5).item())
+            for x in means.unbind(-1)
+        )
+        lost = float(np.median([one.lost_after(model) for one in replays]))
+        return cls(distance=distance, angle=angle, lost_after=lost if math.isfinite(lost) else None)
+
+
+def width(shape: Shape) -> float:
+    """Return the width in m of a body along its x axis."""
+    x = shape.outline()[:, 0]
+    return (x.max() - x.min()).item()
+
+
+def replays(
+    models: Mapping[str, ContactModel],
+    found: Tracked,
+    corrections: Sequence[str] = (),
+    without: Collection[str] = (),
+) -> list[Replay]:
+    """Predict the recordings that have an accepted contact after a flight from above the floor.
+
+    Args:
+        models: by name.
+        found: recordings as they were searched.
+        corrections: of the impacts, by name; they correct recorded poses as well.
+        without: names of recordings to leave out.
+
+    Raises:
+        DataError: no recording is left.
+    """
+    hits = defaultdict[str, list[tuple[int, Hit]]](list)
+    for row, hit in enumerate(found.survey.contacts):
+        if hit.recording not in without:
+            hits[hit.recording].append((row, hit))
+    if not hits:
+        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
+    raw = found.impacts.replace(validate=False)
+    impacts = correct(raw, corrections)
+    shape = impacts.shape
+    assert shape is not None
+    assert not isinstance(shape, Mapping)  # recordings are of one body
+    floor = (impacts.q[:, 1] + impacts.r[:, 1]).median()
+    takes = [_Take.of(one, hits[one.track.name], found.survey.frame.centre) for one in found.again({*hits})]
+    seen = correct(_as_impacts(raw, takes), corrections)
+    poses = seen.q - floor * seen.q.new_tensor([0.0, 1.0, 0.0])
+    starts = torch.tensor([0, *(len(take.pose) for take in takes)]).cumsum(0)[:-1]
+    above = poses[starts, 1] + contact_point(shape, poses[starts, 2])[:, 1] > _ABOVE * width(shape)
+    kept, starts = [take for take, high in zip(takes, above, strict=True) if high], starts[above]
+    if not kept:
+        raise DataError(f"{found.path}: no recording has a flight from above the floor to an accepted contact")
+    state = BodyState(
+        pose=poses[starts],
+        velocity=seen.v_pre[starts],
+        mass=seen.mass[starts],
+        inertia=seen.inertia[starts],
+        shape=shape,
+        object=impacts.object[0],
+    )
+    predicted = _predicted(models, state, [take.time for take in kept], found.rig)
+    return [
+        Replay(
+            recording=take.recording,
+            time=torch.from_numpy(take.time),
+            recorded=poses[start + 1 : start + len(take.pose)],
+            predicted={name: all_poses[k, : len(take.time)] for name, all_poses in predicted.items()},
+            bounces=torch.from_numpy(take.bounces),
+            shape=shape,
+        )
+        for k, (take, start) in enumerate(zip(kept, starts.tolist(), strict=True))
+    ]
+
+
+def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
+    """Poses and velocities of recordings as impacts of the same body, which corrections take."""
+    return impacts[torch.tensor([take.row for take in takes for _ in take.pose])].replace(
+        q=torch.from_numpy(np.concatenate([take.pose for take in takes])),
+        v_pre=torch.from_numpy(np.concatenate([take.velocity for take in takes])),
+    )
+
+
+def _predicted(
+    models: Mapping[str, ContactModel], state: BodyState, times: Sequence[Array], rig: Apparatus
+) -> dict[str, Float[Tensor, "n t 3"]]:
+    """Poses of bodies at times of their own, padded, by model; where contacts pile up a body stays."""
+    time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
+    drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
+    predicted = {}
+    for name, model in models.items():
+        path = model.roll_out(state, until=Until(bounces=_BOUNCES), gravity=rig.gravity.value, drag=drag)
+        predicted[name] = path.at(torch.minimum(time, path.end[:, None]))
+    return predicted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Take:
+    """A recording from a flight on: row of its impact, T frames, and poses [1 + T, 3] of the state and the frames."""
+
+    recording: str
+    row: int
+    time: Float[Array, "t"]
+    pose: Float[Array, "n 3"]
+    velocity: Float[Array, "n 3"]
+    bounces: Int[np.ndarray, "t"]
+
+    @classmethod
+    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], centre: tuple[float, float]) -> Self:
+        """Return the frames from the flight before the first accepted contact until the body rests."""
+        (row, first), track = hits[0], found.track
+        flight = found.flights[first.flight]
+        begin = float(track.time[flight.first])
+        rest = min(
+            (part.time[0] for part in found.refusals if part.reason is Reason.REST and part.time[0] > begin),
+            default=math.inf,
+        )
+        frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= rest))
+        time = track.time[frames]
+        late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
+        state, _ = flight.at(begin)
+        pose = np.vstack((state[:3], track.pose[frames]))
+        velocity = np.zeros_like(pose)
+        velocity[0] = state[3:]
+        d = arms(centre, pose[:, 2])  # flights and tracks are of the centre of mass, impacts of the tracked point
+        pose[:, :2] -= d
+        velocity[:, :2] += velocity[:, 2:] * np.column_stack((d[:, 1], -d[:, 0]))
+        last = [found_flight.last for found_flight in found.flights[first.flight :]]
+        return cls(
+            recording=track.name,
+            row=row,
+            time=time - begin + late,
+            pose=pose,
+            velocity=velocity,
+            bounces=np.searchsorted(last, frames),
+        )

@@ -1,0 +1,58 @@
+"""Errors of predicted trajectories over time and over bounces."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from contactlearn.inference.evaluation.replay import Replay
+from contactlearn.report.figures import style as st
+
+_BINS = 30  # of time
+_FEWEST = 5  # recordings of which quartiles are drawn
+_DEGREES = 180 / np.pi
+
+
+@st.look()
+def replay_figure(replays: Sequence[Replay]) -> Figure:
+    """Draw medians and, dotted, quartiles over recordings: distance and angle over time, distance over bounces."""
+    figure = st.new_figure(st.PAGE, 2.4 + st.ROW * len(replays[0].predicted))
+    panels = figure.subplots(1, 3)
+    longest = float(np.quantile([one.time[-1].item() for one in replays], 0.9))
+    bins = [(one.time / longest * _BINS).long() for one in replays]
+    for color, model in zip((*st.CONTRAST, st.DARK), replays[0].predicted, strict=False):
+        errors = [one.errors(model) * torch.tensor([100.0, _DEGREES]) for one in replays]
+        for k, axes in enumerate(panels[:2]):
+            over = _quartiles([e[:, k] for e in errors], bins, _BINS)
+            _draw(axes, (np.arange(_BINS) + 0.5) * longest / _BINS, over, color, model)
+        bounces = [one.bounces for one in replays]
+        most = max(int(b.max()) for b in bounces) + 1
+        _draw(panels[2], np.arange(most), _quartiles([e[:, 0] for e in errors], bounces, most), color, model)
+    st.name_axes(panels[0], "Time (s)", "Distance (% of the width)")
+    st.name_axes(panels[1], "Time (s)", "Angle (°)")
+    st.name_axes(panels[2], "Bounces", "Distance (% of the width)")
+    figure.legend(handles=panels[0].lines[::3], loc="outside upper left")
+    return figure
+
+
+def _quartiles(errors: Sequence[torch.Tensor], places: Sequence[torch.Tensor], count: int) -> np.ndarray:
+    """Quartiles [count, 3] over recordings of their mean errors at each place; NaN where these are few."""
+    means = np.full((len(errors), count), np.nan)
+    for row, (error, place) in enumerate(zip(errors, places, strict=True)):
+        for k in place.unique().tolist():
+            if k < count:
+                means[row, k] = error[place == k].mean()
+    found = np.full((count, 3), np.nan)
+    enough = np.isfinite(means).sum(0) >= min(_FEWEST, len(errors))
+    found[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
+    return found
+
+
+def _draw(axes: Axes, x: np.ndarray, quartiles: np.ndarray, color: str, label: str) -> None:
+    there = np.isfinite(quartiles[:, 1])
+    low, middle, high = quartiles[there].T
+    axes.plot(x[there], middle, color=color, label=st.plain(label, 110))
+    for quartile in (low, high):
+        axes.plot(x[there], quartile, color=color, linestyle=":", linewidth=0.8)

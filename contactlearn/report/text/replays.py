@@ -1,0 +1,26 @@
+"""Errors of predicted trajectories in words."""
+
+import math
+
+from contactlearn.core.numerics import number
+from contactlearn.inference.evaluation.replay import FAR, ReplayErrors, Spread
+from contactlearn.report.text.numbers import percent
+
+_DEGREES = 180 / math.pi
+
+
+def replay_cells(errors: ReplayErrors) -> tuple[str, str, str]:
+    """Write distance, angle, and the time until a prediction is lost."""
+    lost = "to the end" if errors.lost_after is None else f"{number(errors.lost_after, 2)} s"
+    return _spread(errors.distance, 100, "%"), _spread(errors.angle, _DEGREES, "°"), lost
+
+
+def replay_sentence(errors: ReplayErrors) -> str:
+    """Write the errors in a line."""
+    distance, angle, lost = replay_cells(errors)
+    return f"distance {distance} of the width, angle {angle}; within {percent(FAR)} {lost} in the median"
+
+
+def _spread(one: Spread, factor: float, unit: str) -> str:
+    mean, deviation, median = (number(factor * x, 3) for x in (one.mean, one.deviation, one.median))
+    return f"{mean} ± {deviation}{unit} (median {median}{unit})"
