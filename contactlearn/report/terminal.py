@@ -86,7 +86,7 @@ def show_models(result: Training | Evaluation) -> None:
         print_line(phrase("reach"))
     if note := phrase("joint_row", result.fits, result.joint):
         print_line(note)
-    print_line(f"the bounds minimise the {result.norm} norm of (v_x, v_y, ω), and bound no other error")
+    print_line(f"the bounds minimise the {result.norm} norm of velocity and spin, and bound no other error")
     for fit in result.fits:
         if fit.mu_undetermined > 0.05:
             print_line(
@@ -198,7 +198,9 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
         described["; ".join(parts)].append(model)
     for description, models in described.items():
         print_line(f"note: the processes of {join_words(models)} are {description}")
-    print_line("coverage: share of (v_x, v_y, ω) inside the predicted 95 % ellipsoid, and density, at the largest size")
+    print_line(
+        "coverage: share of velocities with spins inside the predicted 95 % ellipsoid, and density, at the largest size"
+    )
 
 
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int], metric: str) -> None:

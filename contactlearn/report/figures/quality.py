@@ -134,7 +134,8 @@ def _draw_relevances(axes: Axes, hyperparameters: Mapping[str, Mapping[str, floa
     outputs = len(hyperparameters)
     for place, (output, by_feature) in enumerate(hyperparameters.items()):
         y = np.arange(len(features)) + 0.8 * ((place + 0.5) / outputs - 0.5)
-        relevance, color = [by_feature.get(feature, 0) for feature in features], st.CONTRAST[place % len(st.CONTRAST)]
+        relevance, (row, hue) = [by_feature.get(feature, 0) for feature in features], divmod(place, len(st.CONTRAST))
+        color = st.tint(st.CONTRAST[hue], 0.45 if row else 1.0)  # six outputs in space: moments paler than impulses
         axes.barh(y, relevance, 0.8 / outputs, color=color, label=st.plain(output, 20))
     axes.set_yticks(range(len(features)), [st.plain(feature, 20) for feature in features])
     axes.set_ylim(len(features) - 0.5, -0.5)

@@ -60,7 +60,9 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
             }
             for name, errors in ((name, result.errors[name]) for name in names)
         ],
-        "_shares": " ".join(map(sentence, (phrase("back_spin", result.back_spin), phrase("reach")))),
+        "_shares": " ".join(
+            map(sentence, (phrase("back_spin", result.back_spin), *((phrase("reach"),) if result.reach else ())))
+        ),
         "chosen": 0,
         "yardstick": names.index(closest),
         "trials": of_trials(test, predictions[closest]),
