@@ -329,7 +329,7 @@ def test_help(script):
 def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
     described = re.findall(r"^    (\w+)(?: +|\n {10,})\w", printed, re.MULTILINE)
-    assert len(described) == 11, printed
+    assert len(described) == 12, printed
 
 
 @pytest.mark.parametrize("name", repeated("evaluate", "train", "diagnose"))
