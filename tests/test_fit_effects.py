@@ -97,6 +97,21 @@ def test_standard_errors_are_those_of_many_repetitions():
     assert ((spread / stated).log().abs() < math.log(1.5)).all(), spread / stated
 
 
+def test_intervals_hold_beside_an_unknown_dependence_of_the_outcome_on_the_state():
+    """Of the values that very many trials would give: the dependence is largest where the tilt and the spin show."""
+    drops, chosen, theta = planted({name: TRUE[name] for name in ("surface_tilt", "spin_damping")}, 24_000)
+    spin, turn = drops.v_pre[:, 2:] / drops.v_pre[:, 2].std(), (2 * drops.q[:, 2:]).cos()
+    drops = drops.replace(v_post=drops.v_post + spin.square() * turn * torch.tensor((0.05, 0.08, 5.0)))
+    quick = FitOptions(starts=1, tolerance=1e-5)
+    limit = identify_jointly(find("wang_mason"), chosen, drops, options=quick, start=theta).values
+    fits = identify_jointly(
+        find("wang_mason"), chosen, drops, torch.arange(24_000).view(240, 100), options=quick, start=limit
+    )
+    held = ((fits.values - limit).abs() <= 1.96 * fits.standard_errors).double().mean(0)
+    assert (held > 0.9).all(), held
+    assert 0.93 < held.mean() < 0.975
+
+
 def test_subsets_are_a_batch():
     drops, chosen, _ = planted(TRUE)
     rows = torch.stack([torch.randperm(400, generator=torch.Generator().manual_seed(k))[:60] for k in range(3)])
