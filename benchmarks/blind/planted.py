@@ -2,7 +2,8 @@
 
 Measured impacts have effects of their own, also of the planted kind, so a parameter need not be the planted one.  The
 same model, with all effects that the diagnosis lists, is fitted to the impacts with the planted change Δ of v_post and
-without it.  Each listed effect changes v_post by C, the prediction with it less that without it, and
+without it.  There the effect may be needed with the other sign, which bounds would hide, so they are moved for it.  It
+changes v_post by C, the prediction with it less that without it, and
 
     taken = ⟨C_with − C_without, Δ⟩ / ⟨Δ, Δ⟩        in the mass metric
 
@@ -10,6 +11,8 @@ is its part of Δ, with the standard error of the fit with Δ.  What its form ca
 effect alone to the law's own outcome plus Δ, whose parameters are the `right` ones.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import torch
@@ -35,29 +38,38 @@ def planted_parts(blind_set: BlindSet, found: Diagnosis) -> dict[str, dict[str, 
     known = all_candidates()
     listed = {one.effect.name: known[one.effect] for one in (*found.candidates[::-1], *found.missing)}
     law = str(found.law)
-    whole = identify_jointly(law, listed, impacts)
-    plain = identify_jointly(law, listed, without, start=whole.values)
+    stated = identify_jointly(law, listed, impacts)
     outcome = identify_jointly(law, {}, without).model.predict(without).v_post
     exact, parts = without.replace(v_post=outcome + change), dict[str, dict[str, float]]()
     for name, effect in listed.items():
         alone = identify_jointly(law, {name: effect}, exact)
-        mine = [k for k, p in enumerate(whole.parameters) if p.name.startswith(f"{name}.")]
-        off = (whole.values[mine] - alone.values[2:]).abs() / whole.standard_errors[mine]
+        mine = [k for k, p in enumerate(stated.parameters) if p.name.startswith(f"{name}.")]
+        off = (stated.values[mine] - alone.values[2:]).abs() / stated.standard_errors[mine]
+        with either_sign(effect):
+            whole = identify_jointly(law, listed, impacts, start=stated.values)
+            plain = identify_jointly(law, listed, without, start=whole.values)
         taken = _part(whole, name, impacts, change, whole.values)
-        slope = torch.stack(
-            [
-                _part(whole, name, impacts, change, whole.values + step) - taken
-                for step in 1e-3 * torch.diag(whole.standard_errors)
-            ]
-        )
-        scaled = whole.correlation  # of parameters in units of their standard errors
+        steps = 1e-3 * torch.diag(whole.standard_errors)
+        slope = torch.stack([_part(whole, name, impacts, change, whole.values + step) - taken for step in steps])
         parts[name] = {
             "taken": (taken - _part(plain, name, without, change, plain.values)).item(),
-            "error": 1e3 * (slope @ scaled @ slope).sqrt().item(),
+            "error": 1e3 * (slope @ whole.correlation @ slope).sqrt().item(),
             "able": _part(alone, name, exact, change, alone.values).item(),
             "off": off.max().item(),
         }
     return parts
+
+
+@contextmanager
+def either_sign(effect: Effect) -> Iterator[None]:
+    """Let parameters that vanish at their lower bound go as far below it as above."""
+    kind, before = type(effect), effect.every_parameter()
+    wider = (replace(p, low=2 * p.low - p.high) if p.low == p.vanishing else p for p in before)
+    kind._parameters = tuple(wider)
+    try:
+        yield
+    finally:
+        kind._parameters = before
 
 
 def _part(fit: JointFit, name: str, impacts: Impacts, change: Tensor, values: Tensor) -> Tensor:
