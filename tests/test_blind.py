@@ -6,6 +6,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -16,13 +17,14 @@ from repetitions import repeated
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.result import Coefficient, LaggedVariable
-from contactlearn.effects import catalogue
+from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS
 from contactlearn.laws import find
 from contactlearn.mechanics.shapes import shape_entries
+from contactlearn.simulation import synthetic
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
-from blind import calibrate, load, report, run
+from blind import calibrate, load, planted, report, run
 from blind.judge import Answer, Score, answer_of, read_truth, score
 
 SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64}
@@ -209,9 +211,12 @@ def test_faults_of_measurement():
 
 def test_measured_sets():
     sets = TRUTHS["independent"]
-    planted = next(name for name, one in sets.items() if one.question == "includes")
-    assert scored("independent", planted, "adhesion", *sets[planted].accepted[0]).first
-    assert not scored("independent", planted, "adhesion").first
+    name = next(name for name, one in sets.items() if one.question == "includes")
+    assert scored("independent", name, "adhesion", *sets[name].accepted[0]).first
+    assert not scored("independent", name, "adhesion").first
+    part = {"taken": 0.9, "error": 0.06, "able": 1.0, "off": 3.0}
+    taken = scored("independent", name, planted={sets[name].accepted[0][0]: part})
+    assert (taken.planted, taken.parameters, scored("independent", name).planted) == (True, False, False)
     plain = next(name for name, one in sets.items() if one.question == "unjudged")
     assert scored("independent", plain, "adhesion") == Score()
     bounces = next(name for name, one in sets.items() if one.question == "ordered")
@@ -219,6 +224,22 @@ def test_measured_sets():
     assert scored("independent", bounces, *story, "adhesion").exact
     backwards = scored("independent", bounces, *story[::-1])
     assert (backwards.first, backwards.exact) == (False, False)
+
+
+def test_a_planted_effect_counts_beside_one_of_the_same_kind(monkeypatch):
+    """Drops that gain speed of their own lose less than was planted, but what they lose by it is all of that."""
+    drops = synthetic.load(size=150, velocity_noise=0.003, spin_noise=0.1, seed=4)
+    change = -0.1 * drops.v_post * torch.tensor([1.0, 1.0, 0.0], dtype=torch.float64)
+    own = drops.v_post - 0.5 * change
+    monkeypatch.setattr(planted, "load", lambda _: drops.replace(v_post=own + change))
+    monkeypatch.setattr(planted, "planted_change", lambda _: change)
+    drag = SimpleNamespace(effect=EffectId("side_drag", "linear"))
+    found = SimpleNamespace(law="wang_mason", missing=(drag,), candidates=())
+    part = planted.planted_parts(load.blind_sets("independent")["published-11000"], found)["side_drag"]
+    assert part["off"] > 3
+    assert part["taken"] == pytest.approx(part["able"], abs=2 * part["error"])
+    assert part["able"] == pytest.approx(1, abs=0.02)
+    assert all(p.low == 0 for p in catalogue()["side_drag"][0]().parameters)  # the bounds are as they were
 
 
 def test_unknown_physics_of_the_state():

@@ -8,7 +8,7 @@ changes v_post by C, the prediction with it less that without it, and
     taken = ⟨C_with − C_without, Δ⟩ / ⟨Δ, Δ⟩        in the mass metric
 
 is its part of Δ, with the standard error of the fit with Δ.  What its form can take is `able`, from a fit of law and
-effect alone to the law's own outcome plus Δ, whose parameters are the `right` ones.
+effect alone to the outcome of the law plus Δ, whose parameters are the right ones.
 """
 
 from collections.abc import Iterator
@@ -39,15 +39,16 @@ def planted_parts(blind_set: BlindSet, found: Diagnosis) -> dict[str, dict[str, 
     listed = {one.effect.name: known[one.effect] for one in (*found.candidates[::-1], *found.missing)}
     law = str(found.law)
     stated = identify_jointly(law, listed, impacts)
-    outcome = identify_jointly(law, {}, without).model.predict(without).v_post
-    exact, parts = without.replace(v_post=outcome + change), dict[str, dict[str, float]]()
+    parts = dict[str, dict[str, float]]()
     for name, effect in listed.items():
-        alone = identify_jointly(law, {name: effect}, exact)
-        mine = [k for k, p in enumerate(stated.parameters) if p.name.startswith(f"{name}.")]
-        off = (stated.values[mine] - alone.values[2:]).abs() / stated.standard_errors[mine]
         with either_sign(effect):
             whole = identify_jointly(law, listed, impacts, start=stated.values)
             plain = identify_jointly(law, listed, without, start=whole.values)
+            own = identify_jointly(law, {name: effect}, without).model
+        exact = without.replace(v_post=replace(own, effects={}).predict(without).v_post + change)
+        alone = identify_jointly(law, {name: effect}, exact)
+        mine = [k for k, p in enumerate(stated.parameters) if p.name.startswith(f"{name}.")]
+        off = (stated.values[mine] - alone.values[2:]).abs() / stated.standard_errors[mine]
         taken = _part(whole, name, impacts, change, whole.values)
         steps = 1e-3 * torch.diag(whole.standard_errors)
         slope = torch.stack([_part(whole, name, impacts, change, whole.values + step) - taken for step in steps])
