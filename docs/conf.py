@@ -81,18 +81,19 @@ def as_restructured_text(app: Any, what: str, name: str, target: Any, options: A
 def formulas(of: Effect) -> str:
     """The row of one form of an effect in the table of docs/effects.md."""
     ranges: dict[str, list[str]] = {}
-    for p in of.parameters:
-        unit = "" if p.unit == "–" else f" {p.unit}"
+    for p in of.every_parameter():
+        unit = ("" if p.unit == "–" else f" {p.unit}") + (" (in space)" if p not in of.parameters else "")
         ranges.setdefault(f"[{p.low:g}, {p.high:g}]{unit}", []).append(p.symbol)
     parameters = "; ".join(f"{', '.join(symbols)} in {range_}" for range_, symbols in ranges.items())
     name = f"`{of.name}`" if of.form is None else f"`{of.name}`, `form={of.form}`"
-    cells = (name, of.place, of.formula, parameters or "one for each further object", of.source)
+    where = " and ".join(space.name for space in of.spaces)
+    cells = (name, of.place, where, of.formula, parameters or "one for each further object", of.source)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def with_formulas(app: Any, name: str, source: list[str]) -> None:
     """The table of all effects with their formulas, made from the classes."""
-    head = "| effect | place | what it does | parameters | source |\n| --- | --- | --- | --- | --- |\n"
+    head = f"| effect | place | bodies in | what it does | parameters | source |\n|{' --- |' * 6}\n"
     if name == "docs/effects":
         rows = "\n".join(formulas(kind()) for forms in catalogue().values() for kind in forms)
         source[0] = source[0].replace("<!-- formulas of the catalogue -->", head + rows)

@@ -19,9 +19,9 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.identification.shared import Box, identify
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
-from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Prediction, measured_impulse
-from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipsoid, contact_point
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Impacts, Prediction, measured_impulse
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipsoid, Sphere, contact_point
+from contactlearn.mechanics.space import BOTH
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
@@ -272,7 +272,7 @@ THERE = {  # values in space: y is up in the plane
     "surface_tilt": lambda phi: (phi, 0.0),
     "orientation_offset": lambda delta: (delta, 0.0, 0.0),
 }
-IN_SPACE = [kind for forms in effect_catalogue().values() for kind in forms if SPACE in kind.spaces]
+IN_SPACE = [kind for forms in effect_catalogue().values() for kind in forms if kind.spaces == BOTH]
 
 
 @pytest.mark.parametrize("kind", IN_SPACE, ids=lambda kind: str(kind.id))
@@ -338,8 +338,54 @@ def test_corners_are_round_in_space():
         TOSSED.replace(shape=Disc(0.1))
 
 
+@pytest.mark.parametrize("kind", IN_SPACE, ids=lambda kind: str(kind.id))
+def test_effects_turn_with_the_contact(kind):
+    """A turn of everything about the normal turns the outcome, but where the effect names a direction or a place."""
+    if kind.name in ("surface_tilt", "location_dependent_friction", "location_dependent_restitution"):
+        return
+    shape = Cuboid((0.05, 0.04, 0.03))
+    impacts = TOSSED.replace(shape=shape, r=contact_point(shape, TOSSED.q[:, 3:]), validate=False, object=OBJECTS)
+    about = torch.tensor((0.0, 0.0, 0.7), dtype=torch.float64)
+    R = rigid_body.rotation(rigid_body.turn_quaternion(torch.tensor((1.0, 0, 0, 0)).double(), about))
+    q = torch.cat((impacts.q[:, :3] @ R.mT, rigid_body.turn_quaternion(impacts.q[:, 3:], about)), -1)
+    image = impacts.replace(r=impacts.r @ R.mT, q=q, v_pre=(impacts.v_pre.view(-1, 2, 3) @ R.mT).flatten(1))
+    effect = kind().prepare(impacts)
+    effect = effect.at([p.start + 0.2 * (p.high - p.start) for p in effect.parameters])
+    model = ContactModel(base=find("wang_mason").at(0.3, 0.6), effects={"it": effect})
+    turned = (model.predict(impacts).v_post.view(-1, 2, 3) @ R.mT).flatten(1)
+    torch.testing.assert_close(model.predict(image).v_post, turned, rtol=1e-9, atol=1e-9)
+
+
+def ball(slip, spin, mu=0.5, eps=0.6, **effects):
+    """A ball of 1 kg and 0.1 m falls at 2 m/s with a slip (m/s) along y and a spin (rad/s) about the normal."""
+    shape = Sphere(0.1)
+    q = torch.tensor([[0, 0, 0, 1.0, 0, 0, 0]]).double()
+    v = torch.tensor([[0, slip, -2.0, 0, 0, spin]], dtype=torch.float64)
+    one = torch.ones(1).double()
+    impacts = Impacts(
+        one, one[:, None] * shape.gyration_squared(), contact_point(shape, q[:, 3:]), q, v, v, shape=shape
+    )
+    return ContactModel(base=find("wang_mason").at(mu, eps), effects=effects).predict(impacts).v_post[0]
+
+
+def test_a_ball_rebounds_sideways_and_loses_spin():
+    for form, share in (("slip", "beta"), ("impulse", "e_t")):
+        v = ball(0.5, 0.0, effect=find_effect("tangential_restitution", form)(**{share: 0.4}))
+        slip = v[1] + 0.1 * v[3]  # of the lowest point: v + ω × r
+        assert slip.item() == pytest.approx(-0.4 * 0.5, rel=1e-12), form
+    dry = find_effect("torsional_friction", "dry")(c=0.001, omega_s=1e-6)
+    inertia, P_n = 0.004, 3.2
+    assert ball(0.0, 10.0, effect=dry)[5].item() == pytest.approx(10 - 0.001 * P_n / inertia, rel=1e-9)
+    assert ball(0.0, 0.1, effect=dry)[5].item() == pytest.approx(0, abs=1e-12)  # it stops, and does not reverse
+    sliding = find_effect("torsional_friction", "sliding")(c=0.001)
+    lost = [10 - ball(slip, 10.0, effect=sliding)[5].item() for slip in (0.0, 20.0)]
+    assert lost[0] == pytest.approx(0.001 * P_n / inertia, rel=1e-6)
+    assert 0 < lost[1] < 0.01 * lost[0]
+
+
 PLANTED = {
     "damping and drag": {"spin_damping": [0.1], "side_drag": [0.05]},
+    "surface": {"torsional_friction": [0.002], "tangential_restitution": [0.3]},
     "mass centre": {"com_offset": [0.003, -0.004, 0.006]},
     "floor": {"surface_tilt": [0.02, -0.03], "sampling_delay": [0.004]},
     "body": {"shape_error": [0.1, -0.05, 0.08], "orientation_offset": [0.05, -0.03, 0.02]},

@@ -47,7 +47,7 @@ from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE, SPACE, Space, require_space
 
-OUTPUTS = {
+OUTPUTS: dict[str, dict[str, str]] = {
     "state": {"rx": "m", "ry": "m", "theta": "rad"},
     "law": {"mu": "–", "eps": "–"},
     "wrench": {"Pt": "N s", "Pn": "N s", "tau": "N m s"},
@@ -56,6 +56,18 @@ OUTPUTS = {
 """Units of the quantities that an effect changes by their names, by the place where it acts."""
 
 PLACES = tuple(OUTPUTS)
+OUTPUTS_IN_SPACE: dict[str, dict[str, str]] = {
+    "state": {"rx": "m", "ry": "m", "rz": "m"},
+    "law": OUTPUTS["law"],
+    "wrench": {"Px": "N s", "Py": "N s", "Pz": "N s", "taux": "N m s", "tauy": "N m s", "tauz": "N m s"},
+    "velocity": {f"{v}{axis}_post": unit for v, unit in (("v", "m/s"), ("w", "rad/s")) for axis in "xyz"},
+}
+"""The same of bodies in space, in world axes."""
+
+
+def outputs(place: str, space: Space) -> dict[str, str]:
+    """Return the units of what the effects of a place change, by name."""
+    return (OUTPUTS if space is PLANE else OUTPUTS_IN_SPACE)[place]
 
 
 @dataclass(frozen=True)
@@ -192,7 +204,7 @@ class Effect(ABC):
     def every_parameter(cls) -> tuple[Parameter, ...]:
         """Return the fields that are parameters, those of space among them."""
         if "_parameters" not in vars(cls):  # read some hundred times a fit
-            named = (f for f in fields(cls) if "parameter" in f.metadata)
+            named = (f for f in fields(cls) if f.metadata.get("parameter"))
             cls._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in named)
         return cls._parameters
 

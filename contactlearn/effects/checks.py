@@ -12,15 +12,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import OUTPUTS, Effect
+from contactlearn.effects.base import Effect, outputs
 from contactlearn.effects.state import State
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, SPACE
 
 _RETURNS = {
     "state": "a state, such as state.replace(r=…)",
     "law": "two tensors (mu, eps)",
-    "wrench": "the wrench, a tensor [..., N, 3]",
-    "velocity": "v_post, a tensor [..., N, 3]",
+    "wrench": "the wrench, a tensor [..., N, {D}]",
+    "velocity": "v_post, a tensor [..., N, {D}]",
 }
 _FREE = (None, 0.25, 0.75)  # values of parameters that need not vanish: the start, and shares of the range
 _SHARES = (-0.4, -0.15, 0.1, 0.3, 0.45)  # of a parameter's range from its start, where its gradient is tried
@@ -43,9 +44,9 @@ def violations(effect: Effect, impacts: Impacts, *, rounding: float = 0.0) -> It
         return
     yield from _misdeclared(effect)
     returned = _call(effect, impacts)
-    if not _fits(returned, effect.place, len(impacts)):
+    if not _fits(returned, effect.place, (len(impacts), impacts.space.D)):
         seen = f"{describe(returned)} on {len(impacts)} impacts"
-        yield f"must return {_RETURNS[effect.place]}, from {effect.place}, got {seen}"
+        yield f"must return {_RETURNS[effect.place].format(D=impacts.space.D)}, from {effect.place}, got {seen}"
         return
     yield from _infinite(effect, impacts)
     for share in _FREE:
@@ -70,8 +71,9 @@ def describe(returned: object) -> str:
 
 
 def named_outputs(place: str, parts: Float[Tensor, "... k"]) -> dict[str, Float[Tensor, "..."]]:
-    """Return the parts of a wrench or a velocity [..., N, 3] by the names of the place's outputs."""
-    return dict(zip(OUTPUTS[place], parts.unbind(-1), strict=True))
+    """Return the parts of a wrench or a velocity [..., N, D] by the names of the place's outputs."""
+    space = PLANE if parts.shape[-1] == PLANE.D else SPACE
+    return dict(zip(outputs(place, space), parts.unbind(-1), strict=True))
 
 
 def _misdeclared(effect: Effect) -> Iterator[str]:
@@ -101,24 +103,36 @@ def _call(effect: Effect, impacts: Impacts) -> Any:
     return getattr(effect, effect.place)(*_given(effect.place, impacts))
 
 
-def _fits(returned: object, place: str, count: int) -> bool:
+def _fits(returned: object, place: str, shape: tuple[int, int]) -> bool:
     """Whether a method returned the type that its place requires, in the shape of the impacts."""
     if place == "state":
         return isinstance(returned, State)
     if place == "law":
         return isinstance(returned, tuple) and len(returned) == 2 and all(isinstance(x, Tensor) for x in returned)
-    return isinstance(returned, Tensor) and returned.shape[-2:] == (count, 3)
+    return isinstance(returned, Tensor) and returned.shape[-2:] == shape
 
 
 def _outputs(place: str, returned: Any) -> dict[str, Float[Tensor, "..."]]:
     """Quantities [..., N] that a method returned by name, all that a state holds."""
     if place == "law":
-        return dict(zip(OUTPUTS[place], returned, strict=True))
+        return dict(zip(("mu", "eps"), returned, strict=True))
     if place != "state":
         return named_outputs(place, returned)
-    parts = {"rx": returned.r[..., 0], "ry": returned.r[..., 1], "theta": returned.theta}
-    parts |= {"mass": returned.mass, "inertia": returned.inertia, "corner": returned.corner, "tilt": returned.tilt}
-    for name, value in (("stretch", returned.stretch), ("v_pre", returned.v_pre.unbind(-1))):
+    parts = dict(zip(("rx", "ry", "rz"), returned.r.unbind(-1), strict=False))
+    parts |= {"mass": returned.mass, "corner": returned.corner, "tilt": returned.tilt}
+    inertia = returned.inertia[..., None] if returned.space is PLANE else returned.inertia
+    if returned.space is PLANE:
+        parts["theta"] = returned.theta
+    else:  # of the tilt, what is not the identity
+        parts["tilt"] = (
+            None if returned.tilt is None else (returned.tilt - torch.eye(3).to(returned.tilt)).abs().amax((-2, -1))
+        )
+    for name, value in (
+        ("stretch", returned.stretch),
+        ("v_pre", returned.v_pre.unbind(-1)),
+        ("q", returned.q.unbind(-1)),
+        ("inertia", inertia.unbind(-1)),
+    ):
         parts |= {f"{name}[{k}]": part for k, part in enumerate(value)}
     return {name: torch.as_tensor(0.0 if value is None else value) for name, value in parts.items()}
 
@@ -146,13 +160,14 @@ def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: fl
     values = [f if p.vanishing is None else p.vanishing for f, p in zip(free, effect.parameters, strict=True)]
     given = _given(effect.place, impacts)
     before = _outputs(effect.place, given[1:] if effect.place == "law" else given[-1])
+    units = outputs(effect.place, impacts.space)
     for output, after in _outputs(effect.place, _call(effect.at(values), impacts)).items():
         change = (after - before[output]).abs()
         if one := _bad_trials(f"gives {output}, where it should vanish, the value", change, impacts):
             yield one
         elif change.max() > rounding:
             at = ", ".join(f"{p.name} = {v:g}" for p, v in zip(effect.parameters, values, strict=True))
-            amount = f"{change.max():g} {OUTPUTS[effect.place].get(output, '')}".rstrip()
+            amount = f"{change.max():g} {units.get(output, '')}".rstrip()
             yield (
                 f"must change nothing where it vanishes, and at {at} it adds up to {amount} to {output}; a factor is "
                 "missing that is 0 there, or a parameter's vanishing value is another one"

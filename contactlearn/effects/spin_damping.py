@@ -58,16 +58,18 @@ class QuadraticSpinDamping(SpinDamping):
     It is not a share that is the same for slow and fast spin (`SpinDampingAfter`).
     """
 
+    spaces = BOTH
     form = "quadratic"
     formula = "τ ← τ − I ω⁺ k |ω⁺|/(1 + k |ω⁺|)"
     in_words = "the spin falls by a share of {k}"
     k: Tensor | float = parameter("k", "s/rad", 0.0, 0.2)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        after = state.v_after(wrench)[..., 2]
-        lost = self.k * after.abs() / (1 + self.k * after.abs())
-        return columns(P_t, P_n, tau - lost * state.inertia * after)
+        d, k = state.space.d, torch.as_tensor(self.k)
+        after = state.v_after(wrench)[..., d:]
+        spun, speed = rigid_body.spin_momentum(state.world_inertia, after), after.norm(dim=-1)
+        tau = wrench[..., d:] - (k * speed / (1 + k * speed))[..., None] * spun
+        return columns(*wrench[..., :d].unbind(-1), *tau.unbind(-1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,13 @@ from torch import Tensor
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.impulse_path import contact_of
 from contactlearn.effects.state import Coefficients, State, columns
-from contactlearn.laws.contact import Contact
+from contactlearn.laws.contact import Contact, SpatialContact
+from contactlearn.laws.hodograph import Hodograph
 from contactlearn.laws.wang_mason import routh_path
-from contactlearn.mechanics.rigid_body import effective_inertia
+from contactlearn.mechanics.rigid_body import effective_inertia, matvec
+from contactlearn.mechanics.space import BOTH, SPACE
 
+_LEAST = 1e-300  # N s
 _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 _STEPS = 16  # of a compression in which the contact sticks
 _IMPLICIT = 0.6  # share of a step's end in its mean: above a half a rigid tangent does not ring
@@ -59,12 +62,15 @@ class SlipRebound(TangentialRestitution):
     edge and does not change.  It does not ask when the slip ended (`ImpulseRebound`).
     """
 
+    spaces = BOTH
     form = "slip"
     formula = "v_t⁺ ← v_t⁺ − s β (|v_t| + ½⟨−s W_tn P_n⟩) within the cone, s = sign v_t"
     in_words = "a share {beta:%} of the slip returns"
     beta: Tensor | float = parameter("β", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        if state.space is SPACE:
+            return self._in_space(state, wrench)
         P_t, P_n, tau = wrench.unbind(-1)
         direction, M_c = -state.v_t.sign(), effective_inertia(state.W)
         t, n = M_c[..., 0, 0] * direction, M_c[..., 0, 1] * direction  # impulse per change of v_t, kg
@@ -73,6 +79,17 @@ class SlipRebound(TangentialRestitution):
         change = torch.minimum(self.beta * (state.v_t.abs() + back / 2), room)
         change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
         return columns(P_t + change * t, P_n + change * n, tau)
+
+    def _in_space(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        """Return the wrench in space, where the rebound is against the direction of the slip before contact."""
+        P, W = wrench[..., :3], state.W
+        direction = -state.v_c[..., :2] / state.slip.clamp_min(1e-300)[..., None]
+        per_speed = matvec(effective_inertia(W)[..., :2], direction)
+        room = _within_circular_cone(state.coefficients[0], P, per_speed)
+        back = ((direction * W[..., :2, 2]).sum(-1) * P[..., 2]).clamp_min(0)
+        change = torch.minimum(self.beta * (state.slip + back / 2), room)
+        change = torch.where(room < _ROUNDING * state.v_c.norm(dim=-1), 0.0, change)
+        return columns(*(P + change[..., None] * per_speed).unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +100,7 @@ class ImpulseRebound(TangentialRestitution):
     share of the slip that was stopped (`SlipRebound`).
     """
 
+    spaces = BOTH
     form = "impulse"
     formula = "P_t ← P_t + e_t P_t^c within the cone of restitution, P_t^c the impulse of compression where it sticks"
     in_words = "a share {e_t:%} of the tangential impulse of compression returns"
@@ -91,6 +109,8 @@ class ImpulseRebound(TangentialRestitution):
     e_t: Tensor | float = parameter("e_t", "–", 0.0, 1.0)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        if state.space is SPACE:
+            return self._in_space(state, wrench)
         P_t, P_n, tau = wrench.unbind(-1)
         mu, _ = state.coefficients
         path = routh_path(contact_of(state), mu)
@@ -102,6 +122,22 @@ class ImpulseRebound(TangentialRestitution):
         room = _within_cone(mu, (P_t - stored, P_n - p_c), (t, n)).clamp_min(0)
         change = torch.where(sticks, torch.minimum(self.e_t * stored.abs(), room), 0.0)
         return columns(P_t + change * t, P_n + change * n, tau)
+
+    def _in_space(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        """Return the wrench in space, with the impulse of compression as `hodograph` has it."""
+        (contact, (c, s)), (mu, _) = SpatialContact.of(state.W, state.approach), state.coefficients
+        path = Hodograph(contact, mu)
+        end = path.compressed()
+        stored = columns(c * end.P_1 - s * end.P_2, s * end.P_1 + c * end.P_2)
+        sticks = end.ended & (path.q_1.square() + path.q_2.square() < mu**2)
+        size = stored.norm(dim=-1).clamp_min(_LEAST)
+        t = stored / size[..., None]
+        n = -(t * state.W[..., :2, 2]).sum(-1) / contact.w_nn  # with it v_n⁺ stays
+        along = columns(*t.unbind(-1), n)
+        room = _within_circular_cone(mu, wrench[..., :3] - columns(*stored.unbind(-1), end.P_n), along).clamp_min(0)
+        change = torch.where(sticks, torch.minimum(self.e_t * size, room), 0.0)
+        P = wrench[..., :3] + change[..., None] * along
+        return columns(*P.unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +173,20 @@ def _within_cone(
     """Distance that an impulse (P_t, P_n) can go in a direction (t, n) before |P_t| = μ P_n."""
     (P_t, P_n), (t, n) = impulse, direction
     return torch.minimum(_room(mu * P_n - P_t, t - mu * n), _room(mu * P_n + P_t, -t - mu * n))
+
+
+def _within_circular_cone(
+    mu: Float[Tensor, "..."], impulse: Float[Tensor, "... 3"], direction: Float[Tensor, "... 3"]
+) -> Float[Tensor, "..."]:
+    """Distance that an impulse in the cone |P_t| ≤ μ P_n of space can go in a direction: the least root ≥ 0 of it."""
+    metric = torch.stack(torch.broadcast_tensors(torch.ones_like(mu), torch.ones_like(mu), -mu.square()), -1)
+    a, b, c = ((metric * pair).sum(-1) for pair in (direction**2, impulse * direction, impulse**2))
+    c, square = c.clamp_max(0), b.square() - a * c.clamp_max(0)
+    leaves = square > 0
+    root = torch.where(leaves, square, 1.0).sqrt()
+    out, back = leaves & (b + root > 0) & (b >= 0), leaves & (a > 0) & (b < 0)
+    room = torch.where(out, -c / torch.where(out, b + root, 1.0), torch.inf)
+    return torch.where(back, (root - b) / torch.where(back, a, 1.0), room)
 
 
 def _room(distance: Float[Tensor, "..."], rate: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

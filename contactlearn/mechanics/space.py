@@ -112,4 +112,5 @@ def require_space(what: str, space: Space, spaces: Sequence[Space] = (PLANE,)) -
         ContactLearnError: naming it.
     """
     if space not in spaces:
-        raise ContactLearnError(f"{what} exists for bodies that move in a plane alone, and these move in space")
+        own, other = ("in space", "in a plane") if space is SPACE else ("in a plane", "in space")
+        raise ContactLearnError(f"{what} exists for bodies that move {other} alone, and these move {own}")

@@ -8,7 +8,8 @@
 
 pytest then finds the methods: the effect declares itself, changes nothing at its vanishing values, acts
 elsewhere, gives the same batched and looped, has exact gradients, mirrors as it says and adds energy as it says.
-Each form of a family is a class and has a test class of its own.
+Each form of a family is a class and has a test class of its own.  It is tried in the plane if it exists there, and in
+space by a test of its own.
 """
 
 import math
@@ -24,13 +25,16 @@ from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import Law
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.shapes import Shape
+from contactlearn.mechanics.rigid_body import squared_mass_norm
+from contactlearn.mechanics.shapes import Cuboid, Shape, contact_point
+from contactlearn.mechanics.space import BOTH, PLANE
 from contactlearn.models.contact_model import derivative, resolve
 from contactlearn.simulation import synthetic
 
 N = 400
 COEFFICIENTS, ELASTIC = torch.tensor(((0.15, 0.6), (0.05, 1.0)), dtype=torch.float64)  # μ and ε
 MIRROR = torch.tensor((-1.0, 1.0, -1.0), dtype=torch.float64)
+MIRROR_IN_SPACE = torch.tensor((1.0, -1.0, 1.0, -1.0, 1.0, -1.0), dtype=torch.float64)
 ROUNDING = 1e-10  # relative to 1 m/s and 10 rad/s: a few operations more or less
 DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
 
@@ -47,6 +51,20 @@ def _drops(shape: Shape | None) -> Impacts:
     return drops[steep].replace(v_pre=v[steep])
 
 
+@cache
+def _tosses() -> Impacts:
+    """Make tosses of cuboids in any pose onto a corner."""
+    generator, box = torch.Generator().manual_seed(5), Cuboid((0.02, 0.03, 0.04))
+    q = torch.randn(N, 7, generator=generator, dtype=torch.float64)
+    q[:, 3:] /= q[:, 3:].norm(dim=-1, keepdim=True)
+    r, mass = contact_point(box, q[:, 3:]), torch.full((N,), 0.1, dtype=torch.float64)
+    inertia = mass[:, None] * box.gyration_squared()
+    v = torch.randn(2, N, 6, generator=generator, dtype=torch.float64) * torch.tensor((1, 1, 1, 6, 6, 6))
+    v[0, :, 2] -= 2
+    tosses = Impacts(mass, inertia, r, q, v[0], v[1], shape=box, object=("first", "second") * (N // 2), validate=False)
+    return tosses[tosses.v_c[:, 2] < -0.1]
+
+
 class EffectContract:
     """Inherit, and set `effect` to an instance; `law` is the law that it acts around.
 
@@ -58,8 +76,8 @@ class EffectContract:
     shape: Shape | None = None
 
     def impacts(self) -> Impacts:
-        """Drops of three equal objects from both sides and from different heights, in a sequence."""
-        return _drops(self.shape)
+        """Drops of three equal objects from both sides and from different heights; tosses if it is of space alone."""
+        return _drops(self.shape) if PLANE in self.effect.spaces else _tosses()
 
     def predict(
         self,
@@ -143,17 +161,39 @@ class EffectContract:
     def test_it_mirrors_as_it_says(self) -> None:
         """If `mirror_symmetric`, the mirror image of an impact has the mirror image of the outcome."""
         impacts, samples = self.impacts(), self.samples(8)
-        mirrored = impacts.replace(q=impacts.q * MIRROR, r=impacts.r * MIRROR[:2], v_pre=impacts.v_pre * MIRROR)
-        difference = self.predict(mirrored, samples).v_post * MIRROR - self.predict(impacts, samples).v_post
+        d, mirror = impacts.space.d, MIRROR if impacts.space is PLANE else MIRROR_IN_SPACE
+        turn = mirror[d:] if impacts.space is PLANE else torch.tensor((1.0, -1.0, 1.0, -1.0), dtype=torch.float64)
+        q = impacts.q * torch.cat((mirror[:d], turn))
+        mirrored = impacts.replace(q=q, r=impacts.r * mirror[:d], v_pre=impacts.v_pre * mirror)
+        difference = self.predict(mirrored, samples).v_post * mirror - self.predict(impacts, samples).v_post
         difference = difference.abs().max().item()
         assert difference < 1e-8 or not self.effect.mirror_symmetric, f"the mirror image differs by {difference:.3g}"
 
     def test_it_adds_energy_only_if_it_says_so(self) -> None:
         """Around an elastic contact with little friction."""
         impacts, samples = self.impacts(), self.samples(64)
-        M = columns(impacts.mass, impacts.mass, impacts.inertia)
-        after = (self.predict(impacts, samples, ELASTIC).v_post.square() * M).sum(-1)
-        before = (impacts.v_pre.square() * M).sum(-1)
+        body = impacts.mass, impacts.world_inertia
+        after = squared_mass_norm(*body, self.predict(impacts, samples, ELASTIC).v_post)
+        before = squared_mass_norm(*body, impacts.v_pre)
         gained = ((after - before) / before).max().item()
         assert math.isfinite(gained)
         assert (gained > ROUNDING) <= self.effect.adds_energy, f"a share {gained:.3g} of the energy is added"
+
+    def test_in_space_it_keeps_these_rules(self) -> None:
+        """It vanishes, is the same in a batch and has finite gradients, if it exists in the plane and in space."""
+        if self.effect.spaces != BOTH:
+            return
+        impacts = _tosses()
+        effect, law = self.effect.prepare(impacts), self.law.at(*COEFFICIENTS)
+        assert not (broken := [*violations(effect, impacts)]), f"{effect.id} {'; '.join(broken)}"
+        at_rest = columns(*effect.vanished().values)
+        width = torch.tensor([p.high - p.low for p in effect.parameters], dtype=torch.float64)
+        values = torch.stack((at_rest, at_rest + 0.1 * width))
+        own = [value.expand(len(impacts)).clone().requires_grad_() for value in values[1]]
+        outcome = resolve(law, {"it": effect.at(own)}, State.of(impacts), law.mu, law.eps).v_post
+        assert derivative(outcome, own).isfinite().all()
+        theta = torch.cat((COEFFICIENTS.expand(2, 2), values), -1)
+        batch = assemble(self.law, {"it": effect}, theta).predict(impacts).v_post
+        assert torch.allclose(batch[1], outcome.detach(), rtol=ROUNDING, atol=ROUNDING)
+        vanished = assemble(self.law, {"it": effect}, theta[0]).predict(impacts).v_post
+        assert torch.equal(vanished, assemble(self.law, {}, COEFFICIENTS).predict(impacts).v_post)

@@ -59,7 +59,8 @@ def usable(
     """
     share = thresholds.trials_per_parameter
     settled = impacts.apparatus.settled if impacts.apparatus else ()
-    able = {key: effect for key, effect in candidates.items() if impacts.shape is not None or not effect.needs_shape}
+    able = {key: effect for key, effect in candidates.items() if impacts.space in effect.spaces}
+    able = {key: effect for key, effect in able.items() if impacts.shape is not None or not effect.needs_shape}
     able = {key: effect for key, effect in able.items() if key.name not in settled}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     if not able:
