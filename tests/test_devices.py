@@ -35,6 +35,7 @@ from contactlearn.inference.learning.curves import (
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.shapes import Polygon
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models import checkpoint, regressor
 from contactlearn.models.contact_model import ContactModel, derivative, resolve
 from contactlearn.models.gp import sparse
@@ -52,6 +53,7 @@ KINDS = [
     pytest.param(kind, id=f"{kind.name}-{kind.form or ''}", marks=() if kind is forms[0] else pytest.mark.nightly)
     for forms in catalogue().values()
     for kind in forms
+    if PLANE in kind.spaces
 ]  # each effect in its first form, and nightly in the others
 LAWS = [kind for family in laws.catalogue().values() for kind in family.values()]
 ROUTH = laws.find("wang_mason")

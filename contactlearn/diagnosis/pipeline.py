@@ -78,7 +78,7 @@ def diagnose(
     question = Question(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
-        candidates=candidates or all_candidates(),
+        candidates=candidates or all_candidates(impacts.space),
         laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
         options=FitOptions(noise=noise, thresholds=thresholds.fit),
         limits=limits or {},

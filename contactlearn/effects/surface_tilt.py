@@ -48,7 +48,7 @@ class SurfaceTilt(Effect):
         if self.psi is None:
             return state.tilted(phi, state.theta - phi)
         vector = columns(torch.as_tensor(self.psi), -phi, torch.zeros_like(phi))
-        level = vector.new_tensor((1.0, 0.0, 0.0, 0.0)).expand(*vector.shape[:-1], 4)
+        level = columns(torch.ones_like(phi), *[torch.zeros_like(phi)] * 3)
         return state.tilted(rotation(turn_quaternion(level, vector)), turn_quaternion(state.orientation, -vector))
 
 

@@ -168,11 +168,11 @@ class Polygon:
 
     def facing(self, direction: Float[Tensor, "*batch 2"]) -> Int[Tensor, "*batch"]:
         """The vertex of the greatest d · p, the first of equals, by its number."""
-        return (direction @ direction.new_tensor(self.vertices).T).argmax(-1)
+        return (direction @ _like(direction, self.vertices).T).argmax(-1)
 
     def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
         """The vertex that faces d, or the point of its arc with the normal d."""
-        corners, lowest = direction.new_tensor(self.vertices), self.facing(direction)
+        corners, lowest = _like(direction, self.vertices), self.facing(direction)
         return corners[lowest] + self.rounding(lowest, direction, self.corner) if self.corner else corners[lowest]
 
     def rounding(
@@ -251,7 +251,7 @@ class Ellipsoid(Solid):
 
     def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """A² d / |A d|, A = diag(a, b, c)."""
-        axes = direction.new_tensor(self.semi_axes)
+        axes = _like(direction, self.semi_axes)
         scaled = axes * direction
         return axes * scaled / scaled.norm(dim=-1, keepdim=True)
 
@@ -299,7 +299,7 @@ class Cuboid(Solid):
     def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """The corner of the greatest d · p, or the point of its rounding with the normal d."""
         signs = self.facing(direction)
-        sharp = direction.new_tensor(self.half) * signs
+        sharp = _like(direction, self.half) * signs
         return sharp + self.rounding(signs, direction, self.corner) if self.corner else sharp
 
     def rounding(
@@ -353,6 +353,11 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
         raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
     kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
     return {"kind": kind, **{name: value for name, value in vars(shape).items() if value != 0}}
+
+
+def _like(tensor: Tensor, values: Any) -> Tensor:
+    """Numbers of the type and on the device of a tensor."""
+    return torch.tensor(values, dtype=tensor.dtype, device=tensor.device)
 
 
 def _plain(value: Any) -> Any:

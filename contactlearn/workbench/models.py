@@ -263,7 +263,10 @@ class Models:
         data, fitted, key = self.split(session), self.fitted(session), self._key(session)
         candidates = self._candidates.get(
             key[:2],
-            lambda: {one: effect.prepare(data.pool) for one, effect in usable(all_candidates(), data.pool).items()},
+            lambda: {
+                one: effect.prepare(data.pool)
+                for one, effect in usable(all_candidates(data.pool.space), data.pool).items()
+            },
         )
         return self._gains.get(key, lambda: _predicted_gains(fitted, candidates, data))
 

@@ -48,7 +48,8 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     with progress(run.folder, tracker, verbose=settings.verbose) as on_event:
         own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
-        others = {key: effect for key, effect in all_candidates().items() if type(effect) not in kinds}
+        every = all_candidates(impacts.space).items()
+        others = {key: effect for key, effect in every if type(effect) not in kinds}
         found = pipeline.diagnose(
             impacts,
             settings.law,

@@ -16,6 +16,7 @@ from contactlearn.effects import Effect, EffectId, State, catalogue, columns
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import resolve
 
 SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
@@ -23,9 +24,9 @@ SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
-def all_candidates() -> dict[EffectId, Effect]:
-    """Return every effect of the catalogue in each of its forms."""
-    return {kind.id: kind() for forms in catalogue().values() for kind in forms}
+def all_candidates(space: Space = PLANE) -> dict[EffectId, Effect]:
+    """Return every effect of the catalogue in each of its forms that exists in a space."""
+    return {kind.id: kind() for forms in catalogue().values() for kind in forms if space in kind.spaces}
 
 
 def all_laws() -> list[Law]:
