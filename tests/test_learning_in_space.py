@@ -7,6 +7,8 @@ import torch
 from spatial import in_space, tossed
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.effects import find_effect
+from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn, target_units
 from contactlearn.laws import find
@@ -14,6 +16,7 @@ from contactlearn.mechanics.features import SPACES, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models import checkpoint
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
 CLOSE = {"rtol": 1e-9, "atol": 1e-9}
@@ -76,3 +79,12 @@ def test_learned_models_turn_with_the_impact_and_load_again(target, tmp_path):
     assert torch.equal(loaded.predict(held_out).v_post, predicted.v_post)
     with pytest.raises(ContactLearnError, match="has learnt from 8 features of bodies in space"):
         loaded.predict(PLANAR)
+
+
+def test_partial_residuals_are_those_of_the_plane_along_the_slip():
+    """A planar body in space: the same change of the normal impulse; its symbols are the spatial ones."""
+    model = ContactModel(LAW, effects={"adhesion": find_effect("adhesion")().at([0.002])})
+    plane, space = (partial_residuals(model, impacts, "adhesion") for impacts in (PLANAR, in_space(PLANAR)))
+    assert (plane.component, space.component) == ("P_n", "P_n")
+    torch.testing.assert_close(space.explained, plane.explained, **CLOSE)
+    torch.testing.assert_close(space.measured, plane.measured, **CLOSE)

@@ -19,12 +19,21 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.effects import Effect, State, columns
 from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel
 
 QUANTITIES = {
-    "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
-    "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
+    PLANE: {
+        "wrench": (("P_t", "N s"), ("P_n", "N s"), ("τ", "N m s")),
+        "velocity": (("v_x⁺", "m/s"), ("v_y⁺", "m/s"), ("ω⁺", "rad/s")),
+    },
+    SPACE: {
+        "wrench": tuple((f"{x}_{axis}", unit) for x, unit in (("P", "N s"), ("τ", "N m s")) for axis in "12n"),
+        "velocity": tuple((f"{x}_{axis}⁺", unit) for x, unit in (("v", "m/s"), ("ω", "rad/s")) for axis in "12n"),
+    },
 }
+"""Components of what an effect changes, with units; in space along the slip, across it and along the normal."""
 _BINS = 20
 _NUDGE = 0.02  # of each parameter's range
 _PREDICTED = 1 / 3  # share of the effect's variance that a symbol must predict to be the variable
@@ -49,33 +58,51 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     effect = model.effects[name]
     with_, without = model.base_prediction(impacts), _without(model, impacts, name)
     quantity = _quantity(effect)
-    explained = _change(effect, with_, without)
-    measured = impacts.wrench - without.wrench if quantity == "wrench" else impacts.v_post - without.v_post
+    explained = _change(effect, impacts, with_, without)
+    measured = _change(effect, impacts, Prediction(impacts.v_post, impacts.wrench), without)
     # A larger effect chooses component and variable where the effect is 0: it is drawn as well, as a line at 0.
     values = columns(*effect.values)
     range_ = torch.tensor([p.high - p.low for p in effect.parameters], dtype=values.dtype, device=values.device)
     larger = replace(model, effects={**model.effects, name: effect.at(values + _NUDGE * range_)})
-    would = _change(effect, larger.base_prediction(impacts), without)
+    would = _change(effect, impacts, larger.base_prediction(impacts), without)
     shape = explained if (explained != 0).any() else would
     # Medians, because of gross outliers.
     left = (measured - explained).abs().median(0).values
     best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
-    known = of_state(State.of(impacts))
-    known["theta"] = wrapped(known["theta"])
-    shares = {symbol: share_explained(x, shape[:, best]) for symbol, x in known.items()}
+    known = _variables(State.of(impacts))
+    shares = {letter: share_explained(x, shape[:, best]) for letter, (_, x) in known.items()}
     variable = max(shares, key=shares.__getitem__)
-    component, unit = QUANTITIES[quantity][best]
-    against = SYMBOLS[variable].letter, SYMBOLS[variable].unit, known[variable]
+    component, unit = QUANTITIES[impacts.space][quantity][best]
+    against = variable, *known[variable]
     if shares[variable] < _PREDICTED and (explained != 0).any():
         against = f"{component} of the effect", unit, explained[:, best]
     return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
 
 
-def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n 3"]:
+def _variables(state: State) -> dict[str, tuple[str, Float[Tensor, "n"]]]:
+    """Units and values of what an effect may depend on, by letter; in space only the place knows the world's axes."""
+    if state.space is PLANE:
+        known = of_state(state)
+        known["theta"] = wrapped(known["theta"])
+        return {SYMBOLS[name].letter: (SYMBOLS[name].unit, values) for name, values in known.items()}
+    return {
+        "|v_t|": ("m/s", state.slip),
+        "v_n": ("m/s", state.v_n),
+        "incidence": ("rad", state.incidence),
+        "|r_t|/ρ": ("–", state.lever),
+        "|ω|": ("rad/s", state.v_pre[..., 3:].norm(dim=-1)),
+        "ω_n": ("rad/s", state.v_pre[..., 5]),
+        "x": ("m", state.x),
+        "y": ("m", state.q[..., 1]),
+        "n": ("–", state.order),
+    }
+
+
+def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n D"]:
     """Compute the change that each of the named effects makes, in the quantity of its partial residuals."""
     whole = model.base_prediction(impacts)
-    found = [_change(model.effects[name], whole, _without(model, impacts, name)) for name in names]
-    return torch.stack(found) if found else impacts.v_post.new_zeros(0, len(impacts), 3)
+    found = [_change(model.effects[name], impacts, whole, _without(model, impacts, name)) for name in names]
+    return torch.stack(found) if found else impacts.v_post.new_zeros(0, *impacts.v_post.shape)
 
 
 def _without(model: ContactModel, impacts: Impacts, name: str) -> Prediction:
@@ -88,11 +115,11 @@ def _quantity(effect: Effect) -> str:
     return "velocity" if effect.place == "velocity" else "wrench"
 
 
-def _change(effect: Effect, with_: Prediction, without: Prediction) -> Float[Tensor, "n 3"]:
-    """The change of wrench or v_post, whichever the effect is drawn in."""
-    if _quantity(effect) == "wrench":
-        return with_.wrench - without.wrench
-    return with_.v_post - without.v_post
+def _change(effect: Effect, impacts: Impacts, with_: Prediction, without: Prediction) -> Float[Tensor, "n D"]:
+    """The change of wrench or v_post, whichever the effect is drawn in, in the axes of the slip."""
+    wrench = _quantity(effect) == "wrench"
+    change = with_.wrench - without.wrench if wrench else with_.v_post - without.v_post
+    return matvec(impacts.slip_axes.mT, change)
 
 
 def share_explained(x: Float[Tensor, "n"], y: Float[Tensor, "n"]) -> float:

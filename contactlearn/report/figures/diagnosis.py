@@ -32,6 +32,7 @@ from contactlearn.effects.formula.symbols import SYMBOLS, of_state
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure, dots, drawable, legend_below
 from contactlearn.report.figures.effects import effect_curve
@@ -267,7 +268,7 @@ def _draw_row(
     """One component against each symbol."""
     ends = residual.quantile(torch.tensor((0.01, 0.99), dtype=residual.dtype))
     shown = (residual >= ends[0]) & (residual <= ends[1])
-    letter, unit = QUANTITIES["wrench"][_ROWS.index(test.component)]
+    letter, unit = QUANTITIES[PLANE]["wrench"][_ROWS.index(test.component)]
     for axes, x in zip(panels, along, strict=True):
         _draw_means(axes, x[shown], residual[shown])
     panels[0].set_ylabel(f"Residual of {letter} (m{unit})")

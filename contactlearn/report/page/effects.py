@@ -104,7 +104,8 @@ def curve_content(partial: Partial) -> dict[str, Any]:
     `quantity` and `component` are where the outcomes hold what is drawn, `scale` its unit in that of `explained`;
     `groups` are the trials of each mean, null where the curve is interrupted.
     """
-    name = next(name for name, parts in QUANTITIES.items() if partial.component in dict(parts))
+    every = [(name, [*dict(parts)]) for space in QUANTITIES.values() for name, parts in space.items()]
+    name, letters = next((name, letters) for name, letters in every if partial.component in letters)
     figure, (x, _) = as_plotly(effect_curve(partial, "", remaining=True)), along(partial)
     for trace in figure["data"]:
         if trace["meta"] in ("measured", "explained"):
@@ -112,7 +113,7 @@ def curve_content(partial: Partial) -> dict[str, Any]:
     return {
         "figure": digits(figure),
         "quantity": "v_post" if name == "velocity" else name,
-        "component": [letter for letter, _ in QUANTITIES[name]].index(partial.component),
+        "component": letters.index(partial.component),
         "scale": scaled_unit(partial.component_unit)[0],
         "x": digits(x, 4),
         "groups": [None if group is None else group.tolist() for group in grouped(x)],

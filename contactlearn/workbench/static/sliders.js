@@ -55,7 +55,7 @@ function showMoved({changes, summary, ...outcome}) {
   if (floats(outcome.error).length !== N || change.length !== 3 * N * page.effects.length) return;  // of other data, or another model
   for (const [name, size] of sizes()) outcomes[name].set(floats(outcome[name]), size * N);
   delete errors[1];
-  arrays.explained = (i, k) => change[(k * N + i) * 3 + page.effects[k].curve.component];
+  arrays.explained = (i, k) => change[(k * N + i) * trials.space.parts.length + page.effects[k].curve.component];
   page.effects.forEach(({curve}, k) => { if (curve.own) curve.x = trials.name.map((_, i) => curve.scale * arrays.explained(i, k)); });
   document.documentElement.dataset.moving = "yes";
   const [before, number, after] = summary, strong = document.createElement("b");

@@ -166,11 +166,18 @@ const slipWith = (i, [x, y, , a, b, c]) => {
 };
 const heading = i => { const [x, y] = slipWith(i, before(i)), length = Math.hypot(x, y) || 1; return [x / length, y / length]; };
 
+// A vector, velocity or wrench in space along the slip, across it and along the normal.
+function alongSlip(i, vector) {
+  if (trials.space.planar) return vector;
+  const [c, s] = heading(i);
+  return vector.map((x, k) => k % 3 === 2 ? x : k % 3 ? c * x - s * vector[k - 1] : c * x + s * vector[k + 1]);
+}
+
 // A vector in the picture: in space along the slip and up, and what is across the slip at 45° and half its length.
 function seen(i, vector) {
   if (trials.space.planar) return vector;
-  const [c, s] = heading(i), across = 0.5 ** 1.5 * (c * vector[1] - s * vector[0]);
-  return [c * vector[0] + s * vector[1] + across, vector[2] + across];
+  const [along, across, up] = alongSlip(i, vector), oblique = 0.5 ** 1.5 * across;
+  return [along + oblique, up + oblique];
 }
 
 // The rotation by a unit quaternion: p + 2 w u × p + 2 u × (u × p).
@@ -268,8 +275,8 @@ function drawImpulse(state) {
 
 // The slip of the selected trial in space, along its direction before contact and across it, with Routh's path of a law.
 function drawHodograph(state) {
-  const i = state.trial, law = page.fitted[state.law], [c, s] = heading(i), steps = page.arrays.path.shape[2];
-  const turned = v => { const [x, y] = slipWith(i, v); return {x: [c * x + s * y], y: [c * y - s * x]}; };
+  const i = state.trial, law = page.fitted[state.law], steps = page.arrays.path.shape[2];
+  const turned = v => { const [along, across] = alongSlip(i, [...slipWith(i, v), 0]); return {x: [along], y: [across]}; };
   const path = Array.from({length: steps}, (_, k) => [0, 1].map(j => arrays.path(state.law, i, k, j)));
   const named = {
     path: {x: path.map(p => p[0]), y: path.map(p => p[1]), name: `Routh's path, μ = ${digits(law.mu)} of ${plain(law.label)}`, line: {color: law.color}},
@@ -311,7 +318,8 @@ function drawCurve(state, k, id = `curve-${k}`) {
 function curve(state, k) {
   const {quantity, component, scale, groups, x} = page.effects[k].curve, on = state.ticked(page.effects[k].name);
   const explained = trials.name.map((_, i) => scale * arrays.explained(i, k));
-  const rest = trials.name.map((_, i) => measured[quantity](i)[component] - arrays[quantity](state.model, i, component));
+  const left = i => measured[quantity](i).map((value, k) => value - arrays[quantity](state.model, i, k));
+  const rest = trials.name.map((_, i) => alongSlip(i, left(i))[component]);
   const without = rest.map((value, i) => value + (on ? explained[i] : 0));
   const opacity = dark() ? 0.45 : 1, mean = y => groups.map(group => group && average(group.map(i => y[i]))), middle = mean(x);
   return {
