@@ -20,9 +20,10 @@ from contactlearn.diagnosis.discrimination.experiment import (
 )
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.effects import Experiment
+from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
-from contactlearn.effects import EffectId, catalogue, find_effect
+from contactlearn.effects import EffectId, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.validation import Folds, paired_gain, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
@@ -39,7 +40,7 @@ WIDE = {"v_x": (-2.0, 2.0), "v_y": (-4.0, -1.0), "omega": (-20.0, 20.0)}
 
 def candidates(*names):
     """Those effects in all their forms; the whole catalogue if none is named."""
-    return {kind.id: kind() for name in names or catalogue() for kind in catalogue()[name]}
+    return {key: one for key, one in all_candidates().items() if not names or key.name in names}
 
 
 def measured(states, effect, seed):

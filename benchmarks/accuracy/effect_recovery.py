@@ -24,6 +24,7 @@ from contactlearn.inference.identification.joint import FitOptions, assemble, id
 from contactlearn.inference.learning.curves import run
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import synthetic
 
 MU, EPS, LAW = 0.15, 0.55, "wang_mason"
@@ -112,7 +113,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of effects")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    every = (form() for forms in catalogue().values() for form in forms)
+    every = (form() for forms in catalogue().values() for form in forms if PLANE in form.spaces)
     chosen = [effect for effect in every if not options.only or effect.name in options.only]
     print("| effect | planted | share of the error | recovered | se ratio | excess |\n|---|---|---|---|---|---|")
     for row in run(table_row, [(effect, options.trials, options.seeds) for effect in chosen], options.workers):
