@@ -132,6 +132,14 @@ REFUSED = {
         ),
         r"axes must be right-handed, and I Δω is nearer to −r × m Δv",
     ),
+    "scalar last": (
+        lambda: TOSSED.replace(
+            shape=(box := Cuboid((0.02, 0.03, 0.04))),
+            r=contact_point(box, TOSSED.q[:, 3:]),
+            q=torch.cat((TOSSED.q[:, :3], TOSSED.q[:, 3:].roll(-1, -1)), -1),
+        ),
+        r"the scalar of a quaternion must come first, in qw; .* m with the scalar last; rename the columns",
+    ),
     "shape": (lambda: SPATIAL.replace(q=PLANAR.q), r"q must have shape \(300, 7\), got \(300, 3\)"),
 }
 

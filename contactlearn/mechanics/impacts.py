@@ -33,7 +33,7 @@ from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
-from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, shapes_among
+from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, shapes_among
 from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.shapes import Solid
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -140,6 +140,7 @@ class Impacts:
             self._validate_bodies()
         if self.validate:
             if self.space is SPACE:
+                self._check_scalar()
                 self._check_handedness()
             self._check_approach()
             self._check_unique_trials()
@@ -156,6 +157,19 @@ class Impacts:
         for axis, column in enumerate(self.space.inertia):
             rule = "a moment of inertia is at most the sum of the two others; state principal moments in kg m².  Excess"
             self._refuse((most == axis) & (excess > _ROUNDING * self.inertia.amax(-1)), column, excess, rule)
+
+    def _check_scalar(self) -> None:
+        """Refuse quaternions with the scalar last: the shape then touches the floor where the bodies do."""
+        if self.shape is None or len(self) < _FEWEST:
+            return
+        turns = self.q[:, 3:], self.q[:, 3:].roll(1, -1)
+        points = (contact_points(self.shape, self.body, turn) for turn in turns)
+        first, last = ((point - self.r).norm(dim=-1).median().item() for point in points)
+        if last < _OPPOSITE * first:
+            raise DataError(
+                f"{self.source}: the scalar of a quaternion must come first, in qw; as it is the shape's lowest points "
+                f"are {first:.3g} m off (rx, ry, rz), and {last:.3g} m with the scalar last; rename the columns"
+            )
 
     def _check_handedness(self) -> None:
         """Refuse spins that turn against the axes: the changes of spin are then opposite to the moments of Δv."""
