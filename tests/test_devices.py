@@ -253,7 +253,7 @@ def test_shared_parameters(target, drops, device):
 
     def computed(drops, orders):
         box = Box(nodes=5)
-        fit = identify("mirtich", drops, sizes=(10, 20), orders=orders, target=target, box=box)
+        fit = identify("whittaker", drops, sizes=(10, 20), orders=orders, target=target, box=box)
         one = identify("whittaker", drops, sizes=(30,), repetitions=1, target=target, box=box)
         return fit, one, cost_surface(one.to_law(), drops, *box.axes(), target=target)
 

@@ -8,27 +8,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from contactlearn.data.recordings.flights import STEADY, Air, Own
 from contactlearn.data.recordings.track import Array, Recording, Track, continuous
 from contactlearn.mechanics.apparatus import Estimate
-from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.rigid_body import GRAVITY, rotation
 
 _APART = 8  # frames between two orientations that are compared
 
 
 def matrices(quaternion: Float[Array, "t 4"], order: str) -> Float[Array, "t 3 3"]:
     """Rotation matrices of quaternions of any length."""
-    w, x, y, z = (quaternion if order == "wxyz" else np.roll(quaternion, 1, axis=1)).T / np.linalg.norm(
-        quaternion, axis=1
-    )
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    scalar_first = quaternion if order == "wxyz" else np.roll(quaternion, 1, axis=1)
+    return rotation(torch.from_numpy(np.ascontiguousarray(scalar_first))).numpy()
 
 
 def rotation_axis(recordings: Sequence[Recording], order: str) -> tuple[Float[Array, "3"], float]:

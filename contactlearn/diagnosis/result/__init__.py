@@ -260,11 +260,6 @@ class Diagnosis:
         return clearly_better(self.laws, self.budget.named.mean, self.thresholds)
 
     @property
-    def best_law(self) -> LawFit | None:
-        """The law with the least held-out error; None where none was compared."""
-        return min(self.laws, key=lambda one: one.error, default=None)
-
-    @property
     def simpler(self) -> FrontierModel | None:
         """The smallest model with fewer effects whose error is higher by no more than a wrong form may make it.
 
