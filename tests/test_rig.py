@@ -86,6 +86,17 @@ def test_the_inertia_is_found_and_the_corrected_balance_closes():
     assert corrected.apparatus.settled == {"orientation_offset", "corner_radius", "com_offset", "inertia_error"}
 
 
+@pytest.mark.parametrize("cause", ["late", "swing"])
+def test_contacts_that_last_and_late_angles_do_not_bias_the_inertia(cause):
+    stated = squares()
+    spins = stated.v_pre[:, 2], stated.v_post[:, 2]
+    turn = (spins[0] + spins[1]) / 2 if cause == "late" else spins[1] - spins[0]
+    theta = stated.q[:, 2] - 4e-4 * turn
+    q = torch.cat((stated.q[:, :2], theta[:, None]), 1)
+    card = with_balance(stated.replace(q=q, r=contact_point(SQUARE, theta), validate=False), rig(**KNOWN))
+    assert abs(card.inertia.value - TRUTH["inertia"]) < 3 * card.inertia.error < 0.1
+
+
 def test_a_loss_of_spin_after_contact_is_not_taken_for_an_inertia():
     right = {name: Estimate(value=0.0, error=1e-5) for name in ("corner", "orientation")}
     true = changed(squares(), TRUTH)

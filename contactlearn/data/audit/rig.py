@@ -6,6 +6,12 @@ holds whatever friction and restitution are.  `fit_balance` finds the changes of
 inertia and the centre of mass, with zero of θ, outline and its place as far as other measurements leave them open.  It
 is linear least squares with priors and Tukey's biweight, linearised again a few times.
 
+Three causes outside the card move contact points as well, and are fitted beside it to recordings:
+
+    swing    s, turn of a body while a contact lasts, over Δω: flights meet in a kink, the body turns smoothly
+    late     s from the instant of a frame's angle to that of its position, over the mean of ω before and after
+    depth    m by which contacts lie deeper: heights show only how this changes with θ
+
 A moment at the contact, a spin or a speed that is lost after it do not close the balance either, and are physics.  Each
 is fitted alone in place of the rig; `physical` says how much of the imbalance the best of them removes.
 """
@@ -34,11 +40,14 @@ _SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a
 _COMPARED, _NEARLY = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
 _FEWEST = 5  # impacts for each change, at least
 _CLEARLY = 0.8  # of the spread that the best single physical cause leaves, below which the rig explains the balance
-_SLIGHT = 1e-6  # of a difference quotient: rad, relative, or of a metre
+_SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
+_SWING = 3e-4  # s, standard deviation that is expected of `swing`: a tenth of the longest contact
+_LATE = 5e-4  # s, of `late`
+_DEPTH = 0.005  # of `depth`, relative to the distance of contacts
 
 
 def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
-    """Return impacts as they are after changes of what was stated, by the fields of `Apparatus`.
+    """Return impacts as they are after changes of what was stated: fields of `Apparatus`, `swing`, `late`, `depth`.
 
     The floor becomes level, positions and velocities are those of the centre of mass.
     """
@@ -47,6 +56,8 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     tilt, theta = get("slope"), impacts.q[:, 2]
     turned = theta - tilt + get("orientation")
+    spins = impacts.v_pre[:, 2], impacts.v_post[:, 2]
+    turned = turned + get("swing") * (spins[1] - spins[0]) + get("late") * (spins[1] + spins[0]) / 2
     middle, centre = (torch.tensor([get(f"{name}_a"), get(f"{name}_b")]).to(theta) for name in ("middle", "centre"))
     level = torch.full_like(theta, -tilt)
     r, shape = rotate(impacts.r, level), impacts.shape
@@ -59,7 +70,7 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
         )
         r = r + contact_points(shape, impacts.body, turned) - rotate(before, level)
     d = rotate(centre.expand(len(theta), 2), turned)
-    r = r + rotate((middle - centre).expand(len(theta), 2), turned)
+    r = r + rotate((middle - centre).expand(len(theta), 2), turned) - torch.tensor([0.0, get("depth")]).to(r)
 
     def velocity(v: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         across = v[:, 2:] * torch.stack((-d[:, 1], d[:, 0]), -1)
@@ -144,17 +155,16 @@ def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
     latter do not shrink with the number of impacts: they keep the errors of their own measurement.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
-    free = {"inertia": _INERTIA}
-    if len(impacts) < _FEWEST * (len(known) + len(free)):
+    if len(impacts) < _FEWEST * (len(known) + 1):
         return rig
-    fit = fit_balance(impacts, free, known)
+    depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
+    fit = fit_balance(impacts, {"inertia": _INERTIA, "swing": _SWING, "late": _LATE, "depth": depth}, known)
     trusted = fit.left < _CLEARLY * min(fit.physical, fit.given)
     if not trusted:
         return rig
+    estimates = {name: one for name, one in fit.estimates.items() if name in CHANGES}
     errors = {name: one.error for name, one in known.items()}
-    return replace(
-        rig, **{name: replace(one, error=errors.get(name, one.error)) for name, one in fit.estimates.items()}
-    )
+    return replace(rig, **{name: replace(one, error=errors.get(name, one.error)) for name, one in estimates.items()})
 
 
 def simplest_rig(impacts: Impacts) -> BalanceFit | None:
