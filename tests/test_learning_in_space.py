@@ -17,6 +17,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.process_options import ProcessOptions
 from contactlearn.simulation import synthetic
 
 CLOSE = {"rtol": 1e-9, "atol": 1e-9}
@@ -88,3 +89,14 @@ def test_partial_residuals_are_those_of_the_plane_along_the_slip():
     assert (plane.component, space.component) == ("P_n", "P_n")
     torch.testing.assert_close(space.explained, plane.explained, **CLOSE)
     torch.testing.assert_close(space.measured, plane.measured, **CLOSE)
+
+
+def test_kernels_name_the_features_of_space():
+    """`v_n` is the last of eight columns there and the last of five in the plane."""
+    kernel = {"_target_": "gpytorch.kernels.RBFKernel", "active_dims": ["v_n"]}
+    recipe = Recipe("x1", "impulse", processes=ProcessOptions(kernel=kernel))
+    for impacts, last in ((PLANAR, 4), (TOSSED, 7)):
+        model = learn(recipe, impacts, torch.arange(12))
+        lengths = model.processes.gps.hyperparameters()[0, :-2]
+        assert lengths.isfinite().nonzero()[:, 0].tolist() == [last]
+    Recipe("x1", "impulse", processes=ProcessOptions(kernel=kernel | {"active_dims": ["slip"]}))

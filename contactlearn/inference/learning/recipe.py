@@ -97,7 +97,13 @@ class Recipe:
         if self.processes != ProcessOptions():
             from contactlearn.models.gp.exact import checked_options  # GPyTorch takes long to load
 
-            object.__setattr__(self, "processes", checked_options(self.processes, list(SPACES[self.features].columns)))
+            names, *in_space = filter(None, (SPACES[self.features].columns, SPACES[self.features].in_space))
+            try:
+                checked_options(self.processes, list(names))
+            except ContactLearnError:  # names of features in space, perhaps
+                if not in_space:
+                    raise
+                checked_options(self.processes, list(in_space[0]))
 
     @classmethod
     def of(cls, model: ContactModel) -> "Recipe":
