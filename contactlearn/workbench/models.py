@@ -200,6 +200,11 @@ class Models:
         """
         return self._fits.get(self._key(session), lambda: _fit(session, self.split(session)))
 
+    def laws(self, session: Session) -> list[str]:
+        """Return the names of the laws that exist where the bodies of a session move, and that of its own."""
+        space = self.split(session).impacts.space
+        return [*dict.fromkeys((*(name for name in SEARCHED_LAWS if space in laws.find(name).spaces), session.law))]
+
     def law_alone(self, session: Session, law: str | None = None) -> FittedModel:
         """Return a law without effects; the law of the session if None."""
         return self.fitted(replace(session, law=law or session.law, effects=(), lines=()))
@@ -238,7 +243,7 @@ class Models:
     def comparison(self, session: Session) -> dict[str, Interval]:
         """Return the held-out errors of each law alone, of Best Post Hoc and of the rigid bound, the largest first."""
         test = self.split(session).test
-        fits = {name: self.law_alone(session, name) for name in dict.fromkeys((*SEARCHED_LAWS, session.law))}
+        fits = {name: self.law_alone(session, name) for name in self.laws(session)}
         best, _ = bounds.best_post_hoc(test, {name: fit.model.predict(test) for name, fit in fits.items()})
         errors = {name: fit.error for name, fit in fits.items()}
         errors |= {BEST_POST_HOC: mean_error(test, best), IRB: mean_error(test, bounds.irb(test))}

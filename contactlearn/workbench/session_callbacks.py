@@ -27,10 +27,10 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.regions import variables
-from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.mechanics.impacts import Prediction
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report.page.trials import impulse_figure
 from contactlearn.report.text import law_label, sentence
 from contactlearn.workbench import arrays, content
@@ -291,8 +291,8 @@ class SessionCallbacks:
     def trial(self, address: str) -> tuple[Any, Any]:
         """Send the selected trial, and the trials in the windows of the map."""
         session = Session.read(address)
-        impacts, laws = self.models.split(session).impacts, dict.fromkeys((*SEARCHED_LAWS, session.law))
-        known = {name: self.models.law_alone(session, name).model.law for name in laws}
+        impacts = self.models.split(session).impacts
+        known = {name: self.models.law_alone(session, name).model.law for name in self.models.laws(session)}
         among = arrays.map_variables(impacts, self.models.fitted(session).model.predict(impacts))
         rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
         windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
@@ -342,7 +342,8 @@ class SessionCallbacks:
         if not drawn:
             return no_update, no_update
         session = Session.read(address or "")
-        found = audit(self.models.split(session).impacts)
+        impacts = self.models.split(session).impacts
+        found = audit(impacts) if impacts.space is PLANE else ()
         notes = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
         return [html.Ul(notes)] if notes else [], content.mistakes(found, session)
 
