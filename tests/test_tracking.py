@@ -180,7 +180,7 @@ def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monke
 def test_constant_columns_have_no_length_scale():
     drops, recipe = synthetic.load(20), Recipe("state", "velocity")  # of one body
     regressor = learn(recipe, drops, torch.arange(20)).processes
-    for one in process_estimates(recipe, regressor):
+    for one in process_estimates(recipe, regressor, drops.space):
         assert {*SPACES["state"].columns} - {*one.length_scales} == {"m", "I"}
 
 
@@ -389,7 +389,8 @@ def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there
     """A size that is ready before a smaller one waits for it: TensorBoard drops what lies beyond a later step."""
     drops, seen = synthetic.load(40), RecordingObserver()
     settings = SimpleNamespace(split=SimpleNamespace(seed=0), bootstrap=50)
-    points, predicted = curves._Points(settings, (10, 20, 30), seen), ContactModel(find("whittaker")).predict(drops)
+    points = curves._Points(settings, (10, 20, 30), drops, seen)
+    predicted = ContactModel(find("whittaker")).predict(drops)
     for model, size in [("a", 10), ("a", 30), ("b", 20), ("a", 20), ("b", 10)]:
         points.add(model, Curve.of(drops, {size: predicted}))
     with Tracker(tmp_path, 1) as tracker:

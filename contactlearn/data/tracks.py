@@ -96,6 +96,7 @@ def find(
     shape: Mapping[str, Any] | Shape | None = None,
     inertia: float | None = None,
     centre: Centre = None,
+    *,
     progress: Progress = iter,
     **settings: Any,
 ) -> Tracked:

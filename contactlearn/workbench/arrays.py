@@ -91,8 +91,7 @@ def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str,
     """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
     laws, found = of_laws(impacts[[row]], fitted)
     arrays = {
-        name: digits(values[0 if name == "ellipse" else slice(None), 0].double().tolist())
-        for name, values in found.items()
+        name: digits((values[0] if name == "ellipse" else values[:, 0]).double()) for name, values in found.items()
     }
     return {"row": row, "fitted": laws} | arrays
 
