@@ -1,6 +1,7 @@
 """Bodies at rest: where they are still, what they tell of the floor and of the zero of θ, and what must not mislead."""
 
 import math
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -194,3 +195,17 @@ def test_recordings_tell_their_zero_by_bodies_at_rest(tmp_path, zero, rolled):
         "rests",
         f"{found.floor.rests} of 10 bodies at rest lie flat on the floor, which is also fitted to them",
     ) in tracks_facts(found)
+
+
+def test_contacts_that_last_sink_by_the_mass_at_the_contact_and_leave_the_corners():
+    """A spring under a corner is touched for as long as √mass there; that is the whole mass below the centre."""
+    rng, sunk, shape = np.random.default_rng(5), 3e-4, replace(BOX, corner=0.004)
+    theta = rng.uniform(-math.pi, math.pi, 80)
+    r, v = touches(shape, theta, 0.0), rng.normal((0, -1.5, 0), (0.3, 0.4, 8), (80, 3))
+    mass = 1 / (1 + r[:, 0] ** 2 / shape.gyration_squared())
+    y = -r[:, 1] + sunk * (v[:, 1] + v[:, 2] * r[:, 0]) * np.sqrt(mass) + 1e-5 * rng.standard_normal(80)
+    poses = np.stack((0 * y, y, theta), 1)
+    hits = [SimpleNamespace(pose=pose, v_pre=before) for pose, before in zip(poses, v, strict=True)]
+    floor = find_floor(hits, BOX)
+    assert floor.sinking.value == pytest.approx(sunk, rel=0.1)
+    assert abs(floor.outline["corner"].value - 0.004) < 3 * floor.outline["corner"].error < 3e-4

@@ -142,7 +142,7 @@ class Floor:
         slope: in rad; None where contacts are too few or in one place.
         orientation: in rad, to be added to θ; None where contacts and rests are too few or the body is round.
         outline: changes of the stated outline and its place, by the fields of `Apparatus` from `corner` to `middle_b`.
-        sinking: s by which contacts lie lower in proportion to v_y before them: late instants, or a body that yields.
+        sinking: s by which contacts lie lower in proportion to their velocity of approach and √mass there: they last.
         scatter: of the heights about it in m.
         rests: bodies at rest that it is fitted to.
         above: height of each contact point above the floor in m, all of this allowed for.
@@ -291,7 +291,10 @@ class _Problem:
         if by_height:
             angles = np.append(theta, lies)
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
-            speeds = np.array([hit.v_pre[1] for hit in self.contacts])
+            v = np.array([hit.v_pre for hit in self.contacts])
+            across = points[:, 0] - [hit.pose[0] for hit in self.contacts]
+            lighter = 1 + across**2 / self.shape.gyration_squared()  # at the contact than at the centre of mass
+            speeds = (v[:, 1] + v[:, 2] * across) / np.sqrt(lighter)  # contacts last in proportion to √mass
             if np.ptp(speeds) > 0:
                 parts["sinking"] = (np.append(speeds, none), 0.0)
             changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
