@@ -98,7 +98,7 @@ def test_standardised_errors_of_zero_and_slope_are_those_of_a_normal_distributio
         zero = math.radians(rng.uniform(1, 4)) * rng.choice((-1, 1))
         contacts, rests = apparatus(rng, shape, zero=zero, **settings)
         known = Estimate(value=lean + 1e-4 * rng.standard_normal(), error=1e-4)
-        floor = find_floor(contacts, shape, rests, lean=known)
+        floor = find_floor(contacts, shape, shape.gyration_squared(), rests, lean=known)
         if floor.orientation is not None:
             pairs = ((floor.orientation, zero), (floor.slope, settings.get("slope", 0.0)))
             scores.append([(one.value - truth) / one.error for one, truth in pairs])
@@ -111,9 +111,9 @@ def test_standardised_errors_of_zero_and_slope_are_those_of_a_normal_distributio
 @pytest.mark.parametrize("shape", [ELLIPSE, BOX], ids=["ellipse", "box"])
 def test_rests_tell_the_zero_where_contacts_are_too_few(shape):
     contacts, rests = apparatus(np.random.default_rng(1), shape, zero=0.03, contacts=12)
-    assert find_floor(contacts, shape).orientation is None
-    assert find_floor(contacts, shape, rests[:2]).orientation is None
-    zero = find_floor(contacts, shape, rests).orientation
+    assert find_floor(contacts, shape, shape.gyration_squared()).orientation is None
+    assert find_floor(contacts, shape, shape.gyration_squared(), rests[:2]).orientation is None
+    zero = find_floor(contacts, shape, shape.gyration_squared(), rests).orientation
     assert abs(zero.value - 0.03) < 4 * zero.error
     assert zero.error < math.radians(0.05)
 
@@ -123,11 +123,11 @@ def test_an_ellipse_on_one_pole_does_not_tell_its_zero():
     contacts, rests = apparatus(np.random.default_rng(1), ELLIPSE, zero=0.03, contacts=12, rests=30)
     same = [rest for rest in rests if abs(rest.pose[2]) < 1]
     assert len(same) > 8
-    assert find_floor(contacts, ELLIPSE, same).orientation is None
+    assert find_floor(contacts, ELLIPSE, ELLIPSE.gyration_squared(), same).orientation is None
     assert len(Lying.of(Disc(0.03)).angles) == len(Lying.of(Ellipse((0.03, 0.03))).angles) == 0
     rests = [Rest(recording="0", pose=np.array((0.1 * k, 0.03, k)), error=np.full(3, 1e-5)) for k in range(20)]
     contacts = [SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k)), v_pre=np.full(3, -1.0)) for k in range(20)]
-    floor = find_floor(contacts, Disc(0.03), rests)
+    floor = find_floor(contacts, Disc(0.03), Disc(0.03).gyration_squared(), rests)
     assert floor.orientation is None
     assert floor.rests == 20
     assert abs(floor.slope.value) < 1e-6
@@ -136,9 +136,9 @@ def test_an_ellipse_on_one_pole_does_not_tell_its_zero():
 @pytest.mark.parametrize("odd", [1, 2, 3])
 def test_rests_on_a_book_and_against_a_wall_are_left_out(odd):
     contacts, rests = apparatus(np.random.default_rng(2), BOX, zero=0.03, contacts=20, rests=10, odd=odd)
-    floor = find_floor(contacts, BOX, rests)
+    floor = find_floor(contacts, BOX, BOX.gyration_squared(), rests)
     assert floor.rests == 10 - odd
-    without = find_floor(contacts, BOX, rests[odd:])
+    without = find_floor(contacts, BOX, BOX.gyration_squared(), rests[odd:])
     assert floor == without
 
 

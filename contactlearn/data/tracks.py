@@ -194,7 +194,7 @@ def find_impacts(
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
     _check_contacts(path, found)
     limits = options.thresholds
-    floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
+    floor = find_floor(found.contacts, known, gyration, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)

@@ -185,6 +185,7 @@ def _raised(shape: Shape, name: str, theta: Array) -> Array:
 def find_floor(
     contacts: Sequence[Hit],
     shape: Shape,
+    gyration_squared: float,
     rests: Sequence[Rest] = (),
     *,
     lean: Estimate = _UPRIGHT,
@@ -200,6 +201,7 @@ def find_floor(
     Args:
         contacts: one or more.
         shape: of the body.
+        gyration_squared: of the body, m².
         rests: of the body.
         lean: angle in rad of gravity from straight down to the right.
         limits: that decide.
@@ -207,7 +209,15 @@ def find_floor(
     lying = Lying.of(shape)
     sided = [r for r in rests if not len(lying.angles) or abs(lying.apart(float(r.pose[2]))) <= limits.leaning]
     while True:
-        problem = _Problem(contacts=contacts, rests=sided, shape=shape, lying=lying, lean=lean, limits=limits)
+        problem = _Problem(
+            contacts=contacts,
+            rests=sided,
+            shape=shape,
+            gyration_squared=gyration_squared,
+            lying=lying,
+            lean=lean,
+            limits=limits,
+        )
         floor, good = problem.solved(0.0, {})
         for _ in range(_TURNS):
             if floor.orientation is not None:
@@ -224,6 +234,7 @@ class _Problem:
     contacts: Sequence[Hit]
     rests: Sequence[Rest]
     shape: Shape
+    gyration_squared: float
     lying: Lying
     lean: Estimate
     limits: TrackThresholds
@@ -293,7 +304,7 @@ class _Problem:
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
             v = np.array([hit.v_pre for hit in self.contacts])
             across = points[:, 0] - [hit.pose[0] for hit in self.contacts]
-            lighter = 1 + across**2 / self.shape.gyration_squared()  # at the contact than at the centre of mass
+            lighter = 1 + across**2 / self.gyration_squared  # at the contact than at the centre of mass
             speeds = (v[:, 1] + v[:, 2] * across) / np.sqrt(lighter)  # contacts last in proportion to √mass
             if np.ptp(speeds) > 0:
                 parts["sinking"] = (np.append(speeds, none), 0.0)
