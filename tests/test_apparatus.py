@@ -105,7 +105,11 @@ def test_slope_and_zero_are_found_within_their_errors(slope, zero, offset):
         r = contact_point(shape, torch.from_numpy(theta + zero - lean)).numpy() @ turn.T
         y = slope * (x + r[:, 0]) - r[:, 1] + 5e-5 * rng.standard_normal(40)
         poses = np.stack((x + offset * np.cos(theta), y + offset * np.sin(theta), theta), 1)
-        floor = find_floor([SimpleNamespace(pose=pose, v_pre=rng.normal(-2, 0.5, 3)) for pose in poses], shape)
+        floor = find_floor(
+            [SimpleNamespace(pose=pose, v_pre=rng.normal(-2, 0.5, 3)) for pose in poses],
+            shape,
+            shape.gyration_squared(),
+        )
         pairs = ((floor.slope, lean), (floor.orientation, zero))
         scores.append([(one.value - truth) / one.error for one, truth in pairs])
     assert (np.std(scores, axis=0) < 1.3).all()
@@ -273,7 +277,11 @@ def test_corrected_estimates_equal_estimates_from_corrected_contacts(name, mirro
     r = contact_point(shape, torch.from_numpy(theta + 0.05)).numpy()
     y = 0.02 * (x + r[:, 0]) - r[:, 1] + 2e-5 * rng.standard_normal(60)
     read, corrected = (
-        find_floor([SimpleNamespace(pose=pose, v_pre=np.full(3, -1.0)) for pose in np.stack(columns, 1)], shape)
+        find_floor(
+            [SimpleNamespace(pose=pose, v_pre=np.full(3, -1.0)) for pose in np.stack(columns, 1)],
+            shape,
+            shape.gyration_squared(),
+        )
         for columns in ((x, y, theta), (-x if mirror == "x" else x, y, -theta if mirror == "theta" else theta))
     )
     known = replace(KNOWN, slope=read.slope, orientation=read.orientation)

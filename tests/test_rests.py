@@ -206,6 +206,6 @@ def test_contacts_that_last_sink_by_the_mass_at_the_contact_and_leave_the_corner
     y = -r[:, 1] + sunk * (v[:, 1] + v[:, 2] * r[:, 0]) * np.sqrt(mass) + 1e-5 * rng.standard_normal(80)
     poses = np.stack((0 * y, y, theta), 1)
     hits = [SimpleNamespace(pose=pose, v_pre=before) for pose, before in zip(poses, v, strict=True)]
-    floor = find_floor(hits, BOX)
+    floor = find_floor(hits, BOX, BOX.gyration_squared())
     assert floor.sinking.value == pytest.approx(sunk, rel=0.1)
     assert abs(floor.outline["corner"].value - 0.004) < 3 * floor.outline["corner"].error < 3e-4
