@@ -35,6 +35,7 @@ from contactlearn.inference.identification.joint import FitOptions, JointFit, li
 from contactlearn.inference.identification.robust import robust_distance
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import Space
 
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
 _FEWEST = 20  # trials below which nothing is tested
@@ -59,7 +60,7 @@ class Dependence:
         correlation: of a trial with the next, mean of the components.
         interval: of the same, 95 %, as if there were no other dependence.
         time_scale: trials after which the dependent part has forgotten all but 1/e.
-        size: standard deviation of the dependent part in v_x, v_y (m/s) and ω (rad/s).
+        size: standard deviation of the dependent part in each velocity, (m/s, m/s, rad/s) in the plane.
         share: of the residual variance that is dependent, mean of the components.
         block: length of blocks for folds, in trials, beyond which almost nothing is remembered.
     """
@@ -68,13 +69,13 @@ class Dependence:
     correlation: float
     interval: tuple[float, float]
     time_scale: float
-    size: tuple[float, float, float]
+    size: tuple[float, ...]
     share: float
     block: int
 
 
 def dependence(
-    residual: Float[Tensor, "n 3"],
+    residual: Float[Tensor, "n D"],
     order: Float[Tensor, " n"],
     inliers: Bool[Tensor, " n"] | None = None,
     level: float = 0.005,
@@ -98,20 +99,19 @@ def dependence(
     lags = torch.arange(1, min(_LAGS, len(rows) // 4) + 1)
     correlation = torch.stack([(white[k:] * white[:-k]).sum(0) for k in lags.tolist()]) / white.square().sum(0)
     time_scale, shares = _decay(correlation, lags, len(rows))
-    first, error = correlation[0].mean().item(), Z_95 / math.sqrt(3 * len(rows))
-    v_x, v_y, omega = (scale * (shares * white.var(0)).sqrt()).tolist()
+    first, error = correlation[0].mean().item(), Z_95 / math.sqrt(residual.shape[1] * len(rows))
     return Dependence(
         p_value=chance,
         correlation=first,
         interval=(first - error, first + error),
         time_scale=time_scale,
-        size=(v_x, v_y, omega),
+        size=tuple((scale * (shares * white.var(0)).sqrt()).tolist()),
         share=shares.mean().item(),
         block=max(2, min(math.ceil(3 * time_scale), len(rows) // 10)),
     )
 
 
-def _winsorised(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "3"]]:
+def _winsorised(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, "n D"], Float[Tensor, " D"]]:
     """Residuals in robust standard deviations, at most so many of them, about 0; and these deviations."""
     centred = residual - residual.median(0).values
     scale = (MAD_SCALE * centred.abs().median(0).values).clamp_min(1e-300)
@@ -119,7 +119,7 @@ def _winsorised(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "n 3"], F
     return white - white.mean(0), scale
 
 
-def _chance(white: Float[Tensor, "n 3"]) -> float:
+def _chance(white: Float[Tensor, "n D"]) -> float:
     """Probability of so large an excess over all windows and components under random signs."""
     flipped = random_signs(len(white))[..., None] * white
     spread = window_spread(flipped - flipped.mean(1, keepdim=True))
@@ -129,8 +129,8 @@ def _chance(white: Float[Tensor, "n 3"]) -> float:
 
 
 def _decay(
-    correlation: Float[Tensor, "lags 3"], lags: Int[Tensor, " lags"], trials: int
-) -> tuple[float, Float[Tensor, "3"]]:
+    correlation: Float[Tensor, "lags D"], lags: Int[Tensor, " lags"], trials: int
+) -> tuple[float, Float[Tensor, " D"]]:
     """Time scale T and shares s of the autocorrelation s exp(−lag/T), by least squares over a grid of T."""
     scales = torch.logspace(math.log10(0.5), math.log10(trials / 2), _SCALES, dtype=correlation.dtype)
     curves = (-lags / scales[:, None]).exp()  # [scales, lags]
@@ -144,7 +144,7 @@ def _decay(
 
 
 def drift_kind(
-    residual: Float[Tensor, "n 3"], sensitivity: Float[Tensor, "n 3 k"], order: Float[Tensor, " n"]
+    residual: Float[Tensor, "n D"], sensitivity: Float[Tensor, "n D k"], order: Float[Tensor, " n"]
 ) -> Literal["measurement", "parameter", "undecided"]:
     """Distinguish a drift of the measurement, the same for every impact, from a drift of a model parameter.
 
@@ -156,27 +156,27 @@ def drift_kind(
         sensitivity: derivative of v_post in k parameters.
         order: place of each trial in the sequence.
     """
-    n, parts = len(residual), sensitivity.shape[-1]
+    (n, D), parts = residual.shape, sensitivity.shape[-1]
     rows = order.argsort(stable=True)
     white, scale = _winsorised(residual[rows])
     slopes = sensitivity[rows] / scale[:, None]
     slopes = slopes / slopes.square().mean((0, 1)).sqrt().clamp_min(1e-300)
-    alike = torch.eye(3, dtype=white.dtype).expand(n, 3, 3)
-    measurement = _evidence(white, alike) - 0.5 * 4 * math.log(3 * n)
-    parameter = _evidence(white, slopes) - 0.5 * (parts + 1) * math.log(3 * n)
+    alike = torch.eye(D, dtype=white.dtype).expand(n, -1, -1)
+    measurement = _evidence(white, alike) - 0.5 * (D + 1) * math.log(D * n)
+    parameter = _evidence(white, slopes) - 0.5 * (parts + 1) * math.log(D * n)
     difference = 2 * (measurement - parameter)
     if abs(difference) <= _DECIDES:
         return "undecided"
     return "measurement" if difference > 0 else "parameter"
 
 
-def _evidence(white: Float[Tensor, "n 3"], columns: Float[Tensor, "n 3 k"]) -> float:
+def _evidence(white: Float[Tensor, "n D"], columns: Float[Tensor, "n D k"]) -> float:
     """Log marginal likelihood of a smooth function of the order times each column, at its best variances."""
-    n, parts = len(white), columns.shape[-1]
+    (n, D), parts = white.shape, columns.shape[-1]
     waves = torch.arange(1, min(_CURVES, n // 4) + 1, dtype=white.dtype)
     place = (torch.arange(n, dtype=white.dtype) + 0.5) / n
     curves = math.sqrt(2) * (math.pi * place[:, None] * waves).cos()  # [n, q]
-    design = (columns[..., None, :] * curves[:, None, :, None]).reshape(3 * n, -1)  # [3n, q k]
+    design = (columns[..., None, :] * curves[:, None, :, None]).reshape(D * n, -1)  # [D n, q k]
     gram, moment, total = design.mT @ design, design.mT @ white.reshape(-1), white.square().sum()
     variances = torch.cat((torch.zeros(1), torch.logspace(-3, 1, 9))).to(white.dtype)
     best = -math.inf
@@ -188,7 +188,7 @@ def _evidence(white: Float[Tensor, "n 3"], columns: Float[Tensor, "n 3 k"]) -> f
             tried = chosen.repeat(len(variances), 1)
             tried[:, part] = variances
             prior = (spectrum * tried[:, None]).flatten(1)  # [tried, q k]
-            found = _likelihood(gram, moment, total, prior, 3 * n)
+            found = _likelihood(gram, moment, total, prior, D * n)
             chosen = tried[found.argmax()]
             best = max(best, found.max().item())
     return best
@@ -300,7 +300,7 @@ def drifts(fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: Thr
     found = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
     if found is None:
         return None
-    unit = torch.eye(3, dtype=torch.float64)
+    unit = torch.eye(impacts.space.D, dtype=torch.float64)
     about = linearise(model.law, model.effects, impacts, fit.values, unit, options=options)
     kind = drift_kind(residual, -about.slope[..., :2].nan_to_num(), impacts.order)
     return found if kind == "measurement" else None
@@ -313,14 +313,16 @@ def blocked_folds(drift: Drift, selection: Selection, generator: torch.Generator
     return Folds.of(blocks(order, length, _FOLDS, generator), len(order))
 
 
-def drift_finding(drift: Drift) -> Finding:
+def drift_finding(drift: Drift, space: Space) -> Finding:
     """Describe the drift by its size and time scale."""
-    found, (v_x, v_y, omega) = drift.found, drift.found.size
+    found = drift.found
+    sizes = [(name, size, unit) for (name, unit), size in zip(space.symbols.items(), found.size, strict=True)]
+    *first, last = (f"{size:.2g} {unit}" for _, size, unit in sizes)
     some = "Other effects" if drift.lasting else "Effects"
     sentence = (
         f"the measurement drifts: neighbouring residuals correlate by {found.correlation:.2f} "
         f"(95 %: {found.interval[0]:.2f} to {found.interval[1]:.2f}), over about {found.time_scale:.0f} trials; the "
-        f"drifting part has standard deviations of {v_x:.2g} m/s, {v_y:.2g} m/s and {omega:.2g} rad/s, "
+        f"drifting part has standard deviations of {', '.join(first)} and {last}, "
         f"{found.share:.0%} of the residual's variance. {some} over the order are left out, and blocks of trials are "
         "held out together"
     )
@@ -328,13 +330,11 @@ def drift_finding(drift: Drift) -> Finding:
         Evidence(quantity="correlation", value=found.correlation),
         Evidence(quantity="time_scale", value=found.time_scale, unit="trials"),
         Evidence(quantity="share", value=found.share),
-        Evidence(quantity="v_x", value=v_x, unit="m/s"),
-        Evidence(quantity="v_y", value=v_y, unit="m/s"),
-        Evidence(quantity="omega", value=omega, unit="rad/s"),
+        *(Evidence(quantity=name.replace("ω", "omega"), value=size, unit=unit) for name, size, unit in sizes),
     )
     return Finding(name="measurement_drift", sentence=sentence, evidence=evidence)
 
 
-def _left(impacts: Impacts, fit: JointFit) -> Float[Tensor, "n 3"]:
+def _left(impacts: Impacts, fit: JointFit) -> Float[Tensor, "n D"]:
     """The residual of a fitted model."""
     return impacts.v_post - fit.model.predict(impacts).v_post

@@ -23,13 +23,15 @@ from torch import Tensor
 from contactlearn.diagnosis.result import ErrorBudget, ErrorLimits, ErrorShares, NoiseSource, Verdict
 from contactlearn.diagnosis.search.selection import Selection
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder
+from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, input_columns
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
 from contactlearn.inference.validation import RESAMPLES, held_out_interval
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 
 _NEIGHBOURS = 10
@@ -54,7 +56,7 @@ def noise_floor(
     generator: torch.Generator,
     noise: Sequence[float] | None = None,
     inliers: Bool[Tensor, " n"] | None = None,
-    predicted: Float[Tensor, "n 3"] | None = None,
+    predicted: Float[Tensor, "n D"] | None = None,
 ) -> NoiseFloor:
     """Compute the mass error of a model that misses nothing but the noise.
 
@@ -69,7 +71,7 @@ def noise_floor(
             where there is none.
     """
     if noise is not None:
-        sigma = torch.diag(torch.tensor(noise, dtype=torch.float64)).expand(2, len(impacts), 3, 3)
+        sigma = torch.diag(torch.tensor(noise, dtype=torch.float64)).expand(2, len(impacts), -1, -1)
         return NoiseFloor(error=_drawn(impacts, model, sigma, generator), source=NoiseSource.STATED)
     if impacts.v_pre_cov is not None and impacts.v_post_cov is not None:
         values, vectors = torch.linalg.eigh(torch.stack((impacts.v_pre_cov, impacts.v_post_cov)))
@@ -88,12 +90,12 @@ def noise_floor(
 
 
 def _drawn(
-    impacts: Impacts, model: ContactModel, roots: Float[Tensor, "2 n 3 3"], generator: torch.Generator
+    impacts: Impacts, model: ContactModel, roots: Float[Tensor, "2 n D D"], generator: torch.Generator
 ) -> Interval:
     """Error of the model's own outcomes with noise drawn before and after impact, from roots of its covariances."""
     expected, errors = model.predict(impacts), []
     for _ in range(_DRAWS):
-        unit = torch.randn(2, len(impacts), 3, dtype=torch.float64, generator=generator)
+        unit = torch.randn(2, *impacts.v_pre.shape, dtype=torch.float64, generator=generator)
         before, after = (roots @ unit[..., None])[..., 0]
         seen = model.predict(impacts.replace(v_pre=impacts.v_pre + before, validate=False)).v_post
         moved = impacts.replace(v_post=expected.v_post + after, validate=False)
@@ -101,10 +103,10 @@ def _drawn(
     return bootstrap(torch.stack(errors).mean(0), generator, _RESAMPLES)
 
 
-def _estimated(impacts: Impacts, predicted: Float[Tensor, "n 3"], generator: torch.Generator) -> Interval:
-    """The Gamma test on residuals in units of the outcome's size."""
-    mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).sqrt()
-    residual = mass * (impacts.v_post - predicted)
+def _estimated(impacts: Impacts, predicted: Float[Tensor, "n D"], generator: torch.Generator) -> Interval:
+    """The Gamma test on residuals in units of the outcome's size, in the axes of the slip."""
+    mass = impacts.mass_diagonal.sqrt()
+    residual = mass * matvec(impacts.slip_axes.mT, impacts.v_post - predicted)
     size = (mass * impacts.v_post).norm(dim=-1, keepdim=True)
     distance, neighbour = _neighbours(impacts)
     differs = (residual[:, None] - residual[neighbour]).norm(dim=-1) / size / 2**0.5
@@ -118,8 +120,11 @@ def _estimated(impacts: Impacts, predicted: Float[Tensor, "n 3"], generator: tor
 
 def _neighbours(impacts: Impacts) -> tuple[Float[Tensor, "n k"], Tensor]:
     """Distances to, and rows of, the nearest trials in the standardised state before impact."""
-    known = of_state(State.of(impacts))
-    began = torch.stack([known[name] for name in _INPUTS], -1)
+    if impacts.space is SPACE:
+        began = torch.cat([columns for name, columns in input_columns(impacts).items() if name != "order"], -1)
+    else:
+        known = of_state(State.of(impacts))
+        began = torch.stack([known[name] for name in _INPUTS], -1)
     varies = began.std(0) > 1e-9 * began.abs().amax(0)
     began = ((began - began.mean(0)) / began.std(0))[:, varies]
     apart = torch.cdist(began, began).fill_diagonal_(torch.inf)

@@ -54,8 +54,8 @@ def diagnose(
         law: an analytical law or its name; if None, that of `laws` with the least held-out error.
         effects: effects that the model has already, by name, or names alone.
         candidates: effects that may be missing; the whole catalogue if None.  `candidates.usable` refuses some.
-        laws: laws to compare; `all_laws()` if None.
-        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s) where they are known.
+        laws: laws to compare; `all_laws(impacts.space)` if None.
+        noise: standard deviations of the measured velocities in m/s and rad/s, three or in space six, where known.
         limits: limits of the set-up for the next experiment, see `next_experiment`.
         seed: seed of folds, subsamples and resamples.
         seconds: processor time of the search, s; after it, the fitted models decide, and the result is incomplete.
@@ -79,7 +79,7 @@ def diagnose(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
         candidates=candidates or all_candidates(impacts.space),
-        laws={one.name: one for one in (laws or all_laws())} | ({law.name: law} if law else {}),
+        laws={one.name: one for one in (laws or all_laws(impacts.space))} | ({law.name: law} if law else {}),
         options=FitOptions(noise=noise, thresholds=thresholds.fit),
         limits=limits or {},
         thresholds=thresholds,
@@ -96,11 +96,12 @@ def diagnose(
 def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], thresholds: Thresholds) -> None:
     """Refuse anything but impacts, too few trials, and limits that make no sense, before any work is done."""
     require_impacts(impacts)
-    require_space("a diagnosis", impacts.space)
     fewest = thresholds.fewest_trials
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
-    state_limits(impacts, limits)  # raises for wrong limits
+    if limits:
+        require_space("limits of the next experiment", impacts.space)
+        state_limits(impacts, limits)  # raises for wrong limits
 
 
 def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:

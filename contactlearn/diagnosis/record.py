@@ -53,7 +53,7 @@ class Record:
         impacts: Impacts,
         base: ContactModel,
         model: ContactModel,
-        outcomes: Float[Tensor, "choices n 3"],
+        outcomes: Float[Tensor, "choices n D"],
         residuals: tuple[Partial, ...] = (),
     ) -> None:
         self.impacts: Final = impacts
@@ -103,10 +103,10 @@ class Record:
             impacts = impacts.replace(source=str(about["source"]), validate=bool(about["validate"]))
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"{folder / _ARRAYS}: is no record of a diagnosis, or not all of one: {error}") from None
-        if outcomes.ndim != 3 or outcomes.shape[1:] != (len(impacts), 3):
+        if outcomes.ndim != 3 or outcomes.shape[1:] != impacts.v_post.shape:
             raise DataError(
-                f"{folder / _ARRAYS}: outcomes must have shape (choices, {len(impacts)}, 3) for the {len(impacts)} "
-                f"trials of {_IMPACTS}, got {tuple(outcomes.shape)}; do the files belong to one run?"
+                f"{folder / _ARRAYS}: outcomes must have shape (choices, {len(impacts)}, {impacts.space.D}) for the "
+                f"{len(impacts)} trials of {_IMPACTS}, got {tuple(outcomes.shape)}; do the files belong to one run?"
             )
         base, model = (checkpoint.load(folder / name)[0] for name in (_BASE, _MODEL))
         return cls(impacts=impacts, base=base, model=model, outcomes=outcomes, residuals=residuals)

@@ -50,6 +50,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 
 CHUNK = 50_000
@@ -358,9 +359,11 @@ def object_numbers(impacts: Impacts) -> Int[Tensor, " n"]:
 
 def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Tensor) -> Int[Tensor, " n"]:
     """The rows, cell after cell."""
-    order, theta = impacts.order, impacts.q[:, 2].remainder(2 * math.pi)
+    order, d = impacts.order, impacts.space.d
+    turn = impacts.q[:, 2].remainder(2 * math.pi) if impacts.space is PLANE else impacts.q[:, 3]
+    spin = impacts.v_pre[:, d:].unbind(-1)
     # The sequence is halved twice, since a change along it is often sudden.
-    columns = (order, theta, *impacts.v_c.unbind(-1), impacts.v_pre[:, 2], order, impacts.r[:, 0], impacts.q[:, 0])
+    columns = (order, turn, *impacts.v_c.unbind(-1), *spin, order, impacts.r[:, 0], *impacts.q[:, : d - 1].unbind(-1))
     inputs = torch.stack(columns, -1)[shuffled]
     cell = objects[shuffled]
     halvings = math.ceil(math.log2(max(2, size / (1 + int(objects.max())))))

@@ -8,7 +8,7 @@
                  the order
     state        dependence of what remains on the state of each trial; proxy effects are dropped
     ladder       law, each effect, flexible model, noise: held-out errors, also by region
-    rivals       effects that explain these data as well, and the drops that separate them
+    rivals       effects that explain these data as well, and the drops that separate them; the drops in the plane alone
     remainder    the part of the residual that a flexible model still predicts, and formulas for it
     budget       noise, and the shares of the law's error
     choices      every subset of the effects, fitted, for the reader to compare
@@ -79,6 +79,7 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 
 _FEW = 600  # trials up to which the cross-validation is repeated
 
@@ -105,7 +106,7 @@ def diagnose_audited(
     else:
         unordered = question.without_order(ordered_candidates(search.selection, drift))
         if unordered.candidates:
-            question, findings = unordered, (*findings, drift_finding(drift))
+            question, findings = unordered, (*findings, drift_finding(drift, impacts.space))
             question.on_event(AuditFindings(findings=findings[-1:]))
             folds = blocked_folds(drift, search.selection, generator)
             search = search_effects(question, law, fits, impacts, folds, generator)
@@ -175,7 +176,7 @@ class SearchResult:
 
         An effect that it has in another form is no candidate.
         """
-        larger = self.selection
+        larger, stated = self.selection, self.selection.impacts.space is PLANE
         lacking = [effect for effect in larger.missing if effect.name not in selection.spec.families]
         candidates = tuple(
             Candidate(
@@ -183,7 +184,8 @@ class SearchResult:
                 equation=larger.present.fit.model.effects[effect.name].equation,
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_reduction=less.mean_error - larger.present.mean_error,
-                confidence=confidence.get(effect),
+                confidence=confidence.get(effect) if stated else None,
+                proxy=effect not in confidence,
             )
             for effect, less in zip(lacking, larger.without_each(lacking), strict=True)
         )
@@ -361,7 +363,7 @@ def compare_effects(
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
     experiment = None
-    if models:
+    if models and selection.impacts.space is PLANE:
         chosen = selection.present.fit.model
         experiment = next_experiment(selection.impacts, chosen, models, generator=generator, limits=question.limits)
     return EffectComparison(ladder=rungs, rivals=rivals, experiment=experiment)
@@ -514,11 +516,12 @@ def _choices(
         options=question.options,
         progress=question.progress("choices of effects"),
     )
+    stated = impacts.space is PLANE  # in space the calibration was not tested
     complete = tuple(
         replace(
             one,
-            confidence=confidence[one.effect],
-            level=Level.of(confidence[one.effect]),
+            confidence=confidence[one.effect] if stated else None,
+            level=Level.of(confidence[one.effect]) if stated else Level.PROBABLE,
             rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
             reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
         )

@@ -20,7 +20,7 @@ RESAMPLES = 1000
 """Resamples of the bootstrap of a mean error."""
 _STARTS = 4  # of a fit to all trials without a start
 _TOLERANCE = 1e-4  # nats a trial, of the fits of the folds, which begin next to their ends
-_CHI_SQUARED_50 = 2.3659739  # median, 3 degrees of freedom
+_CHI_SQUARED_50 = {3: 2.3659739, 6: 5.3481206}  # median, by the degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class CrossValidation:
         self,
         effects: Mapping[str, Effect],
         fit: JointFit,
-        scatter: Float[Tensor, "3 3"] | None = None,
+        scatter: Float[Tensor, "D D"] | None = None,
         held: Prediction | None = None,
     ) -> ValidatedFit:
         """Score a model on held-out trials.
@@ -133,7 +133,7 @@ class CrossValidation:
         if scatter is None:
             scatter = robust_covariance(self.impacts.v_post - fit.model.predict(self.impacts).v_post)
         residual = self.impacts.v_post - held.v_post
-        loss = robust_distance(residual, scatter.expand(len(residual), 3, 3)) + 0.5 * scatter.logdet()
+        loss = robust_distance(residual, scatter.expand(len(residual), -1, -1)) + 0.5 * scatter.logdet()
         error = mass_error(self.impacts, held)
         return ValidatedFit(effects, fit, self.folds.scores(error), self.folds.scores(loss))
 
@@ -164,15 +164,16 @@ def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) ->
     return bootstrap(error[error.isfinite()], generator, RESAMPLES)
 
 
-def robust_covariance(residual: Float[Tensor, "*b n 3"]) -> Float[Tensor, "*b 3 3"]:
+def robust_covariance(residual: Float[Tensor, "*b n D"]) -> Float[Tensor, "*b D D"]:
     """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
 
     Source: Lange, Little & Taylor 1989; Kent, Tyler & Vardi 1994, for the sum of the weights, which needs fewer steps.
     """
+    D = residual.shape[-1]
     scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
     for _ in range(15):
-        weight = 8 / (5 + (residual @ torch.linalg.inv(scatter) * residual).sum(-1, keepdim=True))
+        weight = (5 + D) / (5 + (residual @ torch.linalg.inv(scatter) * residual).sum(-1, keepdim=True))
         scatter = residual.mT @ (weight * residual) / weight.sum(-2, keepdim=True)
-        scatter = scatter + 1e-12 * torch.eye(3, dtype=residual.dtype)
+        scatter = scatter + 1e-12 * torch.eye(D, dtype=residual.dtype)
     distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
-    return scatter * (distance.median(-1).values / _CHI_SQUARED_50).clamp_min(1e-6)[..., None, None]  # of exact data
+    return scatter * (distance.median(-1).values / _CHI_SQUARED_50[D]).clamp_min(1e-6)[..., None, None]  # of exact data

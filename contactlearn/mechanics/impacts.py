@@ -309,6 +309,13 @@ class Impacts:
         """Measured wrench (P, τ) [N, D] in (N s, N m s): exact and unique."""
         return rigid_body.measured_wrench(self.mass, self.world_inertia, self.r, self.v_pre, self.v_post)
 
+    @property
+    def mass_diagonal(self) -> Float[Tensor, "n D"]:
+        """Masses and moments of inertia [N, D], in space the mean one: M without its directions."""
+        moments = self.inertia[:, None] if self.space is PLANE else self.inertia.mean(-1, keepdim=True)
+        d, D = self.space.d, self.space.D
+        return torch.cat((self.mass[:, None].expand(-1, d), moments.expand(-1, D - d)), -1)
+
     def features(self, space: str) -> Features:
         """Return a feature space, `state` (10-D), `x1`, `x2` or `x2_polar`: see `contactlearn.mechanics.features`.
 

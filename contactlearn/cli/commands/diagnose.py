@@ -89,11 +89,9 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         errors = found.budget.base, found.budget.named, found.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
         series = {_LADDER: [rung.error for rung in found.ladder]}
-        scalars |= {f"effect/{one.effect.name}/confidence": one.confidence for one in found.missing}
+        named = [("effect", one) for one in found.missing] + [("candidate", one) for one in found.candidates]
         scalars |= {
-            f"candidate/{one.effect.name}/confidence": one.confidence
-            for one in found.candidates
-            if one.confidence is not None
+            f"{kind}/{one.effect.name}/confidence": one.confidence for kind, one in named if one.confidence is not None
         }
     card = defaultdict[str, list[str]](list, {"Verdict": [headline(found)]})
     for level, named in names_by_level(found):

@@ -16,6 +16,7 @@
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
+    audit_in_space            units and axes of bodies in space are not compared: a note
 
 Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
 centre of mass, a moment at the contact) cause none unless they are enormous.  Later findings are made on the data as
@@ -41,10 +42,16 @@ from contactlearn.data.audit.trials import (
     trial_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import require_space
+from contactlearn.mechanics.space import SPACE
 
 _FEWEST = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _QUICK = 500  # trials of a quick audit
+_IN_SPACE = Finding(
+    name="audit_in_space",
+    sentence="units, axes and the moment balance are compared for bodies in a plane alone; here rows and times were",
+    evidence=(),
+    mistake=False,
+)
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
 
 
@@ -53,8 +60,9 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
-    require_space("the audit", impacts.space)
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
+    if impacts.space is SPACE:
+        return (*findings, *order_findings(impacts), *rig_notes(impacts), _IN_SPACE)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = rig_notes(impacts)
     if len(sound) < _FEWEST:

@@ -5,8 +5,9 @@ a multivariate Student's t distribution, whose scatter and degrees of freedom ar
 no outliers.  Where covariances are stated, residuals are in units of them (`noise_weight`).  A trial is an outlier
 
     where fewer than `false_outliers` trials of the whole table would have so large a residual by chance, or
-    where another sign of ω before or after impact makes it so much more likely that fewer would by chance: the ratio of
-    the densities exceeds its threshold c in at most 1/c of ordinary trials (Markov), whatever their distribution.
+    in the plane, where another sign of ω before or after impact makes it so much more likely that fewer would by
+    chance: the ratio of the densities exceeds its threshold c in at most 1/c of ordinary trials (Markov), whatever
+    their distribution.
 
 **Averaging**: a law that is given velocities that vary by no more than their noise (a constant height of the drops, no
 spin) predicts worse than one that is given their mean, and an effect that weakens the dependence on them looks as if
@@ -28,6 +29,7 @@ from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.mechanics.space import PLANE, SPACE
 
 _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distributions that are tried
 _ROUNDS = 30
@@ -38,7 +40,7 @@ _FLIPPED = {"spin after": "after", "spin before": "before"}
 
 def find_model_outliers(
     impacts: Impacts,
-    predict: Callable[[Impacts], Float[Tensor, "n 3"]],
+    predict: Callable[[Impacts], Float[Tensor, "n D"]],
     thresholds: AuditThresholds = AuditThresholds(),
 ) -> Finding | None:
     """Find the outliers of a model; None where there are none.
@@ -54,36 +56,39 @@ def find_model_outliers(
     weight = torch.ones_like(residual) if weight is None else weight
     centre, scatter, freedom = _fitted(weight * residual)
     distance = _distance(weight * residual - centre, scatter)
-    chance = torch.from_numpy(fdtrc(3, freedom, (distance / 3).numpy()))
-    far = chance * len(impacts) < thresholds.false_outliers
-    flips = _flipped(impacts, predict)
-    flipped = torch.stack([_distance(weight * one - centre, scatter) for one in flips.values()])
-    gains = 0.5 * (freedom + 3) * ((freedom + distance) / (freedom + flipped)).log()  # log ratio of the densities
-    gains = gains.nan_to_num(nan=-math.inf)  # where the flip is not predicted
-    wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
-    bad = far | wrong.any(0)
+    D = impacts.space.D
+    chance = torch.from_numpy(fdtrc(D, freedom, (distance / D).numpy()))
+    bad, signs = chance * len(impacts) < thresholds.false_outliers, dict[int, str]()
+    if impacts.space is PLANE:
+        flips = _flipped(impacts, predict)
+        flipped = torch.stack([_distance(weight * one - centre, scatter) for one in flips.values()])
+        gains = 0.5 * (freedom + D) * ((freedom + distance) / (freedom + flipped)).log()  # log ratio of the densities
+        gains = gains.nan_to_num(nan=-math.inf)  # where the flip is not predicted
+        wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
+        which, bad = gains.argmax(0), bad | wrong.any(0)
+        signs = {row: list(_FLIPPED)[which[row]] for row in wrong.any(0).nonzero()[:, 0].tolist()}
     if not bad.any():
         return None
-    which = gains.argmax(0)
-    signs = {row: list(_FLIPPED)[which[row]] for row in wrong.any(0).nonzero()[:, 0].tolist()}
     return _finding(impacts, residual, bad, signs, freedom)
 
 
 def _finding(
-    impacts: Impacts, residual: Float[Tensor, "n 3"], bad: Bool[Tensor, " n"], signs: dict[int, str], freedom: float
+    impacts: Impacts, residual: Float[Tensor, "n D"], bad: Bool[Tensor, " n"], signs: dict[int, str], freedom: float
 ) -> Finding:
     """The outliers in words, those with a spin of the wrong sign first."""
     rows = bad.nonzero()[:, 0].tolist()
     texts = []
     for row in sorted(rows, key=lambda row: (row not in signs, row))[:_LISTED]:
-        v_x, v_y, omega = residual[row].tolist()
+        d, off = impacts.space.d, [f"{value:+.2g}" for value in residual[row].tolist()]
         name = f"row {row + 1} (trial {impacts.trial[row]!r})"
         if row in signs:
             when = _FLIPPED[signs[row]]
             spin = (impacts.v_post if when == "after" else impacts.v_pre)[row, 2].item()
             texts.append(f"the spin of {name} {when} impact, {spin:+.3g} rad/s, has the wrong sign")
         else:
-            texts.append(f"{name} is off by ({v_x:+.2g}, {v_y:+.2g}) m/s and {omega:+.3g} rad/s")
+            spins = ", ".join(off[d:]) if impacts.space is SPACE else f"{residual[row, 2].item():+.3g}"
+            spins = f"({spins})" if impacts.space is SPACE else spins
+            texts.append(f"{name} is off by ({', '.join(off[:d])}) m/s and {spins} rad/s")
     more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
     are = "is an outlier" if len(rows) == 1 else "are outliers"
     sentence = f"{len(rows)} of {len(impacts)} trials {are} of the model: {'; '.join(texts)}{more}"
@@ -96,7 +101,7 @@ def _finding(
     return Finding(name="model_outliers", sentence=sentence, evidence=evidence, mistake=False)
 
 
-def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n 3"]]) -> dict[str, Float[Tensor, "n 3"]]:
+def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n D"]]) -> dict[str, Float[Tensor, "n D"]]:
     """Residuals with the other sign of ω after impact, and before it."""
     mirror = torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64)
     after = impacts.v_post * mirror - predict(impacts)
@@ -104,26 +109,26 @@ def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n 3"]
     return {"spin after": after, "spin before": before}
 
 
-def _distance(residual: Float[Tensor, "n 3"], scatter: Float[Tensor, "3 3"]) -> Float[Tensor, " n"]:
+def _distance(residual: Float[Tensor, "n D"], scatter: Float[Tensor, "D D"]) -> Float[Tensor, " n"]:
     """Squared distance in the scatter."""
     white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
     return white.square().sum(0)
 
 
-def _fitted(residual: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3 3"], float]:
+def _fitted(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, " D"], Float[Tensor, "D D"], float]:
     """Centre, scatter and degrees of freedom of a multivariate t distribution, by expectation–maximisation for each."""
-    best, chosen = -math.inf, None
-    least = 1e-18 * torch.eye(3, dtype=residual.dtype)  # of exact data
+    best, chosen, D = -math.inf, None, residual.shape[1]
+    least = 1e-18 * torch.eye(D, dtype=residual.dtype)  # of exact data
     for freedom in _FREEDOM:
         centre, scatter = residual.median(0).values, torch.cov(residual.mT) + least
         for _ in range(_ROUNDS):
-            weight = (freedom + 3) / (freedom + _distance(residual - centre, scatter))
+            weight = (freedom + D) / (freedom + _distance(residual - centre, scatter))
             centre = (weight[:, None] * residual).sum(0) / weight.sum()
             off = residual - centre
             scatter = (weight[:, None] * off).mT @ off / len(off) + least
         tails = (1 + _distance(residual - centre, scatter) / freedom).log().mean()
-        constant = math.lgamma((freedom + 3) / 2) - math.lgamma(freedom / 2) - 1.5 * math.log(freedom)
-        likelihood = (constant - 0.5 * (scatter.logdet() + (freedom + 3) * tails)).item()  # nats a trial
+        constant = math.lgamma((freedom + D) / 2) - math.lgamma(freedom / 2) - D / 2 * math.log(freedom)
+        likelihood = (constant - 0.5 * (scatter.logdet() + (freedom + D) * tails)).item()  # nats a trial
         if likelihood > best:
             best, chosen = likelihood, (centre, scatter, freedom)
     assert chosen is not None
@@ -135,7 +140,7 @@ _COLUMNS = (("averaged_vx", "v_x", "m/s"), ("averaged_vy", "v_y", "m/s"), ("aver
 
 def averaging_notes(
     impacts: Impacts,
-    predicted: Float[Tensor, "n 3"],
+    predicted: Float[Tensor, "n D"],
     held_out: Callable[[Impacts], float],
 ) -> tuple[Finding, ...]:
     """Find the velocities before impact whose mean serves the law at least as well as their measurements.
@@ -146,8 +151,10 @@ def averaging_notes(
         held_out: error of the law on held-out trials, from the impacts.
 
     Returns:
-        A note for each such velocity, with its correction.
+        A note for each such velocity, with its correction; none in space.
     """
+    if impacts.space is SPACE:
+        return ()
     found, error = [], None
     residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
     for k, (name, letter, unit) in enumerate(_COLUMNS):

@@ -61,10 +61,10 @@ class ModelDiscrimination:
         noise: covariance of the measured v_post.
     """
 
-    difference: Float[Tensor, "n 3"]
-    slope: Float[Tensor, "n 3 k"]
+    difference: Float[Tensor, "n D"]
+    slope: Float[Tensor, "n D k"]
     covariance: Float[Tensor, "k k"]
-    noise: Float[Tensor, "3 3"]
+    noise: Float[Tensor, "D D"]
 
     def squared(self) -> Float[Tensor, " n"]:
         """Compute d² of the next drop at each state."""
@@ -113,7 +113,7 @@ def discriminations(
     return found
 
 
-def _parameters(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n 3 k"], Float[Tensor, "k k"]]:
+def _parameters(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n D k"], Float[Tensor, "k k"]]:
     """Derivative of v_post in the fitted parameters, and their covariance; k = 0 if that is not known."""
     law = model.base
     if model.parameter_covariance is None or not isinstance(law, Law):

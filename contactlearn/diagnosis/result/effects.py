@@ -206,8 +206,9 @@ class MissingEffect:
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
-        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
-        level: found or probable, by the confidence.
+        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known,
+            and None in space, where it is not calibrated.
+        level: found or probable, by the confidence; probable at most in space.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.
@@ -221,7 +222,7 @@ class MissingEffect:
     error_after: Interval
     error_reduction: float
     share: float
-    confidence: float
+    confidence: float | None
     level: Level
     inadmissible_before: float
     inadmissible_after: float
@@ -239,8 +240,8 @@ class Candidate:
         equation: its formula with symbols.
         parameters: fitted together with the missing effects and all candidates.
         error_reduction: mean error without it, the others refitted, less that with it.
-        confidence: probability that the name is right, below 0.5; None of a proxy effect, without which Gaussian
-            processes predict what remains as well.
+        confidence: probability that the name is right, below 0.5; None of a proxy effect, and in space.
+        proxy: whether Gaussian processes predict what remains as well without it.
     """
 
     effect: EffectId
@@ -248,6 +249,7 @@ class Candidate:
     parameters: tuple[FittedParameter, ...]
     error_reduction: float
     confidence: float | None
+    proxy: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,9 +29,9 @@ def all_candidates(space: Space = PLANE) -> dict[EffectId, Effect]:
     return {kind.id: kind() for forms in catalogue().values() for kind in forms if space in kind.spaces}
 
 
-def all_laws() -> list[Law]:
-    """Return the textbook laws of the paper, and Routh's path with two kinds of restitution that it leaves out."""
-    return [find(name) for name in SEARCHED_LAWS]
+def all_laws(space: Space = PLANE) -> list[Law]:
+    """Return the textbook laws of the paper that exist in a space, and two that it leaves out."""
+    return [law for law in map(find, SEARCHED_LAWS) if space in law.spaces]
 
 
 def fitted_first(laws: Mapping[str, Law]) -> list[str]:
@@ -91,7 +91,7 @@ def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
     return not torch.equal(_nudged(effect.prepare(impacts), impacts), _nudged(effect.prepare(other), impacts))
 
 
-def _nudged(effect: Effect, impacts: Impacts) -> Float[Tensor, "n 3"]:
+def _nudged(effect: Effect, impacts: Impacts) -> Float[Tensor, "n D"]:
     """Prediction of v_post around some law by a prepared effect whose parameters are away from vanishing."""
     moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
     law = WangMason(0.2, 0.5)

@@ -31,7 +31,7 @@ class FittedChoices:
     """The choices, and v_post in (m/s, m/s, rad/s) of each."""
 
     choices: Choices
-    outcomes: Float[Tensor, "choices n 3"]
+    outcomes: Float[Tensor, "choices n D"]
 
     def reduction(self, impacts: Impacts, effect: EffectId, generator: torch.Generator) -> Interval | None:
         """Compute the mean mass error without an effect less that with it, all others on; None if it is not in play."""

@@ -54,7 +54,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     predict_held_out(selection.pool, selection.folds, path)
     models = [*(selection.validated(model.spec) for model in path[:-1]), final]
     errors = [held_out_interval(model.error, generator) for model in models]
-    impulses = (model.fit.model.predict(selection.impacts).wrench[..., :2] for model in models)
+    impulses = (model.fit.model.predict(selection.impacts).wrench[..., : selection.impacts.space.d] for model in models)
     outside = [outside_admissible(selection.impacts, impulse).double().mean().item() for impulse in impulses]
     missing = tuple(
         MissingEffect(

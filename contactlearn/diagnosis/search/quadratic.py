@@ -54,7 +54,7 @@ class Quadratic:
     """
 
     groups: Mapping[Group, Sequence[int]]
-    products: Float[Tensor, "3 3 p p"]
+    products: Float[Tensor, "D D p p"]
     theta: Float[Tensor, " q"]
     vanished: Float[Tensor, " q"]
     low: Float[Tensor, " q"]
@@ -144,7 +144,7 @@ class Quadratic:
         step[:, :q] = (self.theta + step[:, :q]).clamp(self.low, self.high) - self.theta
         scatter = torch.einsum("ijpq,sp,sq->sij", self.products, step, step) / self.trials
         floor = 1e-12 * (1 + torch.einsum("iipq->pq", self.products)[-1, -1] / self.trials)
-        loss = self.trials / 2 * torch.logdet(scatter + floor * torch.eye(3, dtype=torch.float64))
+        loss = self.trials / 2 * torch.logdet(scatter + floor * torch.eye(len(scatter[0]), dtype=torch.float64))
         return loss, self.theta + step[:, :q]
 
     def values(self, groups: frozenset[Group], theta: Float[Tensor, " q"]) -> dict[EffectId, Float[Tensor, " k"]]:

@@ -215,7 +215,7 @@ def select(
     return _chosen(pool, folds, spec, complete, thresholds.window, generator)
 
 
-def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor, "3 3"] | None = None) -> ValidatedFit:
+def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor, "D D"] | None = None) -> ValidatedFit:
     """Score a model on held-out trials, its losses in the scatter of its own residual or in a given one."""
     predict_held_out(pool, folds, [model])
     held = pool.predicted[folds, model.spec]

@@ -40,6 +40,7 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import require_space
 from contactlearn.models.contact_model import ContactModel, wrench_per_parameter
 
 _CHANCE = 0.05  # that chance gives a term a coefficient, over the library, so that what is fitted has a prospect
@@ -79,8 +80,9 @@ class Library:
         """Make the library, and y: the residual of the component that the law cannot explain.
 
         Raises:
-            ContactLearnError: scikit-learn is not installed.
+            ContactLearnError: scikit-learn is not installed, or the bodies move in space.
         """
+        require_space("the search for formulas", impacts.space)
         _pursuit()  # before any work is done
         k, wrench = list(WrenchComponent).index(component), model.base_prediction(impacts).wrench
         columns, texts = _values(impacts, model, component, wrench)
@@ -140,7 +142,7 @@ class Library:
 
 
 def _values(
-    impacts: Impacts, model: ContactModel, component: WrenchComponent, wrench: Float[Tensor, "n 3"]
+    impacts: Impacts, model: ContactModel, component: WrenchComponent, wrench: Float[Tensor, "n D"]
 ) -> tuple[Float[Tensor, "n l"], list[str]]:
     """Every term of a component, with its values."""
     mu, eps = _coefficients(impacts, model)

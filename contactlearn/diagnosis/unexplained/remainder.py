@@ -1,7 +1,8 @@
 """The remainder: the part of a model's residual that flexible models still predict, and its components and variables.
 
 Gaussian processes learn the wrench (P_t, P_n, τ) that the model leaves, per unit mass and inertia, from the full state
-and the order of the trials, on the fitted rows of each fold, and are tested on the rows held out:
+and the order of the trials, on the fitted rows of each fold, and are tested on the rows held out.  In space P_t and τ
+are vectors in the axes of the slip, and so are the velocities of the state.
 
     share        relative reduction of the held-out mass error; with the model of a law alone this is the ceiling
     components   components of the wrench that are predicted better than by 0, by held-out R² and its standard error
@@ -37,6 +38,8 @@ from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.mechanics.rigid_body import matvec, rotation
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.standardisation import Standardisation
 
@@ -60,19 +63,19 @@ _PERMUTATIONS = 2
 
 @dataclass(frozen=True)
 class Processes:
-    """Gaussian processes of each fold for the three components of the residual wrench.
+    """Gaussian processes of each fold for the D numbers of the residual wrench in the axes of the slip.
 
-    `x` are the inputs, `unit` the unit of the wrench of each trial: mass, mass, inertia.
+    `x` are the inputs, `unit` the unit of the wrench of each trial: masses and moments of inertia.
     """
 
     x: Float[Tensor, "n d"]
-    unit: Float[Tensor, "n 3"]
+    unit: Float[Tensor, "n D"]
     inputs: Standardisation
     outputs: Standardisation
     gps: "ExactGPs"
 
     @classmethod
-    def of(cls, impacts: Impacts, residual: Float[Tensor, "n 3"], rows: Int[Tensor, "b m"]) -> "Processes":
+    def of(cls, impacts: Impacts, residual: Float[Tensor, "n D"], rows: Int[Tensor, "b m"]) -> "Processes":
         """Fit the processes to the rows of each fold.
 
         Raises:
@@ -83,10 +86,13 @@ class Processes:
         if rows.shape[-1] < 2:
             raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
         x = torch.cat([columns for columns in input_columns(impacts).values()], -1)
-        unit = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
+        unit = impacts.mass_diagonal
         residual = residual / unit
         inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(residual[rows])
         weight = noise_weight(impacts, "wrench")
+        if weight is not None:
+            parts = [weight[:, numbers] for numbers in wrench_columns(impacts.space).values()]
+            weight = torch.cat([part.mean(1, keepdim=True).expand_as(part) for part in parts], 1)
         gps = ExactGPs(
             inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
         )
@@ -94,20 +100,38 @@ class Processes:
         return cls(x, unit, inputs, outputs, gps)
 
     @cached_property
-    def _mean(self) -> Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b 3 m"]]:
+    def _mean(self) -> Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b D m"]]:
         return self.gps.mean()
 
-    def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b m d"] | None = None) -> Float[Tensor, "b m 3"]:
+    def at(self, rows: Int[Tensor, "b m"], x: Float[Tensor, "b m d"] | None = None) -> Float[Tensor, "b m D"]:
         """Predict the wrench of the rows, or of other inputs of theirs, in their units."""
         mean = self._mean(self.inputs.apply(self.x[rows] if x is None else x))
         return self.outputs.undo(mean.mT) * self.unit[rows]
 
 
+def wrench_columns(space: Space) -> dict[WrenchComponent, list[int]]:
+    """List the columns of each component in a wrench in the axes of the slip."""
+    friction, moments = range(space.d - 1), range(space.d, space.D)
+    return dict(zip(_COMPONENTS, ([*friction], [space.d - 1], [*moments]), strict=True))
+
+
 def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:
-    """Compute the inputs by symbol, θ as (cos θ, sin θ)."""
+    """Compute the inputs by symbol, θ as (cos θ, sin θ); in space those that vary, in the axes of the slip."""
     known = of_state(State.of(impacts))
+    if impacts.space is SPACE:
+        axes = impacts.slip_axes.mT[:, :3, :3]
+        r, spin = matvec(axes, impacts.r), matvec(axes, impacts.v_pre[:, 3:])
+        down = -rotation(impacts.q[:, 3:])[:, 2]
+        found = {"m": impacts.mass[:, None], "I": impacts.inertia, "orientation": torch.cat((r, down), -1)}
+        found |= {name: known[name][:, None] for name in ("slip", "vn", "x", "floor_y", "order")}
+        found |= {"spin": spin[:, :2], "twist": spin[:, 2:]}
+        return {name: columns for name, columns in found.items() if _varies(columns)}
     theta = torch.stack((known["theta"].cos(), known["theta"].sin()), -1)
     return {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+
+
+def _varies(columns: Float[Tensor, "n c"]) -> bool:
+    return bool((columns.amax(0) - columns.amin(0)).max() > 1e-9 * columns.abs().max())
 
 
 # --- The remainder ---------------------------------------------------------------------------------
@@ -127,7 +151,7 @@ class LearnedRemainder:
     remainder: Remainder
     before: Float[Tensor, " n"]
     error: Float[Tensor, " n"]
-    v_post: Float[Tensor, "n 3"]
+    v_post: Float[Tensor, "n D"]
 
 
 def learn_remainder(
@@ -154,7 +178,7 @@ def learn_remainder(
         DataError: fewer than two trials to learn from.
     """
     base = model.base_prediction(impacts)
-    residual = impacts.wrench - base.wrench
+    residual = matvec(impacts.slip_axes.mT, impacts.wrench - base.wrench)
     inliers = inlier_mask(residual) if inliers is None else inliers
     rows = [part[inliers[part]] for part in folds.fitted]
     size = min(_TRIALS, *map(len, rows))  # as many of each fold as every fold has, in their random order
@@ -181,26 +205,26 @@ def learn_remainder(
 
 @dataclass(frozen=True)
 class _Learned:
-    """Wrenches of the held-out rows of each fold as learned, [B, m, 3], on top of a prediction."""
+    """Wrenches of the held-out rows of each fold as learned, in the axes of the slip, on top of a prediction."""
 
     impacts: Impacts
     base: Prediction
     folds: Folds
-    wrench: Float[Tensor, "b m 3"]
+    wrench: Float[Tensor, "b m D"]
 
     def prediction(self, *which: WrenchComponent) -> Prediction:
         """Predict every trial in each fold, with some components of the learned wrench."""
-        columns = [_COMPONENTS.index(name) for name in which]
-        added = torch.zeros(len(self.wrench), len(self.impacts), 3, dtype=torch.float64)
+        columns = [k for name in which for k in wrench_columns(self.impacts.space)[name]]
+        added = torch.zeros(len(self.wrench), *self.impacts.wrench.shape, dtype=torch.float64)
         index = self.folds.held_out[..., None].expand(-1, -1, len(columns))
         added[..., columns] = added[..., columns].scatter(1, index, self.wrench[..., columns])
-        return Prediction.from_wrench(self.impacts, self.base.wrench + added)
+        return Prediction.from_wrench(self.impacts, self.base.wrench + matvec(self.impacts.slip_axes, added))
 
     def error(self, *which: WrenchComponent) -> Float[Tensor, " n"]:
         """Held-out mass error with some components."""
         return self.folds.scores(mass_error(self.impacts, self.prediction(*which)))
 
-    def v_post(self) -> Float[Tensor, "n 3"]:
+    def v_post(self) -> Float[Tensor, "n D"]:
         """Held-out prediction with all components, in (m/s, m/s, rad/s)."""
         parts = self.prediction(*_COMPONENTS).v_post.unbind(-1)
         return torch.stack([self.folds.scores(part) for part in parts], -1)
@@ -208,15 +232,15 @@ class _Learned:
 
 def _tested(
     learned: _Learned,
-    residual: Float[Tensor, "n 3"],
+    residual: Float[Tensor, "n D"],
     name: WrenchComponent,
     before: Float[Tensor, " n"],
     counted: Bool[Tensor, " n"],
     thresholds: Thresholds,
 ) -> ComponentTest:
     """Test the held-out prediction of one component."""
-    k = _COMPONENTS.index(name)
-    r_squared, error = _r_squared(learned.folds, residual[:, k], learned.wrench[..., k], counted)
+    columns = wrench_columns(learned.impacts.space)[name]
+    r_squared, error = _r_squared(learned.folds, residual[:, columns], learned.wrench[..., columns], counted)
     return ComponentTest(
         component=name,
         r_squared=r_squared,
@@ -226,7 +250,7 @@ def _tested(
     )
 
 
-def inlier_mask(residual: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
+def inlier_mask(residual: Float[Tensor, "n D"]) -> Bool[Tensor, " n"]:
     """Find the trials without a gross component of the residual."""
     off = (residual - residual.median(0).values).abs()
     return (off <= _GROSS * MAD_SCALE * off.median(0).values + 1e-300).all(-1)
@@ -240,15 +264,15 @@ def is_significant(r_squared: float, standard_error: float, thresholds: Threshol
 
 def _r_squared(
     folds: Folds,
-    residual: Float[Tensor, " n"],
-    learned: Float[Tensor, "b m"],
+    residual: Float[Tensor, "n c"],
+    learned: Float[Tensor, "b m c"],
     counted: Bool[Tensor, " n"],
 ) -> tuple[float, float]:
     """Held-out R² against 0 and its standard error over the trials that count."""
     y = residual[folds.held_out]
     gain = torch.zeros(len(y), len(residual), dtype=y.dtype)
-    gain = gain.scatter(1, folds.held_out, y.square() - (y - learned).square())
-    gain, size = folds.scores(gain)[counted], residual[counted].square().mean().clamp_min(1e-300)
+    gain = gain.scatter(1, folds.held_out, (y.square() - (y - learned).square()).sum(-1))
+    gain, size = folds.scores(gain)[counted], residual[counted].square().sum(-1).mean().clamp_min(1e-300)
     limit = _GROSS * gain.abs().median() + size  # curbs trials by which the mean would stand or fall
     gain = gain.clamp(-limit, limit) / size
     return gain.mean().item(), (gain.std() / math.sqrt(len(gain))).item()
@@ -278,19 +302,21 @@ def _variables(
     impacts, rows = learned.impacts, learned.folds.held_out
     groups = _groups(impacts)
     index = total_indices(lambda x: processes.at(rows, x), processes.x[rows], groups, generator)
-    in_mass = torch.stack((impacts.W[:, 0, 0], impacts.W[:, 1, 1], 1 / impacts.inertia), -1).mean(0)
-    total = (index * in_mass)[:, [_COMPONENTS.index(name) for name in components]].sum(-1)
+    inverse = impacts.W.diagonal(dim1=-2, dim2=-1), 1 / impacts.mass_diagonal[:, impacts.space.d :]
+    columns = [k for name in components for k in wrench_columns(impacts.space)[name]]
+    total = (index * torch.cat(inverse, -1).mean(0))[:, columns].sum(-1)
     return variable_shares(groups, total, thresholds.minor_share)
 
 
 def _groups(impacts: Impacts) -> dict[str, list[int]]:
     """Columns that move together, by the symbol that they go by; without those that are constant."""
-    groups, at, turn = {}, 0, wrapped(impacts.q[:, 2])
+    groups, at = {}, 0
+    turn = wrapped(impacts.q[:, 2]) if impacts.space is PLANE else None
     for name, columns in input_columns(impacts).items():
         own, at = list(range(at, at + columns.shape[-1])), at + columns.shape[-1]
-        if (columns.amax(0) - columns.amin(0)).max() <= 1e-9 * columns.abs().max():
+        if not _varies(columns):
             continue
-        moves = name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > FUNCTION_OF
+        moves = turn is not None and name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > FUNCTION_OF
         groups.setdefault("theta" if moves else name, []).extend(own)
     return groups
 

@@ -18,8 +18,10 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from contactlearn.effects import State
+from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import derivative, resolve
 
 _MANY = 100  # trials from which on the trial's own state is projected out
@@ -36,14 +38,14 @@ class Scores:
     """
 
     rows: Int[Tensor, " n"]
-    residual: Float[Tensor, "n 3"]
-    slope: Float[Tensor, "n 3 2"]
-    reach: Float[Tensor, "n 3 q"]
+    residual: Float[Tensor, "n D"]
+    slope: Float[Tensor, "n D 2"]
+    reach: Float[Tensor, "n D q"]
 
     @classmethod
     def of_sequence(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
         """Linearise a fitted model about its parameters, beside coefficients that depend on the state."""
-        alike = torch.eye(3, dtype=torch.float64).expand(len(impacts), 3, 3)
+        alike = torch.eye(impacts.space.D, dtype=torch.float64).expand(len(impacts), -1, -1)
         return cls._beside(impacts, fit, options, alike, _own_state(impacts))
 
     @classmethod
@@ -55,7 +57,7 @@ class Scores:
         most = min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block))
         place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
         slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
-        drifts = (torch.eye(3, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
+        drifts = (torch.eye(impacts.space.D, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
         return cls._beside(
             impacts, fit, options, torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
         )
@@ -66,7 +68,7 @@ class Scores:
         impacts: Impacts,
         fit: JointFit,
         options: FitOptions,
-        other: Float[Tensor, "n 3 k"],
+        other: Float[Tensor, "n D k"],
         own: Float[Tensor, "n f"] | None = None,
     ) -> "Scores":
         """Project out the parameters, other whitened changes, and coefficients over variables of the trials' own."""
@@ -81,7 +83,7 @@ class Scores:
             beside.append((slope[..., None] * own[rows][:, None, None]).flatten(2))
         flat = torch.cat((slopes, *beside), -1).flatten(0, 1)
         span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
-        reach = span[:, size > 1e-6 * size.max()].unflatten(0, (-1, 3))  # an orthonormal basis
+        reach = span[:, size > 1e-6 * size.max()].unflatten(0, (len(rows), -1))  # an orthonormal basis
         return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
 
     def __len__(self) -> int:
@@ -94,7 +96,7 @@ class Scores:
         back = torch.einsum("ncp,ncq->qnp", self.slope, self.reach)
         return signs[..., None] * each - torch.einsum("fq,qnp->fnp", found, back)
 
-    def free(self, columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
+    def free(self, columns: Float[Tensor, "n D k"]) -> Float[Tensor, "n D k"]:
         """Return changes without what is projected out."""
         return columns - _projected(self.reach, columns)
 
@@ -103,37 +105,33 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
     """Standardised variables of the trials' own state before impact; none of few trials."""
     if len(impacts) < _MANY:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
-    state = State.of(impacts)
-    theta, bodies = state.theta, {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    parts = [
-        state.v_n,
-        state.v_t,
-        state.v_t.abs(),
-        state.omega,
-        state.x,
-        *(f(k * theta) for f in (torch.sin, torch.cos) for k in (1, 2)),
-    ]
+    state, bodies = State.of(impacts), {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    if impacts.space is SPACE:
+        parts = [value for name, value in of_state(state).items() if name != "order"]
+    else:
+        circle = (f(k * state.theta) for f in (torch.sin, torch.cos) for k in (1, 2))
+        parts = [state.v_n, state.v_t, state.v_t.abs(), state.omega, state.x, *circle]
     if 1 < len(bodies) <= _BODIES:
         parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
     columns = torch.stack(parts, -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
 
 
-def _projected(reach: Float[Tensor, "n 3 q"], columns: Float[Tensor, "n 3 k"]) -> Float[Tensor, "n 3 k"]:
+def _projected(reach: Float[Tensor, "n D q"], columns: Float[Tensor, "n D k"]) -> Float[Tensor, "n D k"]:
     """The part of columns in the span of an orthonormal basis."""
     flat = reach.flatten(0, 1)
-    return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (-1, 3))
+    return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (len(columns), -1))
 
 
 _NOTICEABLE = 1.0  # standard errors of a sum over all trials that dilution may amount to
 
 
-def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions) -> Float[Tensor, "n 3 k"]:
+def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions) -> Float[Tensor, "n D k"]:
     """Compute the whitened changes of v_post by errors of v_pre (regression dilution); none if their size is known.
 
     Components of v_pre count whose errors, if as large as the residual, could be seen over so many trials.
     """
-    none = torch.zeros(len(impacts), 3, 0, dtype=torch.float64)
+    none = impacts.v_post.new_zeros(len(impacts), impacts.space.D, 0)
     if options.with_noise_of(impacts).noise is not None or options.target != "velocity":
         return none
     centred = impacts.v_pre - impacts.v_pre.mean(0)

@@ -43,6 +43,8 @@ from contactlearn.effects import State
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, JointFit
 from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import PLANE
 
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
 _REMEMBERED = 40  # impacts at most
@@ -86,19 +88,19 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
     """Compute standardised quantities of the impacts before each trial.
 
     Args:
-        impacts: in their sequence; a gap between two makes the earlier one unknown, but for the memory of a place.
+        impacts: in their sequence; a gap between two makes the earlier one unknown, but for the memory of a place.  In
+            space the spin is that about the normal, and there is no memory of a place.
         prediction: of them, for the impulses.
     """
-    state, wrench = State.of(impacts), prediction.wrench
-    values = {
-        LaggedVariable.NORMAL_SPEED: state.v_n.abs(),
-        LaggedVariable.NORMAL_IMPULSE: wrench[:, 1],
-        LaggedVariable.SLIP: state.v_t,
-        LaggedVariable.SLIP_SPEED: state.v_t.abs(),
-        LaggedVariable.SPIN: state.omega,
-        LaggedVariable.SPIN_RATE: state.omega.abs(),
-        LaggedVariable.TANGENTIAL_IMPULSE: wrench[:, 0],
-    }
+    state, wrench = State.of(impacts), matvec(impacts.slip_axes.mT, prediction.wrench)
+    d, spin = impacts.space.d, impacts.v_pre[:, impacts.space.d :]
+    values = {LaggedVariable.NORMAL_SPEED: state.v_n.abs(), LaggedVariable.NORMAL_IMPULSE: wrench[:, d - 1]}
+    if impacts.space is PLANE:
+        values[LaggedVariable.SLIP] = state.v_t
+    values[LaggedVariable.SLIP_SPEED] = state.slip
+    values[LaggedVariable.SPIN] = spin[:, -1]
+    values[LaggedVariable.SPIN_RATE] = spin.norm(dim=-1)
+    values[LaggedVariable.TANGENTIAL_IMPULSE] = wrench[:, 0]
     gaps = impacts.order.diff()
     consecutive = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
     found = {
@@ -107,7 +109,7 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
         for name, x in values.items()
         if x.std() > 1e-9 * x.abs().max()
     }
-    return found | _visited(state)
+    return found | _visited(state) if impacts.space is PLANE else found
 
 
 def screen_associations(
@@ -123,7 +125,8 @@ def screen_associations(
     )  # no scores
     chance = exceedance(neg_log_p.amax(1))
     enough = neg_log_p[1:].amax(1).quantile(1 - level).item()
-    historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory)]
+    D = scores.residual.shape[-1]
+    historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory, D)]
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *historical]
     found = [
         Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=own)
@@ -148,10 +151,11 @@ def _statistics(
 
 def _lagged_terms(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
     """Terms of the sums of scores and residuals times each quantity, by trial."""
-    alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
-    kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the three velocities
+    D = scores.residual.shape[-1]
+    alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
+    kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the velocities
     columns = [
-        scores.free(values[:, None, None] * kinds[..., : len(_kinds(memory))]) for memory, values in history.items()
+        scores.free(values[:, None, None] * kinds[..., : len(_kinds(memory, D))]) for memory, values in history.items()
     ]
     return (torch.cat(columns, -1) * scores.residual[..., None]).sum(1) if columns else scores.residual[:, :0]
 
@@ -171,9 +175,9 @@ def _sequential(scores: Scores, widths: int, frequency: Float[Tensor, "2"]) -> I
         yield coefficient, Memory(LaggedVariable.PERIOD, 1 / f), 2 * math.pi * f * place
 
 
-def _kinds(memory: Memory) -> tuple[Coefficient | None, ...]:
-    """Coefficients; for a single earlier impact, which no drift resembles, three velocities as well."""
-    return (*_COEFFICIENTS, None, None, None) if memory.trials == 1 else _COEFFICIENTS
+def _kinds(memory: Memory, D: int) -> tuple[Coefficient | None, ...]:
+    """Coefficients; for a single earlier impact, which no drift resembles, the D velocities as well."""
+    return (*_COEFFICIENTS, *[None] * D) if memory.trials == 1 else _COEFFICIENTS
 
 
 # --- Quantities of earlier impacts -----------------------------------------------------------------

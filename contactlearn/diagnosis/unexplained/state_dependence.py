@@ -34,13 +34,14 @@ from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.identification.joint import FitOptions, JointFit
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, SPACE
 
 ANGLE, BODY, PLACE = "theta", "object", "x"
+_IN_SPACE = ("vn", "slip", "lever", "spin", "twist", PLACE, "floor_y")
 _ALONE = 16  # cosines over a variable alone
-_TOGETHER = {PLACE: 8, "vx": 0}  # of a variable in a product; floors have stripes, and v_t stands for v_x
+_TOGETHER = {PLACE: 8, "floor_y": 8, "vx": 0}  # of a variable in a product; floors have stripes, and v_t stands for v_x
 _FEW = 4  # of all other variables
 _BODIES = 10  # at most, that have a function each
-_KINDS = (*Coefficient, None, None, None)  # that may depend on the state: coefficients, whitened velocities
 _FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
 _TRIALS = 560  # trials that processes are fitted to and tested on, at most
 _TRIED = 3  # associations, the most significant ones
@@ -65,15 +66,18 @@ class StateAssociation:
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
     state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
-    values = {"vn": state.v_n, "vt": state.v_t, "vx": state.v_pre[..., 0], "omega": state.omega, PLACE: state.x}
+    names_of = _IN_SPACE if impacts.space is SPACE else ("vn", "vt", "vx", "omega", PLACE)
+    known = of_state(state)
+    values = {name: known[name] for name in names_of}
     found = {
         name: ((value - value.mean()) / value.std())[:, None]
         for name, value in values.items()
         if value.std() > 1e-9 * value.abs().max()
     }
-    circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
-    if circle.std(0).max() > 1e-9:
-        found[ANGLE] = circle
+    if impacts.space is PLANE:
+        circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
+        if circle.std(0).max() > 1e-9:
+            found[ANGLE] = circle
     if 1 < len(names) <= _BODIES:
         found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
     return found
@@ -88,10 +92,12 @@ def screen_state_associations(
     """
     signs = random_signs(math.ceil(len(scores) / block)).repeat_interleave(block, 1)[:, : len(scores)]
     groups = list(_functions(among))
-    alike = torch.eye(3, dtype=torch.float64).expand(len(scores), 3, 3)
+    D = scores.residual.shape[-1]
+    alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
+    kinds = (*Coefficient, *[None] * D)  # that may depend on the state: coefficients, whitened velocities
     channels, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
     for orders, functions in groups:
-        for kind, channel in zip(_KINDS, channels.unbind(-1), strict=True):
+        for kind, channel in zip(kinds, channels.unbind(-1), strict=True):
             free = scores.free(channel[..., None] * (functions - functions.mean(0))[:, None])
             sums = signs @ (free * scores.residual[..., None]).sum(1)
             z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
@@ -266,7 +272,8 @@ def _same_dependence(
     """The effect of the model that makes the same coefficient a function of the only variable."""
     state, fitted = State.of(model.impacts), model.fit.model
     values = of_state(state)
-    values["theta"] = wrapped(values["theta"])
+    if state.space is PLANE:
+        values["theta"] = wrapped(values["theta"])
     if coefficient is None or len(variables) != 1 or variables[0].symbol not in values:
         return None
     x, k = values[variables[0].symbol], tuple(Coefficient).index(coefficient)
@@ -291,5 +298,5 @@ def _variables(
         groups[name], at = range(at, at + inputs[name].shape[1]), at + inputs[name].shape[1]
     index = total_indices(fit.at, fit.x, groups, torch.Generator().manual_seed(0))
     impacts, outputs = model.impacts, index.shape[1]
-    in_mass = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1).mean(0)
-    return variable_shares(groups, (index * in_mass).sum(1) if outputs == 3 else index[:, 0], least)
+    in_mass = impacts.mass_diagonal.mean(0)
+    return variable_shares(groups, (index * in_mass).sum(1) if outputs > 1 else index[:, 0], least)

@@ -40,7 +40,7 @@ class VaryingCoefficientFit:
     """
 
     share: Interval
-    v_post: Float[Tensor, "n 3"]
+    v_post: Float[Tensor, "n D"]
     gps: "ExactGPs"
     learned: Callable[[Float[Tensor, "b m d"]], Float[Tensor, "b o m"]]
     x: Float[Tensor, "b m d"]
@@ -95,11 +95,11 @@ class VaryingCoefficientModel:
         return self._validate(self.v_post + change, make_fit)
 
     @property
-    def v_post(self) -> Float[Tensor, "n 3"]:
+    def v_post(self) -> Float[Tensor, "n D"]:
         """Predictions of the model alone, in (m/s, m/s, rad/s)."""
         return self.fit.model.predict(self.impacts).v_post
 
-    def errors(self, *v_post: Float[Tensor, "n 3"]) -> Float[Tensor, "p m"]:
+    def errors(self, *v_post: Float[Tensor, "n D"]) -> Float[Tensor, "p m"]:
         """Compute sizes of the residuals of predictions, of the trials held out that are no gross outliers.
 
         They are in units of the model's own scatter, in which no component hides another.
@@ -111,7 +111,7 @@ class VaryingCoefficientModel:
         return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
 
     def _validate(
-        self, v_post: Float[Tensor, "n 3"], make_fit: Callable[[Interval, Tensor], VaryingCoefficientFit]
+        self, v_post: Float[Tensor, "n D"], make_fit: Callable[[Interval, Tensor], VaryingCoefficientFit]
     ) -> VaryingCoefficientFit:
         """Complete a fit with its relative reduction of the held-out residual."""
         before, after = self.errors(self.v_post, v_post)

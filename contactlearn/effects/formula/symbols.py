@@ -19,6 +19,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects.base import OUTPUTS, PLACES
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.space import SPACE
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,19 @@ SYMBOLS = {
     "vn_post": Symbol("v_n⁺", "m/s", "normal velocity of the contact point after the wrench so far", ("wrench",)),
 }
 """Every symbol by the name that it has in an expression."""
+IN_SPACE = {
+    **{name: SYMBOLS[name] for name in ("vn", "x", "order")},
+    "floor_y": Symbol("y", "m", "position along the floor, across x", of=lambda s: s.q[..., 1]),
+    "slip": Symbol("|v_t|", "m/s", "speed of the slip before contact", of=lambda s: s.slip),
+    "incidence": Symbol(
+        "incidence", "rad", "angle of the contact velocity against the normal", of=lambda s: s.incidence
+    ),
+    "lever": Symbol("|r_t|/ρ", "–", "arm of the normal impulse in radii of gyration", of=lambda s: s.lever),
+    "spin": Symbol("|ω|", "rad/s", "rate of the spin before contact", of=lambda s: s.v_pre[..., 3:].norm(dim=-1)),
+    "twist": Symbol("ω_n", "rad/s", "spin about the normal before contact", of=lambda s: s.v_pre[..., 5]),
+    "orientation": Symbol("orientation", "–", "orientation of the body, and its contact point"),
+}
+"""Quantities of a body in space by name: those of a state, which no turn about the normal changes, and the place."""
 
 
 def symbols(
@@ -95,7 +109,9 @@ def symbols(
 
 
 def of_state(state: State) -> dict[str, Tensor]:
-    """Every symbol that a state has by itself."""
+    """Every symbol that a state has by itself; in space those of `IN_SPACE`."""
+    if state.space is SPACE:
+        return {name: symbol.of(state) for name, symbol in IN_SPACE.items() if symbol.of}
     return symbols(state, (name for name, symbol in SYMBOLS.items() if symbol.of))
 
 

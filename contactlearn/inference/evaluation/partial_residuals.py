@@ -17,7 +17,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import wrapped
 from contactlearn.effects import Effect, State, columns
-from contactlearn.effects.formula.symbols import SYMBOLS, of_state
+from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -81,21 +81,10 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
 
 def _variables(state: State) -> dict[str, tuple[str, Float[Tensor, "n"]]]:
     """Units and values of what an effect may depend on, by letter; in space only the place knows the world's axes."""
+    known, named = of_state(state), IN_SPACE if state.space is SPACE else SYMBOLS
     if state.space is PLANE:
-        known = of_state(state)
         known["theta"] = wrapped(known["theta"])
-        return {SYMBOLS[name].letter: (SYMBOLS[name].unit, values) for name, values in known.items()}
-    return {
-        "|v_t|": ("m/s", state.slip),
-        "v_n": ("m/s", state.v_n),
-        "incidence": ("rad", state.incidence),
-        "|r_t|/ρ": ("–", state.lever),
-        "|ω|": ("rad/s", state.v_pre[..., 3:].norm(dim=-1)),
-        "ω_n": ("rad/s", state.v_pre[..., 5]),
-        "x": ("m", state.x),
-        "y": ("m", state.q[..., 1]),
-        "n": ("–", state.order),
-    }
+    return {named[name].letter: (named[name].unit, values) for name, values in known.items()}
 
 
 def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n D"]:

@@ -26,13 +26,15 @@ from torch import Tensor
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.regions import Variable, variables
-from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind, WrenchComponent
+from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Record, Region, Remainder, RungKind
+from contactlearn.diagnosis.unexplained.remainder import wrench_columns
 from contactlearn.effects import State
-from contactlearn.effects.formula.symbols import SYMBOLS, of_state
+from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.audit import audit_figure, dots, drawable, legend_below
 from contactlearn.report.figures.effects import effect_curve
@@ -44,7 +46,6 @@ _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
 _SYMBOLS = 2  # columns of panels, at most
-_ROWS = tuple(WrenchComponent)  # in the order of the wrench
 
 
 def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
@@ -240,35 +241,47 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     A row for each component that processes predict; where there is none, for the one that they predict best, against
     the symbol along which its means differ most.  The outermost percent of the trials on each side is left out.
     """
-    known = of_state(State.of(record.impacts))
-    known["theta"] = wrapped(known["theta"])
-    residual = (record.impacts.wrench - record.model.base_prediction(record.impacts).wrench) * st.MILLI
+    impacts, space = record.impacts, record.impacts.space
+    known, named = of_state(State.of(impacts)), IN_SPACE if space is SPACE else SYMBOLS
+    if space is PLANE:
+        known["theta"] = wrapped(known["theta"])
+    residual = matvec(impacts.slip_axes.mT, impacts.wrench - record.model.base_prediction(impacts).wrench) * st.MILLI
+    columns = {
+        name: max(those, key=lambda k: residual[:, k].square().mean()) for name, those in wrench_columns(space).items()
+    }
     by_name = {one.component: one for one in found.tested}
     tests = [by_name[name] for name in found.components] or [max(found.tested, key=lambda one: one.r_squared)]
-    first = residual[:, _ROWS.index(tests[0].component)]
+    first = residual[:, columns[tests[0].component]]
     shares = {one.symbol: one.share for one in found.variables}
-    symbols = [*shares][:_SYMBOLS] or [max(known, key=lambda name: share_explained(known[name], first))]
+    symbols = [name for name in shares if name in known][:_SYMBOLS] or [
+        max(known, key=lambda name: share_explained(known[name], first))
+    ]
     title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
     lines = wrap(title.replace("\u00a0", " "), 54 if len(symbols) == 1 else 112)
     figure = st.new_figure((st.COLUMN, st.PAGE)[len(symbols) - 1], 0.5 + st.ROW * len(lines) + 2.0 * len(tests))
     figure.suptitle("\n".join(lines))
     panels = figure.subplots(len(tests), len(symbols), sharex="col", sharey="row", squeeze=False)
     for line, test in zip(panels, tests, strict=True):
-        _draw_row(line, test, residual[:, _ROWS.index(test.component)], [known[symbol] for symbol in symbols])
+        k = columns[test.component]
+        _draw_row(line, test, QUANTITIES[space]["wrench"][k], residual[:, k], [known[symbol] for symbol in symbols])
     for axes, symbol in zip(panels[-1], symbols, strict=True):
         part = f", {percent(shares[symbol])} of the prediction" if symbol in shares else ""
-        axes.set_xlabel(f"{SYMBOLS[symbol].letter} ({SYMBOLS[symbol].unit}){part}")
+        axes.set_xlabel(f"{named[symbol].letter} ({named[symbol].unit}){part}")
     legend_below(figure, panels[0, 0])
     return figure
 
 
 def _draw_row(
-    panels: Sequence[Axes], test: ComponentTest, residual: Float[Tensor, " n"], along: Sequence[Float[Tensor, " n"]]
+    panels: Sequence[Axes],
+    test: ComponentTest,
+    quantity: tuple[str, str],
+    residual: Float[Tensor, " n"],
+    along: Sequence[Float[Tensor, " n"]],
 ) -> None:
     """One component against each symbol."""
     ends = residual.quantile(torch.tensor((0.01, 0.99), dtype=residual.dtype))
     shown = (residual >= ends[0]) & (residual <= ends[1])
-    letter, unit = QUANTITIES[PLANE]["wrench"][_ROWS.index(test.component)]
+    letter, unit = quantity
     for axes, x in zip(panels, along, strict=True):
         _draw_means(axes, x[shown], residual[shown])
     panels[0].set_ylabel(f"Residual of {letter} (m{unit})")

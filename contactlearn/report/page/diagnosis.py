@@ -192,7 +192,7 @@ def _effects(found: Diagnosis) -> dict[str, Any]:
         "no_effect": phrase("no_effect"),
         "undecided": undecided(found),
         "candidates": [candidate_content(one, found.budget) for one in found.candidates],
-        "proxy": phrase("proxy") if any(one.confidence is None for one in found.candidates) else "",
+        "proxy": phrase("proxy") if any(one.proxy for one in found.candidates) else "",
         "experiment": None if found.experiment is None else experiment_content(found.experiment),
         "residual": None if found.remainder is None else residual_content(found.remainder, found.formulas),
         "equation": found.equation,

@@ -15,7 +15,7 @@ from contactlearn.diagnosis.result import (
     Remainder,
     Rival,
 )
-from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
@@ -28,7 +28,6 @@ from contactlearn.report.text import (
     formula_overrides,
     in_words,
     measured,
-    percent,
     phrase,
     phrases,
     sentence,
@@ -83,7 +82,7 @@ def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, A
         "formula": one.equation,
         "in_words": sentence(in_words(one)) if one.parameters else "",
         "removes": fine_percent(one.error_reduction / base if base else 0.0),
-        "confidence": "a proxy?" if one.confidence is None else percent(one.confidence),
+        "confidence": confidence(one),
     }
 
 
@@ -153,8 +152,8 @@ def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, 
         ],
         "variables": [
             {
-                "name": SYMBOLS[one.symbol].letter,
-                "description": SYMBOLS[one.symbol].description,
+                "name": (SYMBOLS | IN_SPACE)[one.symbol].letter,
+                "description": (SYMBOLS | IN_SPACE)[one.symbol].description,
                 "share": digits(one.share, 3),
             }
             for one in left.variables

@@ -37,7 +37,7 @@ from contactlearn.diagnosis.result import (
     Verdict,
 )
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS
 from contactlearn.effects.functions import Argument
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.text import names, numbers
@@ -134,9 +134,11 @@ def undecided(found: Diagnosis) -> list[str]:
     return phrases("undecided", found, listed, apart if agree and len(apart) < len(laws) / 2 else None)
 
 
-def confidence(missing: MissingEffect) -> str:
+def confidence(named: MissingEffect | Candidate) -> str:
     """Write the probability that a name is correct; calibration on planted effects resolves no more than 99 %."""
-    return numbers.percent(min(missing.confidence, 0.99))
+    if isinstance(named, Candidate) and named.proxy:
+        return "a proxy?"
+    return "no probability" if named.confidence is None else numbers.percent(min(named.confidence, 0.99))
 
 
 def misfit(found: Diagnosis) -> str:
@@ -214,7 +216,8 @@ def formula_overrides(found: Formula) -> str:
 
 def _symbol(name: str) -> str:
     """Write the letter of a variable; the only one without a symbol is the body."""
-    return SYMBOLS[name].letter if name in SYMBOLS else "the body"
+    known = SYMBOLS | IN_SPACE
+    return known[name].letter if name in known else "the body"
 
 
 def _error_after(found: Diagnosis) -> Interval:
