@@ -357,7 +357,8 @@ def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, caps
         for law, one, share in (("wang_mason", TILT, 0.5), ("mirtich", other, 0.47), ("whittaker", TILT, 0.03))
     )
     shown = replace(
-        found, missing=(sure, probable), candidates=(unsure, replace(unsure, effect=SIX[3], confidence=None)),
+        found, missing=(sure, probable),
+        candidates=(unsure, replace(unsure, effect=SIX[3], confidence=None, proxy=True)),
         experiment=result.Experiment(separations=(separation,) * 12, drops=(drop,) * 4), models=tuple(models),
         equation="mirtich", remainder=remainder(Interval(0.4, 0.3, 0.5)), formulas=(BEST,) * 3,
     )  # fmt: skip

@@ -9,7 +9,6 @@ from spatial import in_space, tossed, vectors, velocities
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table
-from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import State, find_effect
 from contactlearn.effects import catalogue as effect_catalogue
@@ -153,8 +152,7 @@ def test_mistakes_are_refused_in_one_line(name):
 
 
 PLANE_ALONE = {
-    "audit": lambda: audit(SPATIAL),
-    "diagnosis": lambda: diagnose(SPATIAL),
+    "limits of the next experiment": lambda: diagnose(SPATIAL, limits={"v_x": (0.0, 1.0)}),
     "feature space": lambda: SPATIAL.features("x2_polar"),
     "law whittaker .fazeli2017.": lambda: find("whittaker", "fazeli2017").at(0.1, 0.5).impulse(SPATIAL.W, SPATIAL.v_c),
     "effect contact_patch": lambda: ContactModel(

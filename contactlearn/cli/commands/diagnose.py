@@ -50,12 +50,13 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
         every = all_candidates(impacts.space).items()
         others = {key: effect for key, effect in every if type(effect) not in kinds}
+        laws = tuple(law for law in settings.laws if impacts.space in law.spaces)
         found = pipeline.diagnose(
             impacts,
             settings.law,
             settings.effects,
             candidates=others | own,
-            laws=settings.laws,
+            laws=laws or settings.laws,  # where none exists in this space, the first is refused by name
             noise=settings.noise,
             limits=settings.limits,
             seed=settings.seed,

@@ -74,9 +74,9 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
 
 
 def _audit_figures(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
-    """A figure for each finding; the corrections of the findings before it are made in both of its sides."""
+    """A figure for each finding in the plane; the corrections of those before it are made in both of its sides."""
     figures, impacts = {}, raw.replace(validate=False)
-    for finding in filter(drawable, found.findings):
+    for finding in filter(drawable, found.findings if raw.space is PLANE else ()):
         names = [finding.correction] if finding.correction else finding.hypothesis
         after = correct(impacts, names)
         figures[f"audit_{finding.name}"] = audit_figure(finding, impacts, after)
