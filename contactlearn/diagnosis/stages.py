@@ -79,8 +79,9 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE
+from contactlearn.mechanics.space import PLANE, SPACE
 
+_LEAST_IN_SPACE = 0.1, 0.05  # of the model's and the law's error that a name takes away; soft contacts look like less
 _FEW = 600  # trials up to which the cross-validation is repeated
 
 
@@ -537,12 +538,15 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 
 def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
-    missing, named = rungs.missing, rungs.rungs[-1].error.mean
+    missing, law, named = rungs.missing, rungs.rungs[0].error.mean, rungs.rungs[-1].error.mean
     alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
+        gains = gain, one.error_reduction / (law or 1.0)
+        if impacts.space is SPACE and any(share < least for share, least in zip(gains, _LEAST_IN_SPACE, strict=True)):
+            found[one.effect] = 0.0
     return found
 
 
