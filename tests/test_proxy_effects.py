@@ -15,6 +15,7 @@ from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxi
 from contactlearn.effects import EffectId, State, find_effect
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import find
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import phrase
 from contactlearn.report.text.names import effect_label
@@ -67,7 +68,7 @@ def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     def chosen(*effects):
         return SimpleNamespace(
             missing=[*effects], spec=Spec(law="wang_mason", effects=frozenset(effects)),
-            present=SimpleNamespace(fit=fit, mean_error=0.1),
+            impacts=SimpleNamespace(space=PLANE), present=SimpleNamespace(fit=fit, mean_error=0.1),
             without_each=lambda lacking: [SimpleNamespace(mean_error=0.12)] * len(lacking),
         )  # fmt: skip
 
