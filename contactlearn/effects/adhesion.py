@@ -1,7 +1,6 @@
 """The surfaces cling before they part."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -12,7 +11,6 @@ from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class Adhesion(Effect):
     """Parting takes an impulse or an energy that does not grow with the speed, up to all of the rebound.
 
@@ -32,7 +30,6 @@ class Adhesion(Effect):
         """Return the wrench less the normal impulse that parting takes."""
 
 
-@dataclass(frozen=True, eq=False)
 class AdhesionImpulse(Adhesion):
     """P_n → P_n − c, at most the rebound v_n⁺/W_nn.  It is not a work of adhesion (`WorkOfAdhesion`)."""
 
@@ -46,7 +43,6 @@ class AdhesionImpulse(Adhesion):
         return altered(wrench, state.space.d - 1, -torch.minimum(torch.as_tensor(self.c), rebound / w_nn))
 
 
-@dataclass(frozen=True, eq=False)
 class WorkOfAdhesion(Adhesion):
     """v_n⁺ → √(v_n⁺² − 2 w W_nn), or 0 if w exceeds the energy of the rebound.
 

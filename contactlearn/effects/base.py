@@ -5,9 +5,9 @@
     wrench(state, wrench)     changes (P_t, P_n, τ) after the law has resolved the contact
     velocity(state, v_post)   acts between contact and the second measurement, in world axes
 
-An effect overrides one of these methods and declares its parameters as fields:
+An effect overrides one of these methods and declares its parameters as fields; its class is a frozen dataclass by
+itself:
 
-    @dataclass(frozen=True, eq=False)
     class SideDrag(Effect):
         \"\"\"(v_x, v_y) → (1 − c) (v_x, v_y) after contact.  It is not a lower restitution …\"\"\"
 
@@ -33,8 +33,8 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import Field, dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import Field, FrozenInstanceError, dataclass, field, fields, replace
+from typing import Any, ClassVar, NoReturn, Self, dataclass_transform
 
 import torch
 from jaxtyping import Float
@@ -114,6 +114,7 @@ def parameter(
     return field(default=None if in_space else start, metadata={"parameter": declared})
 
 
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 class Effect(ABC):
     """Base of all effects, families and forms; see the module.
 
@@ -162,6 +163,12 @@ class Effect(ABC):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        own = {name: one for name, one in vars(cls).items() if isinstance(one, Field)}
+        dataclass(frozen=True, eq=False)(cls)
+        # A class may have the decorator all the same, which looks for the fields, and refuses to write these methods.
+        for name, one in own.items():
+            setattr(cls, name, one)
+        del cls.__setattr__, cls.__delattr__
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
         if family is not None:
             _check_form(cls, family)
@@ -178,6 +185,12 @@ class Effect(ABC):
                     object.__setattr__(self, f.name, torch.as_tensor(given, dtype=torch.float64))
                 except (TypeError, ValueError, RuntimeError) as error:
                     raise ContactLearnError(f"{self.id}: {f.name} must be a number, got {given!r}") from error
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise FrozenInstanceError(f"cannot delete field {name!r}")
 
     def state(self, state: State) -> State:
         """Return the state as it really is, from the state as it was measured."""
@@ -245,16 +258,6 @@ class Effect(ABC):
             require_shape(self.name, impacts)
         opened = self.every_parameter()[len(self.parameters) :] if impacts.space is SPACE else ()
         return self.at([*self.values, *(p.start for p in opened)]) if opened else self
-
-
-def check_decorated(kind: type[Effect]) -> None:
-    """Refuse a class without its decorator, by which parameters become fields.
-
-    Raises:
-        ContactLearnError: the class is no dataclass.
-    """
-    if "__dataclass_fields__" not in vars(kind):
-        raise ContactLearnError(f"class {kind.__name__} must have @dataclass(frozen=True, eq=False) above it")
 
 
 def require_shape(effect: str, impacts: Impacts) -> None:

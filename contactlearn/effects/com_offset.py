@@ -1,7 +1,6 @@
 """The centre of mass is not where it was thought to be."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -14,7 +13,6 @@ from contactlearn.mechanics.space import BOTH
 _ALONG = "the body's x and {delta_b} along its y[ and {delta_c} along its z]"
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffset(Effect):
     """The centre of mass lies (δ_a, δ_b), in space (δ_a, δ_b, δ_c), from the assumed one, along the body's axes.
 
@@ -41,7 +39,6 @@ class ComOffset(Effect):
         return state.in_world(columns(*map(torch.as_tensor, self.values)))
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffsetTracked(ComOffset):
     """The tracked velocity is that of another point, too.  It is no shift of the contact alone (`ComOffsetContact`)."""
 
@@ -59,7 +56,6 @@ class ComOffsetTracked(ComOffset):
         )
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffsetContact(ComOffset):
     """Only the lever arm is another one.  The velocities are those of the centre of mass (`ComOffsetTracked`)."""
 

@@ -1,7 +1,6 @@
 """The contact is a patch, and its centre of pressure moves."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
@@ -12,7 +11,6 @@ from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatch(Effect):
     """The normal impulse acts at an arm to the right of the contact point: τ → τ + arm P_n.
 
@@ -35,7 +33,6 @@ class ContactPatch(Effect):
         """Return the wrench with the moment of the arm."""
 
 
-@dataclass(frozen=True, eq=False)
 class LinearContactPatch(ContactPatch):
     """The arm is c − k r_x.  It does not end at the edge of the patch (`ContactPatchCurve`)."""
 
@@ -49,7 +46,6 @@ class LinearContactPatch(ContactPatch):
         return perturbed_path(state, wrench, arm=self.c - self.k * state.r[..., 0])
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatchCurve(ArmCurve, ContactPatch):
     """The arm is c + s(r_x).  It is not proportional to r_x (`LinearContactPatch`)."""
 
@@ -63,7 +59,6 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
         return perturbed_path(state, wrench, arm=self.c + self.change(state.r[..., 0]))
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatchAfter(ContactPatch):
     """The arm is c − k r_x, and its moment is added to what the law gives.
 
@@ -81,7 +76,6 @@ class ContactPatchAfter(ContactPatch):
         return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatchBySlip(ContactPatch):
     """The arm is −d v_t/√(v_t² + v_s²): the pressure is higher at the trailing edge, or at the leading one for d < 0.
 

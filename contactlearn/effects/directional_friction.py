@@ -1,7 +1,6 @@
 """The floor has a grain: it is rougher one way than the other."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
@@ -11,7 +10,6 @@ from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
-@dataclass(frozen=True, eq=False)
 class DirectionalFriction(Effect):
     """μ (1 + a) against slip to the right and μ (1 − a) against slip to the left.
 
@@ -33,7 +31,6 @@ class DirectionalFriction(Effect):
         """Return the wrench under the frictions of both directions."""
 
 
-@dataclass(frozen=True, eq=False)
 class InstantDirectionalFriction(DirectionalFriction):
     """μ (1 + a sign v_t), with the slip at every instant.  It may reverse (`InitialDirectionalFriction`)."""
 
@@ -45,7 +42,6 @@ class InstantDirectionalFriction(DirectionalFriction):
         return perturbed_path(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))
 
 
-@dataclass(frozen=True, eq=False)
 class InitialDirectionalFriction(DirectionalFriction):
     """μ (1 + a sign v_t), with the slip before contact, also where it reverses (`InstantDirectionalFriction`)."""
 

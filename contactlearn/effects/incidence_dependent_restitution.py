@@ -1,7 +1,5 @@
 """Restitution depends on the angle at which the contact point comes in."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -11,7 +9,6 @@ from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class IncidenceDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the angle of incidence α = arctan(|v_t|/|v_n|), 0 for a contact that does not slip.
 
@@ -25,7 +22,6 @@ class IncidenceDependentRestitution(ChangesRestitution, Effect):
     source = "oblique impact"
 
 
-@dataclass(frozen=True, eq=False)
 class LinearIncidenceRestitution(IncidenceDependentRestitution):
     """ε → ε + c α.  It does not level off (`RestitutionOverIncidence`)."""
 
@@ -38,7 +34,6 @@ class LinearIncidenceRestitution(IncidenceDependentRestitution):
         return value + self.c * state.incidence
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionOverIncidence(CoefficientCurve, IncidenceDependentRestitution):
     """ε → ε + s(α).  It is not proportional to the angle (`LinearIncidenceRestitution`)."""
 

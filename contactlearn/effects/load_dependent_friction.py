@@ -1,7 +1,5 @@
 """Harder impacts rub differently."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -11,7 +9,6 @@ from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class LoadDependentFriction(ChangesFriction, Effect):
     """μ is a function of the speed of approach, which stands for the load.
 
@@ -27,7 +24,6 @@ class LoadDependentFriction(ChangesFriction, Effect):
     component = 1
 
 
-@dataclass(frozen=True, eq=False)
 class PowerLawFriction(SpeedReference, LoadDependentFriction):
     """μ → μ (|v_n|/v_ref)^p.  It either grows or falls at every speed (`FrictionOverLoad`)."""
 
@@ -40,7 +36,6 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
         return value * self.ratio(state) ** self.p
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionOverLoad(CoefficientCurve, LoadDependentFriction):
     """μ → μ + s(|v_n|).  It is no law of the load (`PowerLawFriction`)."""
 

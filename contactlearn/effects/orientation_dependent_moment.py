@@ -1,7 +1,6 @@
 """The normal impulse acts beside the contact point, on some sides of the body more than on others."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
@@ -12,7 +11,6 @@ from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
-@dataclass(frozen=True, eq=False)
 class OrientationDependentMoment(Effect):
     """The normal impulse acts at an arm to the right of the contact point that depends on the side that lands.
 
@@ -37,7 +35,6 @@ class OrientationDependentMoment(Effect):
         return perturbed_path(state, wrench, arm=self.change(state.theta))
 
 
-@dataclass(frozen=True, eq=False)
 class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
     """The arm is a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one bump (`MomentOfBump`)."""
 
@@ -48,7 +45,6 @@ class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
     in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
-@dataclass(frozen=True, eq=False)
 class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
     """The arm is a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicMoment`)."""
 
@@ -57,7 +53,6 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
     in_words = "the normal impulse acts at an arm of {a} about θ = {theta_0}, within ±{w}"
 
 
-@dataclass(frozen=True, eq=False)
 class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
     """The arm is Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`MomentOfBump`)."""
 

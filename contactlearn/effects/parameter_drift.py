@@ -15,7 +15,6 @@ from contactlearn.mechanics.space import BOTH
 _STEP = 0.03  # width of a step as a share of all trials
 
 
-@dataclass(frozen=True, eq=False)
 class ParameterDrift(Effect):
     """ε or μ changes with the number k of trials before this one.
 
@@ -35,7 +34,6 @@ class ParameterDrift(Effect):
         """Return μ and ε, one of them with its drift."""
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionDrift(ChangesRestitution, ParameterDrift):
     """ε → ε + c k/1000.  It is not a drift of the friction (`FrictionDrift`)."""
 
@@ -48,7 +46,6 @@ class RestitutionDrift(ChangesRestitution, ParameterDrift):
         return value + self.c * _thousands(state)
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionDrift(ChangesFriction, ParameterDrift):
     """μ → μ + d k/1000.  It is not a drift of the restitution (`RestitutionDrift`)."""
 
@@ -85,7 +82,6 @@ class _Step(TrialShare):
         return value + self.a * torch.sigmoid((self.share(state) - self.t) / _STEP)
 
 
-@dataclass(frozen=True, eq=False)
 class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     """ε → ε + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`RestitutionDrift`)."""
 
@@ -94,7 +90,6 @@ class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     in_words = "ε changes by {a} and settles at a rate of {rate} per sequence"
 
 
-@dataclass(frozen=True, eq=False)
 class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     """μ → μ + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`FrictionDrift`)."""
 
@@ -103,7 +98,6 @@ class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     in_words = "μ changes by {a} and settles at a rate of {rate} per sequence"
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     """ε → ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingRestitution`)."""
 
@@ -112,7 +106,6 @@ class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     in_words = "ε changes by {a} after {t:%} of the trials"
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     """μ → μ + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingFriction`)."""
 
@@ -121,7 +114,6 @@ class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     in_words = "μ changes by {a} after {t:%} of the trials"
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift):
     """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
 
@@ -130,7 +122,6 @@ class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift
     argument = TRIAL
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionDriftCurve(CoefficientCurve, ChangesFriction, ParameterDrift):
     """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
 

@@ -13,7 +13,6 @@ from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
-@dataclass(frozen=True, eq=False)
 class RollingResistance(Effect):
     """A moment per normal impulse opposes the spin on its way from ω to ω⁺: τ → τ − arm P_n.
 
@@ -44,7 +43,6 @@ class _ConstantArm:
     omega_s: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
 class SmoothedRollingResistance(_ConstantArm, RollingResistance):
     """τ → τ − c P_n s̄, where s̄ is the mean sign of the spin on its way from ω to ω⁺; c is half a width.
 
@@ -66,7 +64,6 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
         return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
 
 
-@dataclass(frozen=True, eq=False)
 class RollingResistanceCurve(ArmCurve, RollingResistance):
     """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
 
@@ -82,7 +79,6 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
         return perturbed_path(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
 
 
-@dataclass(frozen=True, eq=False)
 class RollingResistanceBefore(_ConstantArm, RollingResistance):
     """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with.
 

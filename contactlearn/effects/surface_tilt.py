@@ -1,7 +1,6 @@
 """The floor is not where it was thought to be: its normal leans."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 from typing import Self
 
 import torch
@@ -15,7 +14,6 @@ from contactlearn.mechanics.rigid_body import rotation, turn_quaternion
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTilt(Effect):
     """The contact frame is turned by φ against the world's axes.
 
@@ -52,7 +50,6 @@ class SurfaceTilt(Effect):
         return state.tilted(rotation(turn_quaternion(level, vector)), turn_quaternion(state.orientation, -vector))
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTiltComputed(SurfaceTilt):
     """The contact point was computed above a level floor.  It was not seen (`SurfaceTiltSeen`)."""
 
@@ -73,7 +70,6 @@ class SurfaceTiltComputed(SurfaceTilt):
         return tilted.replace(r=tilted.r + (state.contact_points(tilted.orientation) - self.turned(level).r))
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTiltSeen(SurfaceTilt):
     """The contact point was seen, so it stays.  It was not computed from the shape (`SurfaceTiltComputed`)."""
 

@@ -3,7 +3,6 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -26,7 +25,6 @@ _IMPLICIT = 0.6  # share of a step's end in its mean: above a half a rigid tange
 _SOFTEST = 0.05  # ε: below it the way back is too steep for a step
 
 
-@dataclass(frozen=True, eq=False)
 class TangentialRestitution(Effect):
     """Where the slip has come to an end it rebounds, as far as the friction cone allows; v_n⁺ stays.
 
@@ -52,7 +50,6 @@ class TangentialRestitution(Effect):
         """Return the wrench with the rebound."""
 
 
-@dataclass(frozen=True, eq=False)
 class SlipRebound(TangentialRestitution):
     """v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), by M_c times that, within the cone.
 
@@ -92,7 +89,6 @@ class SlipRebound(TangentialRestitution):
         return columns(*(P + change[..., None] * per_speed).unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class ImpulseRebound(TangentialRestitution):
     """P_t → P_t + e_t P_t^c within the cone of restitution, if the contact sticks at the end of compression.
 
@@ -140,7 +136,6 @@ class ImpulseRebound(TangentialRestitution):
         return columns(*P.unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class SpringRebound(TangentialRestitution):
     """F_t = −(k_n/c) (ξ + T dξ/dt) within |F_t| ≤ μ F_n, ξ the stretch that the slider leaves, T = (1/s − 1) t_c.
 

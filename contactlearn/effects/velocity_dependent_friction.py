@@ -2,7 +2,6 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -18,7 +17,6 @@ _ROUNDS = 3  # of the end of the slip and the mean friction up to it
 _LEAST_BRAKING = 0.05  # as by this μ on a level path
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityDependentFriction(Effect):
     """μ is a function of the slip v, averaged over the normal impulse that the contact takes while it slips.
 
@@ -40,7 +38,6 @@ class VelocityDependentFriction(Effect):
         """Return the mean of μ over the slip, and ε."""
 
 
-@dataclass(frozen=True, eq=False)
 class ViscousFriction(VelocityDependentFriction):
     """μ → μ + c v̄, v̄ the mean slip.  It does not level off at speed (`StribeckFriction`)."""
 
@@ -53,7 +50,6 @@ class ViscousFriction(VelocityDependentFriction):
         return mu + _mean(lambda slip: self.c * slip, state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
 class StribeckFriction(VelocityDependentFriction):
     """μ → μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip.  It does not grow with the slip (`ViscousFriction`)."""
 
@@ -67,7 +63,6 @@ class StribeckFriction(VelocityDependentFriction):
         return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
     """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
 
@@ -80,7 +75,6 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
         return mu + _mean(self.change, state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
