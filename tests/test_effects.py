@@ -2,7 +2,6 @@
 
 import gc
 import inspect
-from abc import abstractmethod
 from dataclasses import FrozenInstanceError, dataclass, field
 from pathlib import Path
 
@@ -59,11 +58,8 @@ def family():
     class Gust(Effect):
         """Air moves.  It is not a drag."""
 
+        place = "velocity"
         strength: float
-
-        @abstractmethod
-        def velocity(self, state, v_post):
-            """Blow."""
 
     return Gust
 

@@ -1,7 +1,5 @@
 """The surfaces cling before they part."""
 
-from abc import abstractmethod
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -21,13 +19,10 @@ class Adhesion(Effect):
     restitution, whose loss grows with the speed.
     """
 
+    place = "wrench"
     spaces = BOTH
     source = "Johnson, Kendall & Roberts 1971"
     citations = ("johnson1971",)
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench less the normal impulse that parting takes."""
 
 
 class AdhesionImpulse(Adhesion):

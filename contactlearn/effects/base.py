@@ -19,8 +19,8 @@ itself:
 
 An effect on μ or ε alone inherits `law` from `ChangesFriction` or `ChangesRestitution` and overrides `coefficient`.
 
-An effect with several forms is a family: an abstract subclass of `Effect`, whose one method is an
-`abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own `form`, `formula`
+An effect with several forms is a family: a subclass of `Effect` that states the `place`, or has an
+`abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own method, `form`, `formula`
 and parameters.  The first form that is declared is the default one (`spin_damping.py`).
 
 Everything else follows from that: fitting, standard errors, curves, tables, the configuration.  At
@@ -153,7 +153,7 @@ class Effect(ABC):
     spaces: ClassVar[tuple[Space, ...]] = (PLANE,)
     """Spaces in which it exists: the plane, or both."""
     place: ClassVar[str]
-    """Method that the class overrides, one of `PLACES`."""
+    """Method that the class overrides, one of `PLACES`; stated by a family that leaves it to its forms."""
     name: ClassVar[str]
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
@@ -169,6 +169,8 @@ class Effect(ABC):
         for name, one in own.items():
             setattr(cls, name, one)
         del cls.__setattr__, cls.__delattr__
+        if "place" in vars(cls):  # of a family, whose forms override the method
+            setattr(cls, cls.place, abstractmethod(lambda *given: None))
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
         if family is not None:
             _check_form(cls, family)

@@ -1,7 +1,5 @@
 """The centre of mass is not where it was thought to be."""
 
-from abc import abstractmethod
-
 import torch
 from torch import Tensor
 
@@ -22,6 +20,7 @@ class ComOffset(Effect):
     The moment of inertia is taken to be about the centre of mass already.
     """
 
+    place = "state"
     spaces = BOTH
     source = "calibration"
     mirror_symmetric = False
@@ -29,10 +28,6 @@ class ComOffset(Effect):
     delta_a: Tensor | float = parameter("δ_a", "m", -0.02, 0.02)
     delta_b: Tensor | float = parameter("δ_b", "m", -0.02, 0.02)
     delta_c: Tensor | float | None = parameter("δ_c", "m", -0.02, 0.02, in_space=True)
-
-    @abstractmethod
-    def state(self, state: State) -> State:
-        """Return the state about the centre of mass."""
 
     def shift(self, state: State) -> Tensor:
         """Return d [..., N, d] in m, in world axes."""

@@ -1,7 +1,5 @@
 """The contact is a patch, and its centre of pressure moves."""
 
-from abc import abstractmethod
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -23,14 +21,11 @@ class ContactPatch(Effect):
     resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
+    place = "wrench"
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
     like_shape = True
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the moment of the arm."""
 
 
 class LinearContactPatch(ContactPatch):

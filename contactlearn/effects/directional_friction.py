@@ -1,7 +1,5 @@
 """The floor has a grain: it is rougher one way than the other."""
 
-from abc import abstractmethod
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -20,15 +18,12 @@ class DirectionalFriction(Effect):
     floor, which also acts where the contact sticks at once (`surface_tilt`).
     """
 
+    place = "wrench"
     source = "surface texture"
     in_words = "μ changes by {a:%} in slip to the right, and by as much the other way to the left"
     mirror_symmetric = False
     adds_energy = True
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench under the frictions of both directions."""
 
 
 class InstantDirectionalFriction(DirectionalFriction):

@@ -1,6 +1,5 @@
 """The surfaces change while they are being measured."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -9,7 +8,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, ChangesRestitution, Effect, parameter
 from contactlearn.effects.functions import TRIAL, CoefficientCurve, TrialShare
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 _STEP = 0.03  # width of a step as a share of all trials
@@ -26,12 +25,9 @@ class ParameterDrift(Effect):
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
     """
 
+    place = "law"
     spaces = BOTH
     source = "wear, temperature"
-
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ and ε, one of them with its drift."""
 
 
 class RestitutionDrift(ChangesRestitution, ParameterDrift):

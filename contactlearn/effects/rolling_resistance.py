@@ -1,6 +1,5 @@
 """The contact resists the spin with a moment that follows the load."""
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -24,13 +23,10 @@ class RollingResistance(Effect):
     spin and the moment of inertia (`spin_damping`).
     """
 
+    place = "wrench"
     source = "Johnson 1985, §8.3"
     citations = ("johnson1985",)
     adds_energy = True
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the resisting moment."""
 
 
 @dataclass(frozen=True, eq=False)

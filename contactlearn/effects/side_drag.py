@@ -1,7 +1,5 @@
 """Guide walls or air slow the body before it is measured again."""
 
-from abc import abstractmethod
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -22,12 +20,9 @@ class SideDrag(Effect):
     It is not a lower restitution: v_x shrinks as well, however the contact ends.
     """
 
+    place = "velocity"
     spaces = BOTH
     source = "guide walls, air"
-
-    @abstractmethod
-    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the slower velocity."""
 
 
 class LinearSideDrag(SideDrag):

@@ -1,7 +1,5 @@
 """The body loses a part of its spin."""
 
-from abc import abstractmethod
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -24,12 +22,9 @@ class SpinDamping(Effect):
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
     """
 
+    place = "wrench"
     source = "air, guide walls, cables"
     adds_energy = True
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the damping moment."""
 
 
 class SpinDampingAfter(SpinDamping):

@@ -1,6 +1,5 @@
 """The floor is not where it was thought to be: its normal leans."""
 
-from abc import abstractmethod
 from typing import Self
 
 import torch
@@ -29,16 +28,13 @@ class SurfaceTilt(Effect):
     the velocities alone (`orientation_offset`).
     """
 
+    place = "state"
     spaces = BOTH
     source = "calibration"
     in_words = "the floor is tilted by {phi}[ along x and {psi} along y]"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
     psi: Tensor | float | None = parameter("ψ", "rad", -0.2, 0.2, in_space=True)
-
-    @abstractmethod
-    def state(self, state: State) -> State:
-        """Return the state in the axes of the tilted floor."""
 
     def turned(self, state: State) -> State:
         """Return the state in axes that are turned, with the contact point as it was."""

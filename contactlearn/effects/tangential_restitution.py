@@ -1,7 +1,6 @@
 """A contact that sticks springs back sideways."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -41,13 +40,10 @@ class TangentialRestitution(Effect):
     v_t⁺ = v_t cos((1 + ε) π/2 √(W_tt/(c W_nn))), c = k_n/k_t.  It is not friction against the slip.
     """
 
+    place = "wrench"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
     citations = ("maw1976", "walton1993")
     adds_energy = True
-
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the rebound."""
 
 
 class SlipRebound(TangentialRestitution):

@@ -1,6 +1,5 @@
 """Friction depends on how fast the contact slips."""
 
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
 import torch
@@ -30,12 +29,9 @@ class VelocityDependentFriction(Effect):
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
+    place = "law"
     source = "Stribeck 1902"
     citations = ("stribeck1902",)
-
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return the mean of μ over the slip, and ε."""
 
 
 class ViscousFriction(VelocityDependentFriction):
