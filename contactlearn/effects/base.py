@@ -114,6 +114,11 @@ def parameter(
     return field(default=None if in_space else start, metadata={"parameter": declared})
 
 
+def usual_parameter(symbol: str) -> Any:
+    """Declare a parameter that vanishes at 0 with the unit and range of its class, see `Effect.usual_range`."""
+    return field(default=0.0, metadata={"parameter": {"symbol": symbol}})
+
+
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 class Effect(ABC):
     """Base of all effects, families and forms; see the module.
@@ -150,6 +155,8 @@ class Effect(ABC):
     vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
+    usual_range: ClassVar[tuple[str, float, float]] = ("–", -0.5, 0.5)
+    """Unit, least and greatest plausible value of parameters that state none: those of a change of μ or ε."""
     spaces: ClassVar[tuple[Space, ...]] = (PLANE,)
     """Spaces in which it exists: the plane, or both."""
     place: ClassVar[str]
@@ -220,7 +227,8 @@ class Effect(ABC):
         """Return the fields that are parameters, those of space among them."""
         if "_parameters" not in vars(cls):  # read some hundred times a fit
             named = (f for f in fields(cls) if f.metadata.get("parameter"))
-            cls._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in named)
+            usual = dict(zip(("unit", "low", "high"), cls.usual_range, strict=True))
+            cls._parameters = tuple(Parameter(f.name, **usual | f.metadata["parameter"]) for f in named)
         return cls._parameters
 
     @property

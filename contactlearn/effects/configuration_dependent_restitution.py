@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import LEVER, CoefficientCurve
+from contactlearn.effects.functions import LEVER, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -48,7 +48,7 @@ class LinearLeverRestitution(ConfigurationDependentRestitution):
         return value - self.c * state.lever
 
 
-class RestitutionOverLever(CoefficientCurve, ConfigurationDependentRestitution):
+class RestitutionOverLever(Spline, ConfigurationDependentRestitution):
     """ε → ε + s(|r_x|/ρ).  It need not fall with the lever (`QuadraticLeverRestitution`)."""
 
     form = "curve"

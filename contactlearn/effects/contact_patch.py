@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import Argument, ArmCurve
+from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -22,6 +22,7 @@ class ContactPatch(Effect):
     """
 
     place = "wrench"
+    usual_range = ARM
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
@@ -41,7 +42,7 @@ class LinearContactPatch(ContactPatch):
         return perturbed_path(state, wrench, arm=self.c - self.k * state.r[..., 0])
 
 
-class ContactPatchCurve(ArmCurve, ContactPatch):
+class ContactPatchCurve(Spline, ContactPatch):
     """The arm is c + s(r_x).  It is not proportional to r_x (`LinearContactPatch`)."""
 
     form = "curve"

@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
+from contactlearn.effects.functions import INCIDENCE, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -35,7 +35,7 @@ class LinearIncidenceFriction(IncidenceDependentFriction):
         return value + self.c * state.incidence
 
 
-class FrictionOverIncidence(CoefficientCurve, IncidenceDependentFriction):
+class FrictionOverIncidence(Spline, IncidenceDependentFriction):
     """μ → μ + s(α).  It is not proportional to the angle (`LinearIncidenceFriction`)."""
 
     form = "curve"

@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
+from contactlearn.effects.functions import INCIDENCE, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -34,7 +34,7 @@ class LinearIncidenceRestitution(IncidenceDependentRestitution):
         return value + self.c * state.incidence
 
 
-class RestitutionOverIncidence(CoefficientCurve, IncidenceDependentRestitution):
+class RestitutionOverIncidence(Spline, IncidenceDependentRestitution):
     """ε → ε + s(α).  It is not proportional to the angle (`LinearIncidenceRestitution`)."""
 
     form = "curve"

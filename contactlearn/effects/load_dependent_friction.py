@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import APPROACH, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -36,7 +36,7 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
         return value * self.ratio(state) ** self.p
 
 
-class FrictionOverLoad(CoefficientCurve, LoadDependentFriction):
+class FrictionOverLoad(Spline, LoadDependentFriction):
     """μ → μ + s(|v_n|).  It is no law of the load (`PowerLawFriction`)."""
 
     form = "curve"

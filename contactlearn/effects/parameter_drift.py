@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import TRIAL, CoefficientCurve, TrialShare
+from contactlearn.effects.functions import TRIAL, Spline, TrialShare
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -110,7 +110,7 @@ class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     in_words = "μ changes by {a} after {t:%} of the trials"
 
 
-class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift):
+class RestitutionDriftCurve(Spline, ChangesRestitution, ParameterDrift):
     """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
 
     form = "restitution_curve"
@@ -118,7 +118,7 @@ class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift
     argument = TRIAL
 
 
-class FrictionDriftCurve(CoefficientCurve, ChangesFriction, ParameterDrift):
+class FrictionDriftCurve(Spline, ChangesFriction, ParameterDrift):
     """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
 
     form = "friction_curve"

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import Argument, ArmCurve
+from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
@@ -24,6 +24,7 @@ class RollingResistance(Effect):
     """
 
     place = "wrench"
+    usual_range = ARM
     source = "Johnson 1985, §8.3"
     citations = ("johnson1985",)
     adds_energy = True
@@ -60,7 +61,7 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
         return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
 
 
-class RollingResistanceCurve(ArmCurve, RollingResistance):
+class RollingResistanceCurve(Spline, RollingResistance):
     """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
 
     form = "curve"

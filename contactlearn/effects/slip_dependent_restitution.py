@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import SLIP, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import SLIP, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -35,7 +35,7 @@ class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):
         return value + self.c * self.ratio(state)
 
 
-class RestitutionOverSlip(CoefficientCurve, SlipDependentRestitution):
+class RestitutionOverSlip(Spline, SlipDependentRestitution):
     """ε → ε + s(|v_t|).  It is not proportional to the slip (`LinearSlipRestitution`)."""
 
     form = "curve"

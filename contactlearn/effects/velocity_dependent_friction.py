@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import SLIP, Argument, CoefficientCurve
+from contactlearn.effects.functions import SLIP, Argument, Spline
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.space import BOTH
 
@@ -59,7 +59,7 @@ class StribeckFriction(VelocityDependentFriction):
         return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps, self.values), eps
 
 
-class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
+class FrictionOverSlip(Spline, VelocityDependentFriction):
     """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
 
     form = "curve"
@@ -71,7 +71,7 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
         return mu + _mean(self.change, state, mu, eps, self.values), eps
 
 
-class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDependentFriction):
+class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
     spaces = BOTH

@@ -4,7 +4,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import APPROACH, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
@@ -78,7 +78,7 @@ class SlowImpactRestitution(VelocityDependentRestitution):
         return value + self.a * (-state.v_n.abs() / self.v_s).exp()
 
 
-class RestitutionOverSpeed(CoefficientCurve, VelocityDependentRestitution):
+class RestitutionOverSpeed(Spline, VelocityDependentRestitution):
     """ε → ε + s(|v_n|).  It is no law of a material (`KuwabaraKonoRestitution`)."""
 
     form = "curve"
