@@ -33,14 +33,15 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import Field, FrozenInstanceError, dataclass, field, fields, replace
-from typing import Any, ClassVar, NoReturn, Self, dataclass_transform
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.apparatus import Estimate
@@ -119,8 +120,7 @@ def usual_parameter(symbol: str) -> Any:
     return field(default=0.0, metadata={"parameter": {"symbol": symbol}})
 
 
-@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
-class Effect(ABC):
+class Effect(Frozen, ABC):
     """Base of all effects, families and forms; see the module.
 
     Raises:
@@ -166,16 +166,9 @@ class Effect(ABC):
     id: ClassVar[EffectId]
     """Name and form."""
     _parameters: ClassVar[tuple[Parameter, ...]]  # as `parameters` found them
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every effect is a dataclass
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        own = {name: one for name, one in vars(cls).items() if isinstance(one, Field)}
-        dataclass(frozen=True, eq=False)(cls)
-        # A class may have the decorator all the same, which looks for the fields, and refuses to write these methods.
-        for name, one in own.items():
-            setattr(cls, name, one)
-        del cls.__setattr__, cls.__delattr__
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         if "place" in vars(cls):  # of a family, whose forms override the method
             setattr(cls, cls.place, abstractmethod(lambda *given: None))
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
@@ -194,12 +187,6 @@ class Effect(ABC):
                     object.__setattr__(self, f.name, torch.as_tensor(given, dtype=torch.float64))
                 except (TypeError, ValueError, RuntimeError) as error:
                     raise ContactLearnError(f"{self.id}: {f.name} must be a number, got {given!r}") from error
-
-    def __setattr__(self, name: str, value: object) -> NoReturn:
-        raise FrozenInstanceError(f"cannot assign to field {name!r}")
-
-    def __delattr__(self, name: str) -> NoReturn:
-        raise FrozenInstanceError(f"cannot delete field {name!r}")
 
     def state(self, state: State) -> State:
         """Return the state as it really is, from the state as it was measured."""

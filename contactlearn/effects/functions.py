@@ -14,7 +14,7 @@ A function that a coefficient adds has a method `coefficient`, which `base.Chang
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar, NamedTuple, Self
@@ -24,6 +24,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Parameter, parameter, require_positive, usual_parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.bodies import body_code
@@ -61,8 +62,7 @@ TRIAL = Argument("k", "trials", lambda state: state.order - 1)
 # --- Speed and time ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class SpeedReference:
+class SpeedReference(Frozen):
     """A reference speed v_ref in m/s, by default the median of |v_t| or |v_n| over the measurements."""
 
     component: ClassVar[int]
@@ -92,8 +92,7 @@ def _two_digits(measured: Float[Tensor, "n"]) -> float:
     return float(f"{measured.abs().median().item():.1e}") or 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class TrialShare:
+class TrialShare(Frozen):
     """The share k/N of all trials that come before one."""
 
     trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
@@ -110,8 +109,7 @@ class TrialShare:
 # --- Splines -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Spline(ABC):
+class Spline(Frozen):
     """A smooth curve over one variable: a natural cubic spline through four knots.
 
         s(u) = Σ c_k S_k(u), k = 1 … 3;   S_k rises by 1 from knot k to knot k + 1, and by 0 from any other to the next
@@ -215,7 +213,7 @@ def _truncated(u: Float[Tensor, "*batch"], knots: Knots) -> Float[Tensor, "*batc
 # --- Orientation -------------------------------------------------------------------------------------------
 
 
-class _OfOrientation(ABC):
+class _OfOrientation(Frozen, ABC):
     """A function of the orientation, and a coefficient to which it is added."""
 
     @abstractmethod
@@ -227,7 +225,6 @@ class _OfOrientation(ABC):
         return value + self.change(state.theta)
 
 
-@dataclass(frozen=True, eq=False)
 class AroundBody(_OfOrientation):
     """Σ a_k cos kθ + b_k sin kθ: smooth all around with k = 1, 2."""
 
@@ -244,7 +241,6 @@ class AroundBody(_OfOrientation):
         return total
 
 
-@dataclass(frozen=True, eq=False)
 class CurveAroundBody(AroundBody):
     """The same with k = 1 … 4: features of about 45°."""
 
@@ -255,7 +251,6 @@ class CurveAroundBody(AroundBody):
     b4: Tensor | float = usual_parameter("b₄")
 
 
-@dataclass(frozen=True, eq=False)
 class SpotOnBody(_OfOrientation):
     """a/(1 + (2 sin((θ − θ_0)/2)/w)⁴): one feature of half-width w about θ_0."""
 
@@ -271,8 +266,7 @@ class SpotOnBody(_OfOrientation):
 # --- Place -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class AlongFloor:
+class AlongFloor(Frozen):
     """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u in [−1, 1] is the place on the span, or its nearer end.
 
     The span is left open for `prepare`: the middle nine tenths of the measured places, for single trials far out
@@ -321,8 +315,7 @@ class AlongFloor:
 # --- Objects -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class ByBody:
+class ByBody(Frozen):
     """Differences Δ_j of the objects after the first, whose coefficient is the law's.
 
     The objects are known once the effect is prepared, so the parameters are too: K − 1 for K objects.  Where there is

@@ -1,7 +1,5 @@
 """The surfaces change while they are being measured."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -54,7 +52,6 @@ class FrictionDrift(ChangesFriction, ParameterDrift):
         return value + self.d * _thousands(state)
 
 
-@dataclass(frozen=True, eq=False)
 class _Settling(TrialShare):
     """a (1 − exp(−λ k/N)): a change that comes to an end."""
 
@@ -66,7 +63,6 @@ class _Settling(TrialShare):
         return value + self.a * -torch.expm1(-self.rate * self.share(state))
 
 
-@dataclass(frozen=True, eq=False)
 class _Step(TrialShare):
     """a/(1 + exp(−(k/N − t)/0.03)): a change within a few per cent of the trials about one."""
 

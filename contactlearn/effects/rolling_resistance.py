@@ -1,11 +1,10 @@
 """The contact resists the spin with a moment that follows the load."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
@@ -30,8 +29,7 @@ class RollingResistance(Effect):
     adds_energy = True
 
 
-@dataclass(frozen=True, eq=False)
-class _ConstantArm:
+class _ConstantArm(Frozen):
     """An arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
 
     in_words = "the normal impulse acts {c} ahead of the contact point, as the body rolls"

@@ -31,6 +31,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import OUTPUTS, Effect, Parameter, require_shape
 from contactlearn.effects.checks import named_outputs, violations
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, Expression
@@ -175,8 +176,7 @@ def _number(name: str, key: str, value: Any) -> float:
     return number
 
 
-@dataclass(frozen=True, eq=False)
-class _Formula:
+class _Formula(Frozen):
     """Part of a formula effect that the four places share.
 
     Args:
