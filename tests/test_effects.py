@@ -2,8 +2,7 @@
 
 import gc
 import inspect
-from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass, field
 from pathlib import Path
 
 import pytest
@@ -59,11 +58,8 @@ def family():
     class Gust(Effect):
         """Air moves.  It is not a drag."""
 
+        place = "velocity"
         strength: float
-
-        @abstractmethod
-        def velocity(self, state, v_post):
-            """Blow."""
 
     return Gust
 
@@ -110,6 +106,27 @@ def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
     form_of(parent, "steady")
     with pytest.raises(ContactLearnError, match="two forms of gust are called steady"):
         forms_of(parent)
+
+
+@pytest.mark.parametrize("decorate", [lambda kind: kind, dataclass(frozen=True, eq=False)], ids=["bare", "decorated"])
+def test_a_class_is_a_frozen_dataclass_with_its_decorator_or_without(decorate, forgotten):
+    @decorate
+    class Draught(Effect):
+        """v⁺ ← v⁺ + c."""
+
+        formula = "v⁺ ← v⁺ + c"
+        c: float = parameter("c", "m/s", -1.0, 1.0)
+        trials: int = field(default=3, kw_only=True)
+
+        def velocity(self, state, v_post):
+            return v_post + self.c
+
+    made = Draught(0.5, trials=4)
+    assert [(p.name, p.unit, p.high) for p in made.parameters] == [("c", "m/s", 1.0)]
+    assert (made.options, made.at([0.25]).values[0].item(), Draught().trials) == ({"trials": 4}, 0.25, 3)
+    for change in (lambda: setattr(made, "c", 1.0), lambda: delattr(made, "c")):
+        with pytest.raises(FrozenInstanceError, match="field 'c'"):
+            change()
 
 
 def test_two_effects_of_one_name_are_refused(forgotten):

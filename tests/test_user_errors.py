@@ -36,15 +36,14 @@ class Mine(Effect):
 
     {more}
 '''
-DECORATED = "@dataclass(frozen=True, eq=False)"
+DECORATED = "@dataclass(frozen=True, eq=False)"  # which a class may have
 SLIPS = {
-    "no decorator": ("", "wrench", "", "class Mine must have @dataclass(frozen=True, eq=False) above it"),
-    "a method that fails": (DECORATED, "1 / 0", "", "fails in wrench, line 13: ZeroDivisionError: division by zero"),
+    "a method that fails": ("", "1 / 0", "", "fails in wrench, line 13: ZeroDivisionError: division by zero"),
     "another shape": (DECORATED, "wrench[..., :1]", "", "own.Mine must return the wrench, a tensor [..., N, 3], "),
     "a constructor that fails": (
         DECORATED, "wrench", 'def __post_init__(self): raise KeyError("a\\nb")', "in __post_init__, line 15: KeyError"
     ),
-    "no formula": (DECORATED, "wrench", "del formula", "own.Mine must describe what it does, such as formula = "),
+    "no formula": ("", "wrench", "del formula", "own.Mine must describe what it does, such as formula = "),
     "a name that is not there": ("@nobody", "wrench", "", "name 'nobody' is not defined); fix own first"),
     "another package": ("import nowhere", "wrench", "", "No module named 'nowhere'); fix own first"),
     "no syntax": ("def f(:", "wrench", "", "SyntaxError: invalid syntax"),

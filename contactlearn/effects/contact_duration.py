@@ -1,7 +1,5 @@
 """The body turns and falls while the contact lasts."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -17,7 +15,6 @@ _SHARE = 0.5  # of the depth by which the contact point is nearer to the mass ce
 _TURN, _FLATTEST = 1e-4, 10.0  # rad; largest radius of curvature relative to the height, instead of that of a flat side
 
 
-@dataclass(frozen=True, eq=False)
 class ContactDuration(Effect):
     """A contact on a spring with a dashpot lasts T: the body turns, r with it, and falls.
 
