@@ -21,6 +21,7 @@ from contactlearn.results import folder
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
+SCRIPTS = sorted(path for path in ROOT.glob("benchmarks/*/*.py") if path.name != "__init__.py")
 
 
 def test_claims_of_the_paper_are_those_of_the_results():
@@ -29,6 +30,13 @@ def test_claims_of_the_paper_are_those_of_the_results():
     assert f"<!-- paper_claims -->\n\n{made}\n\n<!-- end -->" in claims["PAGE"].read_text("utf-8")
     words = ["experiment=fazeli2017", *claims["SMALLER"], claims["LEARNED"], "data.free_fall=0.008"]
     assert [*compose("evaluate", words).model] == claims["LEARNED"][7:-1].split(",")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_benchmark_finds_what_it_measures(script, monkeypatch):
+    """What it imports is there; it is not run."""
+    monkeypatch.syspath_prepend(script.parents[1])
+    runpy.run_path(str(script))
 
 
 def _blocks(document):
