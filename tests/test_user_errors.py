@@ -39,7 +39,6 @@ class Mine(Effect):
 DECORATED = "@dataclass(frozen=True, eq=False)"  # which a class may have
 SLIPS = {
     "a method that fails": ("", "1 / 0", "", "fails in wrench, line 13: ZeroDivisionError: division by zero"),
-    "another shape": (DECORATED, "wrench[..., :1]", "", "own.Mine must return the wrench, a tensor [..., N, 3], "),
     "a constructor that fails": (
         DECORATED, "wrench", 'def __post_init__(self): raise KeyError("a\\nb")', "in __post_init__, line 15: KeyError"
     ),

@@ -136,12 +136,8 @@ def tables(lines: Sequence[Line]) -> str:
     strong = [line for line in power if line["case"]["strength"] >= 0.75]
     parts = [
         by(null, lambda case: f"{'correlated' if case['errors'] in CORRELATED else 'independent'} errors"),
-        by(null, lambda case: case["errors"]),
-        by(null, lambda case: case["design"]),
-        by(null, lambda case: "an effect is missed" if case.get("missed") else "the model is true"),
         by(power, lambda case: f"{case['strength']} of the noise"),
         by(power, lambda case: f"{case['size']} trials"),
-        by(power, lambda case: case["design"]),
         by(power, lambda case: f"{case['coefficient']}: {case['follows']}"),
         by(strong, lambda case: f"{case['follows']}, from 0.75 of the noise on"),
         drivers(power),
