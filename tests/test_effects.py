@@ -9,9 +9,11 @@ import pytest
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms_of, from_settings, parameter
+from contactlearn.effects.functions import APPROACH, SLIP
 from contactlearn.effects.spin_damping import SpinDamping
 from contactlearn.laws import find
 from contactlearn.mechanics.shapes import Polygon
+from contactlearn.mechanics.space import SPACE
 from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
 
@@ -129,6 +131,15 @@ def test_a_class_is_a_frozen_dataclass_with_its_decorator_or_without(decorate, f
             change()
 
 
+def test_what_is_of_the_plane_alone_is_refused_in_space():
+    contract = EffectContract()
+    contract.effect = find_effect("torsional_friction")()
+    tosses = contract.impacts()
+    for kind in (kind for kind in KINDS if SPACE not in kind.spaces):
+        with pytest.raises(ContactLearnError, match=f"effect {kind.name} exists for bodies that move in a plane alone"):
+            kind().prepare(tosses)
+
+
 def test_two_effects_of_one_name_are_refused(forgotten):
     twice = dataclass(frozen=True)(type("SideDrag", (Effect,), {"velocity": Effect.velocity}))
     with pytest.raises(ContactLearnError, match="two effects are called side_drag, in contactlearn"):
@@ -185,7 +196,7 @@ def test_text_that_is_no_identity_is_refused(text):
 def test_the_equation_states_the_reference_speed(kind):
     """What ε or μ means hangs on it."""
     impacts = synthetic.load(size=20, seed=0)
-    speed = impacts.v_c[:, kind.component].abs().median().item()
+    speed = impacts.v_c[:, [SLIP, APPROACH].index(kind.speed)].abs().median().item()
     assert kind().equation == kind.formula
     formula, _, expected = kind().prepare(impacts).equation.rpartition(" at v_ref = ")
     assert formula == kind.formula

@@ -254,7 +254,12 @@ class Effect(Frozen, ABC):
         if self.needs_shape:
             require_shape(self.name, impacts)
         opened = self.every_parameter()[len(self.parameters) :] if impacts.space is SPACE else ()
-        return self.at([*self.values, *(p.start for p in opened)]) if opened else self
+        effect = self.at([*self.values, *(p.start for p in opened)]) if opened else self
+        return effect.taken_from(impacts)
+
+    def taken_from(self, impacts: Impacts) -> Self:
+        """Return the effect with its own open constants taken from impacts that `prepare` has accepted."""
+        return self
 
 
 def require_shape(effect: str, impacts: Impacts) -> None:

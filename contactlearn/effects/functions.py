@@ -65,8 +65,8 @@ TRIAL = Argument("k", "trials", lambda state: state.order - 1)
 class SpeedReference(Frozen):
     """A reference speed v_ref in m/s, by default the median of |v_t| or |v_n| over the measurements."""
 
-    component: ClassVar[int]
-    """Component of the contact velocity (v_t, v_n): 0 for the slip, 1 for the approach."""
+    speed: ClassVar[Argument]
+    """`SLIP` or `APPROACH`."""
     formula: ClassVar[str]
     v_ref: float | None = None  # m/s; None: the median of the measurements
 
@@ -75,21 +75,16 @@ class SpeedReference(Frozen):
         """The formula, and v_ref once it is known."""
         return self.formula if self.v_ref is None else f"{self.formula} at v_ref = {self.v_ref} m/s"
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with v_ref taken from the impacts where it is open."""
-        return self if self.v_ref is not None else replace(self, v_ref=_two_digits(self._speed(State.of(impacts))))
+        if self.v_ref is not None:
+            return self
+        median = self.speed.values(State.of(impacts)).median().item()
+        return replace(self, v_ref=float(f"{median:.1e}") or 1.0)  # to two digits; 1 where that is 0
 
     def ratio(self, state: State) -> Float[Tensor, "... n"]:
         """Return the speed in units of v_ref [..., N]."""
-        return self._speed(state) / require_positive(self.v_ref)
-
-    def _speed(self, state: State) -> Float[Tensor, "... n"]:
-        return state.v_n.abs() if self.component else state.slip
-
-
-def _two_digits(measured: Float[Tensor, "n"]) -> float:
-    """Median absolute value of a measured quantity, to two digits; 1 where that is 0."""
-    return float(f"{measured.abs().median().item():.1e}") or 1.0
+        return self.speed.values(state) / require_positive(self.v_ref)
 
 
 class TrialShare(Frozen):
@@ -97,7 +92,7 @@ class TrialShare(Frozen):
 
     trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with N taken from the impacts where it is open."""
         return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
 
@@ -130,7 +125,7 @@ class Spline(Frozen):
     c3: Tensor | float = usual_parameter("c₃")
     knots: Knots | None = None  # four values of the variable; None: quantiles of the measurements
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the curve with its knots at quantiles over the impacts where they are open."""
         if self.knots is not None:
             return self
@@ -281,7 +276,7 @@ class AlongFloor(Frozen):
     c5: Tensor | float = usual_parameter("c₅")
     span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the functions with the span of the impacts where it is open, rounded outwards to 0.1 mm."""
         if self.span is not None:
             return self
@@ -366,7 +361,7 @@ class ByBody(Frozen):
         tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
         return replace(self, differences=columns(*tensors)) if parts else self
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with the names of the objects taken from the impacts where they are open."""
         return self if self.objects is not None else replace(self, objects=tuple(dict.fromkeys(impacts.object)))
 

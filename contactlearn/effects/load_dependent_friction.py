@@ -21,7 +21,7 @@ class LoadDependentFriction(ChangesFriction, Effect):
     spaces = BOTH
     source = "Hertzian contact, p = −1/3 of the load: Bowden & Tabor 1950"
     citations = ("bowden1950",)
-    component = 1
+    speed = APPROACH
 
 
 class PowerLawFriction(SpeedReference, LoadDependentFriction):

@@ -20,7 +20,7 @@ class SlipDependentRestitution(ChangesRestitution, Effect):
 
     spaces = BOTH
     source = "oblique impact"
-    component = 0
+    speed = SLIP
 
 
 class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):

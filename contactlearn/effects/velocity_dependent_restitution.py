@@ -24,7 +24,7 @@ class VelocityDependentRestitution(ChangesRestitution, Effect):
     spaces = BOTH
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
     citations = ("johnson1985", "kuwabara1987")
-    component = 1
+    speed = APPROACH
 
 
 class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
