@@ -3,6 +3,7 @@
 import gc
 import os
 import pickle
+import signal
 import sys
 
 import hypothesis
@@ -26,6 +27,7 @@ sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
 threadpool_limits(1)  # the BLAS of NumPy and SciPy: threads that wait for each other compute nothing
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of processes that the tests start
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a suite in the background would ignore Ctrl-C, as its tests
 gc.disable()  # until all is collected: it would look through half a million objects again and again
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
