@@ -41,11 +41,11 @@ LONGEST = (
     "test_diagnosis_in_space.py", "test_recordings_page.py", "test_numerical_faults.py", "test_docs.py",
     "test_laws.py", "test_tracks_mujoco.py", "test_bodies.py", "test_fit_trials.py", "test_shapes.py",
     "test_mujoco_drops.py", "test_large_tables.py", "test_figures.py", "test_apparatus.py", "test_trained.py",
-    "test_report_runs.py", "test_space.py", "test_learning_figures.py", "test_effect_commands.py",
+    "test_report_runs.py", "test_space.py", "test_learning_figures.py", "test_law_and_effect_commands.py",
     "test_diagnosis_figures.py", "test_large.py", "test_user_errors.py", "test_remainder.py", "test_blind.py",
     "test_tables.py", "test_package.py", "test_rigs.py", "test_tracking.py", "test_fit_effects.py",
     "test_structure.py", "test_gp.py", "test_effects_against_nature.py", "test_proxy_effects.py", "test_plugins.py",
-    "test_study.py", "test_examples.py", "test_equivalents.py", "test_candidates.py", "test_law_commands.py",
+    "test_study.py", "test_examples.py", "test_equivalents.py", "test_candidates.py",
     "test_workbench_security.py", "test_hostile_names.py", "test_effects.py", "test_rests.py",
 )  # fmt: skip
 
