@@ -429,7 +429,8 @@ def test_one_repetition_has_no_spread(tmp_path):
 
 
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
-    command = ("evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "workers=1")
+    words = ("model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "laws=[whittaker]", "workers=1")
+    command = ("evaluate.py", *SMALL[:5], *words)
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     sizes, train, allowed, shown = [], curves._Training.run, 1, []
