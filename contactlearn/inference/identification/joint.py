@@ -249,8 +249,8 @@ def identify_jointly(
         found = robust.search(problem, options.starts, start, options.tolerance)
     else:
         problem, found = errors_in_variables.solve(problem, noise, options.starts, start, options.tolerance)
-    theta, scatter, loss, agreement, converged = found
-    weight = robust.trial_weights(problem, theta, scatter)
+    theta, scatter, residual, loss, agreement, converged = found
+    weight = robust.trial_weights(residual, scatter)
     if options.standard_errors:
         covariance, effective = robust.uncertainty(problem, theta, scatter)
     else:
