@@ -97,8 +97,8 @@ def search(
     """Minimise the loss from several starts, or from the one that is given.
 
     Returns:
-        θ [B, K], Σ [B, D, D], residual [B, n, D] and loss [B] of the best start, the share [B] of the starts followed to
-        the end that reached this loss, and whether the best one converged [B].
+        θ [B, K], Σ [B, D, D], residual [B, n, D] and loss [B] of the best start, the share [B] of the starts followed
+        to the end that reached this loss, and whether the best one converged [B].
     """
     B = len(problem)
     if start is None:
