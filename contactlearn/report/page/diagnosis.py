@@ -72,7 +72,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "verdict": {
             "key": str(found.verdict),
             "headline": phrase("verdict", found),
-            "support": f"{phrase('support', found)} {phrase('confused', found)} {phrase('sample_support', found.sample)}".strip(),
+            "support": phrase("grounds", found),
             "sentences": phrases("summary", found),
         },
         "findings": [_finding(finding) for finding in found.findings],
