@@ -80,6 +80,16 @@ def by_state(drops, fit):
     return scores, state_variables(drops[scores.rows]), screen_state_associations
 
 
+def test_terms_are_residuals_times_what_least_squares_leaves_of_the_functions():
+    drops, fit = fitted(150, 4)
+    scores, functions = Scores.of_state(drops, fit, OPTIONS), normal(150, 3, seed=1)
+    change, reach = scores.slope[..., 1], scores.reach.flatten(0, 1)
+    columns = (change[..., None] * functions[:, None]).flatten(0, 1)
+    left = columns - reach @ torch.linalg.lstsq(reach, columns).solution
+    expected = (left.unflatten(0, (150, -1)) * scores.residual[..., None]).sum(1)
+    torch.testing.assert_close(scores.terms(change, functions), expected)
+
+
 @pytest.mark.parametrize("runs", repeated(25, 60))
 @pytest.mark.parametrize(("tested", "trials"), [(by_sequence, 140), (by_state, 120)])
 def test_false_statements_are_as_rare_as_the_level(tested, trials, runs):

@@ -147,22 +147,22 @@ def test_one_sentence_supports_the_headline(found):
     assert text.headline(replace(found, missing=(first, second))).startswith(
         "Surface tilt (computed) is missing from Wang–Mason, and probably spin damping (after)."
     )
-    message = plain(text.support(replace(found, missing=(first, second))))
+    message = plain(text.phrase("support", replace(found, missing=(first, second))))
     after, noise = found.ladder[2].error.mean, found.budget.noise.mean
     assert message.startswith(f"The held-out mass error falls from 0.1000 to {after:.4f}, ")
     assert (
         f"and noise alone accounts for {noise:.4f}; the names are correct with a probability of 99 % and 62 %."
         in message
     )
-    assert plain(text.support(replace(found, missing=(second,)))).endswith(
+    assert plain(text.phrase("support", replace(found, missing=(second,)))).endswith(
         "the name is correct with a probability of 62 %."
     )
-    bare = text.support(replace(found, missing=(), physics=result.Verdict.NONE))
+    bare = text.phrase("support", replace(found, missing=(), physics=result.Verdict.NONE))
     assert bare == f"Wang–Mason has a held-out mass error of 0.1000; noise alone accounts for {noise:.4f}."
-    assert text.support(replace(found, ladder=(), budget=None)) == ""
+    assert text.phrase("support", replace(found, ladder=(), budget=None)) == ""
     # Components, variables and the best formula, as the terminal does.
     left = remainder(Interval(0.4, 0.3, 0.5), result.WrenchComponent.MOMENT, result.WrenchComponent.TANGENTIAL)
-    written = plain(" ".join(text.summary(replace(found, remainder=left, formulas=(BEST,)))))
+    written = plain(" ".join(text.phrases("summary", replace(found, remainder=left, formulas=(BEST,)))))
     message = "Gaussian processes on the residual reduce the held-out error by 40 % (30 % to 50 %), in τ and P_t."
     assert message in written
     assert "The predicted residual depends on ω (61 %) and θ (20 %)." in written

@@ -164,6 +164,7 @@ Ratios and probabilities near 1 have their distance from 1 halved and doubled.
 A cell has the value, false alarms of null cases, and right alarms of planted cases. Planted mistakes and effects are
 small, so that some are missed. A threshold of several decisions has a row for one of them. Angles are in rad.
 `results.json` has the date of each row.
+`whole` would take 18 diagnoses of 6000 trials; answers of subsamples are tested on all trials.
 """
 
 

@@ -37,7 +37,7 @@ _DOUBT = 0.02  # nats a trial by which a prediction may be too pessimistic
 _FEW = 2  # effects up to which other forms are tried around several laws, beyond them around the best alone
 _SHIFTS = (0.0, *(sign * 0.005 * k for k in range(1, 7) for sign in (-1, 1)))
 """Changes of ε at which what refines others is tried."""
-_TRIED = 32  # values of the parameters of a form that refines
+_TRIED, _EVERY = 32, 2  # values of the parameters of a form that refines, and the trials on which they are compared
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
 _FRUITLESS = 2  # sizes in turn without a better model after which the search ends
@@ -167,7 +167,7 @@ class Search:
             if spec not in self.pool.models and not self.late:
                 points = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
                 tried[spec] = torch.stack(points)
-        shifted = {spec: _shifted(best) for spec, (_, best) in self._best_of(tried).items()}
+        shifted = {spec: _shifted(best) for spec, (_, best) in self._best_of(tried, _EVERY).items()}
         found = self._best_of(shifted).items()
         self.pool.all_fitted({spec: best for spec, (score, best) in found if score < worthwhile})
 
@@ -189,9 +189,11 @@ class Search:
                 starts[spec] = values
         pool.all_fitted(starts)
 
-    def _best_of(self, tried: Mapping[Spec, Float[Tensor, "c k"]]) -> dict[Spec, tuple[float, Float[Tensor, " k"]]]:
-        """Return the least score of each model at some values, and these values."""
-        scores = zip(tried, self.pool.scores_at(tried), strict=True)
+    def _best_of(
+        self, tried: Mapping[Spec, Float[Tensor, "c k"]], every: int = 1
+    ) -> dict[Spec, tuple[float, Float[Tensor, " k"]]]:
+        """Return the least score of each model at some values, on every so-manyth trial, and these values."""
+        scores = zip(tried, self.pool.scores_at(tried, every), strict=True)
         return {spec: (min(each), tried[spec][each.index(min(each))]) for spec, each in scores}
 
     def _predicted(self, model: ScoredFit, neighbours: Neighbours, passes: int = 1) -> list[Proposal]:

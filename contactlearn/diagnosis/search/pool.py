@@ -138,10 +138,11 @@ class Pool:
         """Compute the score of a model at some values without a fit; to be compared with others of these alone."""
         return self.scores_at({spec: values[None]})[0][0]
 
-    def scores_at(self, tried: Mapping[Spec, Float[Tensor, "c k"]]) -> list[list[float]]:
-        """Compute the same of models at several values each."""
+    def scores_at(self, tried: Mapping[Spec, Float[Tensor, "c k"]], every: int = 1) -> list[list[float]]:
+        """Compute the same of models at several values each, with the mean loss of every so-manyth trial."""
         models = [(spec, self.effects(spec), values) for spec, values in tried.items()]
-        calls = [partial(_losses_at, self.impacts, self.laws[spec.law], own, values) for spec, own, values in models]
+        impacts = self.impacts[::every]
+        calls = [partial(_losses_at, impacts, self.laws[spec.law], own, values) for spec, own, values in models]
         losses = zip(models, side_by_side(calls), strict=True)
         return [[self.score(spec, own, loss) for loss in each] for (spec, own, _), each in losses]
 

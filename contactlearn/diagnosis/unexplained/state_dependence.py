@@ -192,11 +192,14 @@ def find_state_dependence(
         trials=_TRIALS,
         block=block,
     )
-    same = torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post)
-    each = side_by_side([partial(ask, one) for one in ((fit,) if same else (fit, best))])
-    if each[0] is None or any(one is None or one.fit.share.mean <= 0 for one in each):
+    found = ask(fit)
+    if found is None or found.fit.share.mean <= 0:
         return None
-    return _described(each[0], thresholds)
+    if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
+        rest = ask(best)
+        if rest is None or rest.fit.share.mean <= 0:
+            return None
+    return _described(found, thresholds)
 
 
 def fit_state_dependence(

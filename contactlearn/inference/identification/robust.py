@@ -157,8 +157,8 @@ def _descend(
         size = residual.square().median(-2).values
         scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     active, damping = torch.arange(len(theta), device=theta.device), theta.new_full(theta.shape[:1], 1e-3)
-    result = [theta.clone(), scatter.clone(), residual.clone(), torch.full_like(damping, torch.inf), damping < 0]
-    dampings, calm = _DAMPING.to(theta), torch.zeros_like(active)
+    dampings, calm, converged = _DAMPING.to(theta), torch.zeros_like(active), torch.zeros_like(active).bool()
+    result = [x.clone() for x in (theta, scatter, residual, torch.full_like(damping, torch.inf), converged)]
     for _ in range(rounds):
         scatter = _scattered(problem, residual, scatter, 3)
         loss = _loss(residual, scatter)
@@ -168,7 +168,8 @@ def _descend(
         new, pick = _loss(residuals, scatter).min(0)
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
-        residual = torch.where(better[:, None, None], residuals[pick, torch.arange(len(pick))], residual)
+        best = residuals[pick, torch.arange(len(pick), device=pick.device)]
+        residual = torch.where(better[:, None, None], best, residual)
         damping = damping * torch.where(better, dampings[pick], 100.0)
         calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1 + (promised < tolerance), 0)
         done = (calm >= 2) | (damping > 1e10)

@@ -40,8 +40,6 @@ from contactlearn.report.text import (
     searched_name,
     sentence,
     share_of_whole,
-    summary,
-    support,
     undecided,
 )
 from contactlearn.report.text.names import budget_labels
@@ -74,8 +72,8 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "verdict": {
             "key": str(found.verdict),
             "headline": phrase("verdict", found),
-            "support": f"{support(found)} {phrase('confused', found)} {phrase('sample_support', found.sample)}".strip(),
-            "sentences": summary(found),
+            "support": phrase("grounds", found),
+            "sentences": phrases("summary", found),
         },
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": phrase("consistent"),

@@ -45,8 +45,6 @@ from contactlearn.report.text.sentences import (
     phrase,
     phrases,
     searched_name,
-    summary,
-    support,
     undecided,
 )
 
@@ -84,7 +82,5 @@ __all__ = [
     "searched_name",
     "sentence",
     "share_of_whole",
-    "summary",
-    "support",
     "undecided",
 ]

@@ -100,16 +100,6 @@ def headline(found: Diagnosis) -> str:
     return phrase("headline", found)
 
 
-def support(found: Diagnosis) -> str:
-    """Write in one sentence what a headline rests on; empty for data that were refused."""
-    return phrase("support", found)
-
-
-def summary(found: Diagnosis) -> list[str]:
-    """Write the numbers behind a verdict, a sentence each."""
-    return phrases("summary", found)
-
-
 def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
     named = [(str(one.level), phrase("named", one)) for one in found.missing]
