@@ -120,18 +120,25 @@ class Separation:
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
-    """A state before impact in m, rad, m/s, rad/s; `x` is None where no model depends on it.
+    """A state before impact in m, rad, m/s, rad/s; the place is None where no model depends on it.
 
     `body` is its name, None where all measurements are of one.  `differences` are distances of the
     model's outcome from each rival's in standard deviations, in the order of `Experiment.separations`.
+    The plane has `theta` and `omega`, space a unit quaternion, `y`, `v_z` and three components of the spin.
     """
 
-    theta: float
     v_x: float
     v_y: float
-    omega: float
     differences: tuple[float, ...]
+    theta: float | None = None
+    omega: float | None = None
     x: float | None = None
+    y: float | None = None
+    v_z: float | None = None
+    w_x: float | None = None
+    w_y: float | None = None
+    w_z: float | None = None
+    orientation: tuple[float, ...] | None = None
     body: str | None = None
 
 
