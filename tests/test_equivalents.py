@@ -287,7 +287,8 @@ def test_next_tosses_in_space_separate_within_their_limits():
     assert len(found.drops) == len(set(found.drops)) == 6
     for drop in found.drops:
         assert (drop.theta, drop.omega, drop.x, drop.y) == (None,) * 4
-        assert drop.orientation in [tuple(q) for q in tosses.q[:, 3:].tolist()]
+        r_x, r_y, _ = tosses.r[[tuple(q) for q in tosses.q[:, 3:].tolist()].index(drop.orientation)].tolist()
+        assert drop.v_z + drop.w_x * r_y - drop.w_y * r_x < 0  # what was measured at that orientation approaches
         assert all(low <= getattr(drop, name) <= high for name, (low, high) in limits.items())
     spread = separations_of(tosses, models[0], {key: models[1]}, tosses).mean().item()
     assert sum(drop.differences[0] ** 2 for drop in found.drops) / 6 > 2 * spread
