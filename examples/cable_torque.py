@@ -10,14 +10,11 @@ A test module of one's own holds it to what every effect must obey:
         effect = CableTorque()
 """
 
-from dataclasses import dataclass
-
 from torch import Tensor
 
 from contactlearn.effects import Effect, State, columns, parameter
 
 
-@dataclass(frozen=True, eq=False)
 class CableTorque(Effect):
     """τ → τ − k sin θ.  It is not a resistance to the spin (`rolling_resistance`)."""
 

@@ -18,9 +18,9 @@ from contactlearn.simulation import synthetic
 
 chosen = settings(trials=400)
 
-# Here is such a file: lengths in mm, angles in degrees and positive clockwise, names of its own, and neither contact
-# point nor moment of inertia. (It is made from synthetic drops, under Wang and Mason's law with μ = 0.12 and ε =
-# 0.55.)
+# Here is such a file. Lengths are in mm, angles in degrees and positive clockwise, names its own. It has neither
+# contact point nor moment of inertia. (It is made from synthetic drops, under Wang and Mason's law with μ = 0.12 and
+# ε = 0.55.)
 drops = synthetic.load(size=chosen.trials)
 frame = pd.DataFrame({"run": range(1, len(drops) + 1), "weight": 1e3 * drops.mass.numpy()})
 for k, name in enumerate(("X", "Y", "angle")):

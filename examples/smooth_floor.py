@@ -10,12 +10,9 @@ A test module of one's own holds it to what every law must obey:
         law = SmoothFloor()
 """
 
-from dataclasses import dataclass
-
 from contactlearn.laws import Contact, Law
 
 
-@dataclass(frozen=True)
 class SmoothFloor(Law):
     """Newton restitution without friction; μ has no meaning.  It is not a law at μ = 0 of a body that rolls."""
 

@@ -3,6 +3,7 @@
 import gc
 import os
 import pickle
+import signal
 import sys
 
 import hypothesis
@@ -26,6 +27,7 @@ sys.dont_write_bytecode = False
 torch.set_num_threads(1)  # the suite runs in parallel processes
 threadpool_limits(1)  # the BLAS of NumPy and SciPy: threads that wait for each other compute nothing
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # of processes that the tests start
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a suite in the background would ignore Ctrl-C, as its tests
 gc.disable()  # until all is collected: it would look through half a million objects again and again
 # On a busy machine making an example takes long; that is no fault of the test.
 hypothesis.settings.register_profile("suite", suppress_health_check=[hypothesis.HealthCheck.too_slow])
@@ -33,18 +35,18 @@ hypothesis.settings.load_profile("suite")
 
 # The files that take longest begin: a worker that takes one of them last would be waited for.
 LONGEST = (
-    "test_sweeps.py", "test_commands.py", "test_workbench_browser.py", "test_fit.py", "test_diagnosis.py",
-    "test_hidden_effects.py", "test_track_commands.py", "test_workbench.py", "test_signals.py", "test_report_page.py",
-    "test_recordings_page.py", "test_search.py", "test_devices.py", "test_learning.py", "test_bodies.py",
-    "test_audit.py", "test_docs.py", "test_fit_trials.py", "test_numerical_faults.py", "test_tracks_mujoco.py",
-    "test_shapes.py", "test_mujoco_drops.py", "test_large_tables.py", "test_state_dependence.py", "test_figures.py",
-    "test_apparatus.py", "test_trained.py", "test_laws.py", "test_report_runs.py", "test_learning_figures.py",
-    "test_effect_commands.py", "test_diagnosis_figures.py", "test_large.py", "test_user_errors.py",
-    "test_remainder.py", "test_tables.py", "test_package.py", "test_tracking.py", "test_fit_effects.py",
-    "test_structure.py", "test_gp.py", "test_serial_dependence.py", "test_effects_against_nature.py",
-    "test_proxy_effects.py", "test_plugins.py", "test_study.py", "test_examples.py", "test_equivalents.py",
-    "test_candidates.py", "test_law_commands.py", "test_workbench_security.py", "test_hostile_names.py",
-    "test_effects.py", "test_rests.py",
+    "test_sweeps.py", "test_commands.py", "test_workbench_browser.py", "test_diagnosis.py", "test_track_commands.py",
+    "test_devices.py", "test_workbench.py", "test_hidden_effects.py", "test_signals.py", "test_fit.py",
+    "test_dependences.py", "test_report_page.py", "test_audit.py", "test_learning.py", "test_search.py",
+    "test_diagnosis_in_space.py", "test_recordings_page.py", "test_numerical_faults.py", "test_docs.py",
+    "test_laws.py", "test_tracks_mujoco.py", "test_bodies.py", "test_fit_trials.py", "test_shapes.py",
+    "test_mujoco_drops.py", "test_large_tables.py", "test_figures.py", "test_apparatus.py", "test_trained.py",
+    "test_report_runs.py", "test_space.py", "test_learning_figures.py", "test_law_and_effect_commands.py",
+    "test_diagnosis_figures.py", "test_large.py", "test_user_errors.py", "test_remainder.py", "test_blind.py",
+    "test_tables.py", "test_package.py", "test_rigs.py", "test_tracking.py", "test_fit_effects.py",
+    "test_structure.py", "test_gp.py", "test_effects_against_nature.py", "test_proxy_effects.py", "test_plugins.py",
+    "test_study.py", "test_examples.py", "test_equivalents.py", "test_candidates.py",
+    "test_workbench_security.py", "test_hostile_names.py", "test_effects.py", "test_rests.py",
 )  # fmt: skip
 
 

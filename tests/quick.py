@@ -12,9 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 LONG = {
-    "test_diagnosis_result.py", "test_examples.py", "test_launchers.py", "test_state_dependence.py",
-    "test_plugins.py", "test_report_page.py", "test_spread.py", "test_serial_dependence.py", "test_sweeps.py",
-    "test_tracks_mujoco.py", "test_workbench_browser.py",
+    "test_diagnosis_result.py", "test_examples.py", "test_launchers.py", "test_dependences.py", "test_plugins.py",
+    "test_report_page.py", "test_spread.py", "test_sweeps.py", "test_tracks_mujoco.py", "test_workbench_browser.py",
 }  # fmt: skip
 FIRST = 5  # tests of a file that imports a changed module
 

@@ -23,8 +23,7 @@ from contactlearn.__main__ import main
 from contactlearn.cli import config_files, hydra_main
 from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _next_command
-from contactlearn.cli.commands.fitting import law_surface
-from contactlearn.cli.commands.record import draw_cost_surface
+from contactlearn.cli.commands.fitting import draw_cost_surface
 from contactlearn.cli.config_files import CONFIGS, choices, restrict_settings
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings
@@ -36,6 +35,7 @@ from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.shared import Box, cost_surface
 from contactlearn.inference.learning import curves
 from contactlearn.models import checkpoint
+from contactlearn.report.figures import laws as drawings
 from contactlearn.simulation import synthetic
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
@@ -200,12 +200,14 @@ def test_training_without_further_words_learns(tmp_path):
     assert checkpoint.load(tmp_path / "model.pt")[0].residual is not None
 
 
-def test_cost_surface_is_that_of_one_subset():
+def test_cost_surface_is_that_of_one_subset(monkeypatch):
     law, pool, box = laws.find("whittaker"), synthetic.load(size=60), Box(nodes=8)
-    found = law_surface(law, pool, 20, IdentificationSettings(target="momentum", box=box, repetitions=1))
+    draw, given = drawings.cost_map, []
+    monkeypatch.setattr(drawings, "cost_map", lambda *values: given.extend(values) or draw(*values))
+    drawn = draw_cost_surface(law, pool, 20, IdentificationSettings(target="momentum", box=box, repetitions=1))
     subset = pool[sampled(torch.ones(60, dtype=torch.bool), 20)]
-    assert found.cost.equal(cost_surface(law, subset, *box.axes()))
-    assert "20 trials" in draw_cost_surface(found).axes[0].get_title()
+    assert given[2].equal(cost_surface(law, subset, *box.axes()))
+    assert "20 trials" in drawn.axes[0].get_title()
 
 
 @pytest.fixture(scope="module")
@@ -427,7 +429,8 @@ def test_one_repetition_has_no_spread(tmp_path):
 
 
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
-    command = ("evaluate.py", *SMALL[:5], "model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "workers=1")
+    words = ("model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "laws=[whittaker]", "workers=1")
+    command = ("evaluate.py", *SMALL[:5], *words)
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     sizes, train, allowed, shown = [], curves._Training.run, 1, []

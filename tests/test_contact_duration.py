@@ -99,6 +99,22 @@ def test_the_duration_of_soft_contacts_of_an_engine_is_found(kind):
     assert fit.values[2].item() == pytest.approx(expected, rel=CLOSE)
 
 
+def test_duration_and_tangential_ratio_are_determined_together():
+    """Noise is 0.01 m/s and 0.5 rad/s, before and after contact; the ratio is that of the tangential spring."""
+    spring = find_effect("tangential_restitution", "spring")
+    planted = {"contact_duration": find_effect("contact_duration")(T=3.5e-3), spring.name: spring(s=0.6, c=1.2)}
+    states = synthetic.load(size=400, velocity_noise=0, spin_noise=0, seed=5)
+    outcome = ContactModel(find("spring_dashpot").at(MU, EPS), effects=planted).predict(states).v_post
+    sigma = torch.tensor([0.01, 0.01, 0.5]).double()
+    noise = sigma * torch.randn(2, 400, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    impacts = states.replace(v_pre=states.v_pre + noise[0], v_post=outcome + noise[1], validate=False)
+    fit = identify_jointly("spring_dashpot", {name: type(one)() for name, one in planted.items()}, impacts)
+    off = (fit.values - torch.tensor([MU, EPS, 3.5e-3, 0.6, 1.2])) / fit.standard_errors
+    assert off.abs().max() < 3
+    assert fit.correlation[2, 3:].abs().max() < 0.3
+    assert (fit.standard_errors[[2, 4]] / fit.values[[2, 4]]).max() < 0.04
+
+
 def test_it_is_tried_where_a_late_frame_stands_for_it():
     late, lasting = EffectId("sampling_delay"), EffectId("contact_duration")
     model = ContactModel(

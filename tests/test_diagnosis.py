@@ -139,7 +139,9 @@ def test_it_computes_on_one_thread():
     torch.set_num_threads(2)
     try:
         with pytest.raises(Seen, match=r"^1$"):
-            diagnose(synthetic.load(size=30), on_event=look)
+            diagnose(
+                synthetic.load(size=30), **alone({"law": "mirtich"}), candidates=few("surface_tilt"), on_event=look
+            )
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
@@ -254,7 +256,8 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     impacts, truth = hidden_effects.draw(31, size=200)
     events = RecordingObserver()
     both = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "adhesion")}
-    found = diagnose(impacts, candidates=both, on_event=events)
+    two = [find(truth["law"]), find("anitescu_potra_poisson")]
+    found = diagnose(impacts, candidates=both, laws=two, on_event=events)
     assert min(found.laws, key=lambda one: one.error).name != found.law == truth["law"]
     assert events.last(LawChanged).law == truth["law"]
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}

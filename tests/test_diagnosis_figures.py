@@ -29,8 +29,7 @@ from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.report.figures import style as st
-from contactlearn.report.figures.audit import audit_figure
-from contactlearn.report.figures.diagnosis import drawn, ladder_figure, regions_figure, residual_figure
+from contactlearn.report.figures.diagnosis import audit_figure, drawn, ladder_figure, regions_figure, residual_figure
 from contactlearn.report.text import rung_label, sentence
 from contactlearn.simulation import hidden_effects
 

@@ -21,6 +21,7 @@ from contactlearn.results import folder
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
+SCRIPTS = sorted(path for path in ROOT.glob("benchmarks/*/*.py") if path.name != "__init__.py")
 
 
 def test_claims_of_the_paper_are_those_of_the_results():
@@ -29,6 +30,13 @@ def test_claims_of_the_paper_are_those_of_the_results():
     assert f"<!-- paper_claims -->\n\n{made}\n\n<!-- end -->" in claims["PAGE"].read_text("utf-8")
     words = ["experiment=fazeli2017", *claims["SMALLER"], claims["LEARNED"], "data.free_fall=0.008"]
     assert [*compose("evaluate", words).model] == claims["LEARNED"][7:-1].split(",")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_benchmark_finds_what_it_measures(script, monkeypatch):
+    """What it imports is there; it is not run."""
+    monkeypatch.syspath_prepend(script.parents[1])
+    runpy.run_path(str(script))
 
 
 def _blocks(document):
@@ -94,6 +102,26 @@ def test_the_readme_is_short_and_says_what_the_case_study_measured():
     assert len(rows) == 6
     for row in rows:
         assert re.search(r"\d\.\d{3} \[\d\.\d{3}, \d\.\d{3}\]", row)[0] in study
+
+
+def _sentences(text):
+    """Words of each sentence, and lines of each list item; code, tables and headings are none."""
+    text = re.sub(r"```.*?```|<!--.*?-->|^---.*?^---", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^(\||#|!\[|    ).*$", "", re.sub(r"\]\([^)]*\)", "]", text), flags=re.MULTILINE)
+    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text):
+        lines = len(block.strip().splitlines()) if re.match(r"\s*([-*]|\d+\.) ", block) else 0
+        for sentence in re.split(r"[.!?:;](?=\W*\s)", re.sub(r"`[^`]*`", "x", block)):
+            yield len(re.findall(r"\S*\w\S*", sentence)), lines
+
+
+def test_prose_is_short():
+    """At most 35 000 words, sentences of 40 words and of 20 in the mean, list items of five lines."""
+    texts = [path.read_text("utf-8") for path in (*DOCUMENTS, *ROOT.glob("examples/**/*.md"))]
+    assert sum(len(text.split()) for text in texts) <= 35_000
+    lengths, lines = zip(*(each for text in texts for each in _sentences(text) if each[0]), strict=True)
+    assert max(lengths) <= 40
+    assert sum(lengths) / len(lengths) <= 20
+    assert max(lines) <= 5
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))

@@ -2,17 +2,18 @@
 
 import gc
 import inspect
-from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass, field
 from pathlib import Path
 
 import pytest
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, forms_of, from_settings, parameter
+from contactlearn.effects.functions import APPROACH, SLIP
 from contactlearn.effects.spin_damping import SpinDamping
 from contactlearn.laws import find
 from contactlearn.mechanics.shapes import Polygon
+from contactlearn.mechanics.space import SPACE
 from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
 
@@ -59,11 +60,8 @@ def family():
     class Gust(Effect):
         """Air moves.  It is not a drag."""
 
+        place = "velocity"
         strength: float
-
-        @abstractmethod
-        def velocity(self, state, v_post):
-            """Blow."""
 
     return Gust
 
@@ -110,6 +108,36 @@ def test_a_family_of_ones_own_is_known_by_its_forms(forgotten):
     form_of(parent, "steady")
     with pytest.raises(ContactLearnError, match="two forms of gust are called steady"):
         forms_of(parent)
+
+
+@pytest.mark.parametrize("decorate", [lambda kind: kind, dataclass(frozen=True, eq=False)], ids=["bare", "decorated"])
+def test_a_class_is_a_frozen_dataclass_with_its_decorator_or_without(decorate, forgotten):
+    @decorate
+    class Draught(Effect):
+        """v⁺ ← v⁺ + c."""
+
+        formula = "v⁺ ← v⁺ + c"
+        c: float = parameter("c", "m/s", -1.0, 1.0)
+        trials: int = field(default=3, kw_only=True)
+
+        def velocity(self, state, v_post):
+            return v_post + self.c
+
+    made = Draught(0.5, trials=4)
+    assert [(p.name, p.unit, p.high) for p in made.parameters] == [("c", "m/s", 1.0)]
+    assert (made.options, made.at([0.25]).values[0].item(), Draught().trials) == ({"trials": 4}, 0.25, 3)
+    for change in (lambda: setattr(made, "c", 1.0), lambda: delattr(made, "c")):
+        with pytest.raises(FrozenInstanceError, match="field 'c'"):
+            change()
+
+
+def test_what_is_of_the_plane_alone_is_refused_in_space():
+    contract = EffectContract()
+    contract.effect = find_effect("torsional_friction")()
+    tosses = contract.impacts()
+    for kind in (kind for kind in KINDS if SPACE not in kind.spaces):
+        with pytest.raises(ContactLearnError, match=f"effect {kind.name} exists for bodies that move in a plane alone"):
+            kind().prepare(tosses)
 
 
 def test_two_effects_of_one_name_are_refused(forgotten):
@@ -168,7 +196,7 @@ def test_text_that_is_no_identity_is_refused(text):
 def test_the_equation_states_the_reference_speed(kind):
     """What ε or μ means hangs on it."""
     impacts = synthetic.load(size=20, seed=0)
-    speed = impacts.v_c[:, kind.component].abs().median().item()
+    speed = impacts.v_c[:, [SLIP, APPROACH].index(kind.speed)].abs().median().item()
     assert kind().equation == kind.formula
     formula, _, expected = kind().prepare(impacts).equation.rpartition(" at v_ref = ")
     assert formula == kind.formula

@@ -80,8 +80,8 @@ SLOW = ("mirtich", "fazeli2017"), ("spring_dashpot", "textbook")  # Newton's ite
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(DISTINCT, ["published", "synthetic", "x mirrored"]))
 def test_no_grid_beats_the_cost(law, variant, source, request):
     slow = (law, variant) in SLOW
-    drops = drops_of(source, 40 if slow else 80, law, variant, request, 2, **NOISY)
-    sizes = (3, 8, 20, 30 if slow else 60)
+    drops = drops_of(source, 24 if slow else 80, law, variant, request, 2, **NOISY)
+    sizes = (3, 8, 20) if slow else (3, 8, 20, 60)
     subsets = orders(len(drops), sizes[-1], 4, seed=3)
     nested = [order[:k] for order in subsets for k in sizes]
     grid = brute_force(law, variant, drops, nested, 80 if slow else 400).view(4, len(sizes))

@@ -78,7 +78,7 @@ def test_names_steer_no_terminal_file_page_or_result(run):
     assert any("<script>" in str(name) for name in held_out["trial"])
     for line in (root / "run" / "metrics.jsonl").read_text().splitlines():
         assert isinstance(json.loads(line), dict)
-    frame, skipped = write_table([str(root / "run")], str(root / "run" / "all.csv"), lambda items, task: items)
+    frame, skipped = write_table([str(root / "run")], str(root / "run" / "all.csv"))
     assert len(frame) > 0
     assert not skipped
 

@@ -1,7 +1,7 @@
 """Laws and effects of a user's own: a slip in them is one line that says what to write, before any work."""
 
 import gc
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass
 
 import pytest
 import torch
@@ -38,7 +38,6 @@ def effect_with(velocity):
 def law_with(solve):
     """A law with this method."""
 
-    @dataclass(frozen=True)
     class OwnLaw(Law):
         def solve(self, contact, mu, eps):
             return solve(-(1 + eps) * contact.v_n / contact.w_nn)
@@ -63,6 +62,24 @@ def test_a_slip_in_an_effect_is_one_line(velocity, message):
     effect = effect_with(velocity)
     with pytest.raises(ContactLearnError, match=rf"^own\.Own .*{message}"), located_errors("own.Own", type(effect)):
         check_effect(effect, "own.Own")
+
+
+@pytest.mark.parametrize("decorate", [lambda kind: kind, dataclass(frozen=True)], ids=["bare", "decorated"])
+def test_a_law_is_a_frozen_dataclass_with_its_decorator_or_without(decorate):
+    @decorate
+    class Sticky(Law):
+        share: float = 0.5
+
+        def solve(self, contact, mu, eps):
+            return 0 * contact.v_t, -(1 + eps) * contact.v_n / contact.w_nn
+
+    assert (Sticky(0.1, share=0.2).options, Sticky(0.1), hash(Sticky())) == (
+        {"share": 0.2},
+        Sticky(0.1),
+        hash(Sticky()),
+    )
+    with pytest.raises(FrozenInstanceError, match="share"):
+        Sticky().share = 0.3
 
 
 def test_no_effect_and_no_law_of_the_catalogue_is_refused():

@@ -7,6 +7,7 @@ import tarfile
 import tomllib
 import zipfile
 from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -129,3 +130,31 @@ def test_quick_takes_what_changed_and_one_of_each_other():
     assert len(taken) == quick.FIRST + 8
     assert "test_sweeps.py" not in dict(taken)
     assert [item.number for item in quick.kept(items, set())] == [0, 0]
+
+
+@pytest.fixture
+def versions():
+    """The command behind `make versions`."""
+    spec = spec_from_file_location("versions", ROOT / "tools" / "versions.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested(versions, monkeypatch):
+    assert len(versions.lower_bounds()) == len(PROJECT["dependencies"])
+    monkeypatch.setattr(versions, "pythons", lambda: ["python3"])
+    assert versions.asked([]) == (["oldest", "newest"], ["python3"])
+    assert versions.asked(["oldest", "python3"]) == (["oldest"], ["python3"])
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["oldst"], "invalid choice: 'oldst'"),
+    (["oldest", "python2.99"], "python2.99: no such command"),
+    ([], "no Python 3.11 or later is found"),
+])  # fmt: skip
+def test_versions_that_are_not_there_are_no_success(words, message, versions, capsys, monkeypatch):
+    monkeypatch.setattr(versions, "pythons", list)
+    with pytest.raises(SystemExit, match="2"):
+        versions.asked(words)
+    assert message in capsys.readouterr().err

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from drops import seeded
+from drops import LAW, normal, seeded, thrown
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from repetitions import repeated
 
@@ -19,10 +19,10 @@ from contactlearn.diagnosis.unexplained.remainder import is_significant, learn_r
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.rigid_body import apply_wrench
-from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.contact_model import ContactModel, predict_with
 from contactlearn.simulation import hidden_effects
 
 UNKNOWN = {
@@ -77,6 +77,21 @@ def test_nothing_remains_where_nothing_is_hidden(seed):
     assert not found.found
     assert found.share.low < 0.01
     assert -0.15 < found.share.mean < 0.03
+
+
+def test_a_small_stated_noise_hides_no_remainder():
+    """Friction has two values, so that many trials are far off in units of the noise; processes learn from them."""
+    drops = thrown(300, 1)
+    values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
+    values[:, 0] += 0.2 * (9 * drops.v_pre[:, 0]).sin().sign()
+    noise = 0.003, 0.003, 0.1
+    v_post = predict_with(LAW, drops, values).v_post + torch.tensor(noise) * normal(len(drops), 3, seed=2)
+    drops = drops.replace(v_post=v_post)
+    fit = identify_jointly(LAW, {}, drops, options=FitOptions(noise=noise, noise_before=(0.0, 0.0, 0.0)))
+    far = fit.weight < fit.thresholds.outlier_weight
+    assert fit.outliers == far.sum() > 0.1 * len(drops)
+    assert what_remains(drops, fit, inliers=fit.inliers).remainder.share.low > 0.3
+    assert what_remains(drops, fit, inliers=~far).remainder.share.mean < 0.2
 
 
 def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):

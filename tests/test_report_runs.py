@@ -298,27 +298,18 @@ def test_data_that_had_to_be_corrected_have_a_verdict(tmp_path):
 
 
 LEARNT = json.loads(to_json(learning_curve((1,), (0.1,))))
-NESTED = json.loads('{"a":' * 90 + "{}" + "}" * 90)
 ERROR = ("errors", "mirtich", METRIC)
 DAMAGED = {
     "empty": ("", "is not JSON"),
     "foreign": ({"scores": [1, 2]}, "kind is not there"),
     "another kind": ({"kind": "dream"}, "kind: invalid enum value 'dream'"),
     "diagnosis": (trained() | {"kind": "diagnosis"}, "is not there"),
-    "list": ([1], "expected object, got array"),
     "no hash": (changed(trained(), "provenance", "data", to={"source": "x", "trials": 3}), "sha256 is not there"),
     "no provenance": ({"kind": "training"}, "provenance is not there"),
     "no errors": (trained() | {"errors": {}}, "a model must be one of those in errors (none)"),
-    "text for number": (changed(trained(), *ERROR, "low", to="x"), "errors.mirtich.mass_error.low: expected float"),
     "negative": (changed(trained(), *ERROR, "low", to=-1), "errors.mirtich: mass_error must be a number, 0 or more"),
     "errors a list": (trained() | {"errors": [1]}, "errors: expected object"),
-    "huge": (changed(trained(), *ERROR, "mean", to=10**400), "mass_error.mean: number out of range"),
-    "nan": (json.dumps(changed(trained(), *ERROR, "mean", to=float("nan"))), "is not JSON"),
-    "infinite": (json.dumps(trained()).replace("0.2,", "1e999,"), "is not JSON"),
     "deep": ("[" * 100_000, "is nested too deeply"),
-    "deep config": (changed(trained(), "provenance", "config", to=NESTED), "is nested too deeply"),
-    "digits": (f'{{"data": {"9" * 5000}}}', "is not JSON"),
-    "surrogate": (changed(trained(), "model", to="\ud800"), "is not JSON"),
     "transfer": (
         {"kind": "transfer", "norm": "mass", "provenance": trained()["provenance"], "sizes": [1], "transfer": {}},
         "is a transfer to other bodies"),

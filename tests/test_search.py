@@ -9,6 +9,7 @@ from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
+from contactlearn.diagnosis.search.ladder import calibrated
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
@@ -78,7 +79,8 @@ def test_a_small_effect_gains_what_its_linearisation_predicts():
         fitted = pool.fitted(spec(effect))
         predicted = (losses[0] - loss).item()
         assert predicted == pytest.approx((base.fit.loss - fitted.fit.loss).item() * len(impacts), rel=0.3, abs=2.0)
-        step, error = quadratic.values(one, values)[effect], pool.polished(spec(effect)).fit.standard_errors[-1].item()
+        (fit,) = pool.polished(spec(effect))
+        step, error = quadratic.values(one, values)[effect], fit.fit.standard_errors[-1].item()
         assert step == pytest.approx(fitted.values[effect], rel=0.3, abs=3 * error)
     impacts = planted(300, inertia_error={"kappa": 0.015}, spin_damping={"c": 0.1})
     pool = pooled(impacts, SPIN, INERTIA)
@@ -297,3 +299,24 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     generator = torch.Generator().manual_seed(0)
     assert drift is not None
     assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)
+
+
+SURE = {"share": 0.99, "gain": 0.3, "left": 0.0, "unknown": False, "others": 0}
+
+
+def test_a_calibrated_confidence_is_a_probability():
+    for share in (0.0, 0.5, 1.0):
+        for gain in (-0.1, 0.0, 1.0):
+            for left in (-0.2, 0.9):
+                for others in (0, 5):
+                    assert 0 < calibrated(share, gain, left, others > 0, others) < 1
+    assert calibrated(**SURE) > 0.85
+    assert calibrated(share=0.4, gain=0.03, left=0.3, unknown=True, others=2) < 0.5
+    assert not math.isclose(calibrated(**SURE), 1.0, abs_tol=1e-3)  # nothing that was fitted is that sure
+
+
+@pytest.mark.parametrize(("name", "less", "more"), [
+    ("share", 0.4, 0.99), ("gain", 0.02, 0.5), ("left", 0.4, 0.0), ("unknown", True, False), ("others", 3, 0),
+])  # fmt: skip
+def test_more_evidence_never_means_less_confidence(name, less, more):
+    assert calibrated(**(SURE | {name: less})) <= calibrated(**(SURE | {name: more}))

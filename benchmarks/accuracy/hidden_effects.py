@@ -22,8 +22,8 @@ Finished sets are lines of the file --keep, and an interrupted run resumes from 
 
 import argparse
 import json
-import math
 import random
+import sys
 import time
 from collections import defaultdict
 from itertools import combinations
@@ -33,8 +33,9 @@ from statistics import mean, median
 import torch
 from threadpoolctl import threadpool_limits
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from contactlearn.core.numerics import Z_95
-from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.inference.evaluation.metrics import mass_error
@@ -42,6 +43,7 @@ from contactlearn.inference.learning.curves import run
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.simulation import hidden_effects, mujoco
 from contactlearn.simulation.hidden_effects.effects import CONFOUNDED
+from sensitivity.studies.cases import spoilt
 
 COMPONENTS = {"magnetic_pull": "tau", "elastic_strap": "t", "spin_lift": "n"}
 MUJOCO = {
@@ -50,13 +52,7 @@ MUJOCO = {
     "inertia_error": ({"inertia_error": 0.2}, {"kappa": 0.2}),
     "gravity_impulse": ({"delay": 0.008}, {"dt": 0.008}),
 }
-DEGREES = torch.tensor((1.0, 1.0, 180 / math.pi), dtype=torch.float64)
-INVOLUTIONS = ("mirrored_x", "mirrored_theta", "contact_point_sign", "swapped_pre_post")
-CORRUPTIONS = {
-    **{name: lambda d, name=name: correct(d, [name]) for name in INVOLUTIONS},
-    "degrees": lambda d: d.replace(q=d.q * DEGREES, v_pre=d.v_pre * DEGREES, v_post=d.v_post * DEGREES),
-    "millimetres": lambda d: d.replace(q=d.q * 1e3 / torch.tensor((1.0, 1.0, 1e3)), r=d.r * 1e3),
-}
+CORRUPTIONS = ("mirrored_x", "mirrored_theta", "contact_point_sign", "swapped_pre_post", "degrees", "millimetres")
 
 
 def tasks(scale: float) -> list[tuple]:
@@ -95,7 +91,7 @@ def one(group: str, names: tuple, seed: int, size: int, noise: float) -> dict:
         impacts, expected = mujoco.load(size=size, seed=seed, **options), {names[0]: expected}
     elif group == "corrupted":
         impacts, _ = hidden_effects.draw(seed, effects=[], size=size, noise=noise)
-        impacts = CORRUPTIONS[names[0]](impacts.replace(validate=False))
+        impacts = spoilt(impacts, *names)
     else:
         impacts, truth = hidden_effects.draw(seed, effects=list(names), size=size, noise=noise)
         expected = {

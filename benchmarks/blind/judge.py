@@ -18,61 +18,40 @@ _SIGMAS = 2.0  # standard errors within which a parameter is right
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """A line of a file of answers.  Lists by effect are in the order of `effects`.
+    """A line of a file of answers.  Lists by effect are in the order of `effects`."""
 
-    Args:
-        suite: of the set.
-        name: of the set.
-        verdict: of the diagnosis, "failed" where it raised an error.
-        physics: conclusion about the corrected measurements, None where they are refused.
-        law: name of the law.
-        effects: names of the missing effects.
-        forms: names with their functional forms.
-        confidence: stated probabilities.
-        shares: shares of the plausible models that have each effect.
-        gains: shares of the error that each effect removes.
-        left: share of the error that flexible models remove beyond the effects.
-        rivals: names of the confounded effects.
-        simpler: names of a model with fewer effects that does nearly as well, None where there is none.
-        models: names of the effects of each plausible model, None where the answer has none.
-        corrections: names of the corrections of the measurements.
-        findings: names of the findings of the audit.
-        variables: symbols that the residual depends on beyond chance, by their share.
-        serial_dependence: `coefficient`, `follows`, `trials` and `share` of a coefficient that follows the sequence.
-        state_dependence: `coefficient`, `variables` and `share` of a coefficient that depends on the state.
-        candidates: names of effects that explain a part under a name that is not probable, proxies among them.
-        planted: of each listed effect, its part of the change that was planted in measured impacts; see `planted`.
-        formulas: proposed for the residual.
-        complete: False where the search ran out of time.
-        seconds: that the diagnosis took.
-        error: message of an exception.
-    """
-
-    suite: str
-    name: str
-    verdict: str
-    physics: str | None = None
-    law: str | None = None
-    effects: list[str] = field(default_factory=list)
-    forms: list[str] = field(default_factory=list)
-    confidence: list[float] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
-    gains: list[float] = field(default_factory=list)
-    left: float = 0.0
-    rivals: list[list[str]] = field(default_factory=list)
+    suite: str  # of the set
+    name: str  # of the set
+    verdict: str  # of the diagnosis, "failed" where it raised an error
+    physics: str | None = None  # conclusion about the corrected measurements, None where they are refused
+    law: str | None = None  # name of the law
+    effects: list[str] = field(default_factory=list)  # names of the missing effects
+    forms: list[str] = field(default_factory=list)  # names with their functional forms
+    confidence: list[float] = field(default_factory=list)  # stated probabilities
+    shares: list[float] = field(default_factory=list)  # shares of the plausible models that have each effect
+    gains: list[float] = field(default_factory=list)  # shares of the error that each effect removes
+    left: float = 0.0  # share of the error that flexible models remove beyond the effects
+    rivals: list[list[str]] = field(default_factory=list)  # names of the confounded effects
+    # names of a model with fewer effects that does nearly as well, None where there is none
     simpler: list[str] | None = None
+    # names of the effects of each plausible model, None where the answer has none
     models: list[list[str]] | None = None
-    corrections: list[str] = field(default_factory=list)
-    findings: list[str] = field(default_factory=list)
+    corrections: list[str] = field(default_factory=list)  # names of the corrections of the measurements
+    findings: list[str] = field(default_factory=list)  # names of the findings of the audit
+    # symbols that the residual depends on beyond chance, by their share
     variables: list[str] = field(default_factory=list)
+    # `coefficient`, `follows`, `trials` and `share` of a coefficient that follows the sequence
     serial_dependence: dict[str, Any] | None = None
+    # `coefficient`, `variables` and `share` of a coefficient that depends on the state
     state_dependence: dict[str, Any] | None = None
+    # names of effects that explain a part under a name that is not probable, proxies among them
     candidates: list[str] = field(default_factory=list)
+    # of each listed effect, its part of the change that was planted in measured impacts; see `planted`
     planted: dict[str, dict[str, float]] = field(default_factory=dict)
-    formulas: list[str] = field(default_factory=list)
-    complete: bool = True
-    seconds: float = 0.0
-    error: str = ""
+    formulas: list[str] = field(default_factory=list)  # proposed for the residual
+    complete: bool = True  # False where the search ran out of time
+    seconds: float = 0.0  # that the diagnosis took
+    error: str = ""  # message of an exception
 
 
 def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
@@ -122,49 +101,30 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """The ground truth of a set.
+    """The ground truth of a set."""
 
-    Args:
-        group: kind of the set, in the suite's words.
-        question: to be found out: `effects` (these and no other), `nothing`, `unknown` physics, `confounded` effects,
-            `measurement` (faults), `includes` (this effect among others), `ordered` (these first), or `unjudged`.
-        n: number of trials.
-        half: see `BlindSet`.
-        hidden: effects in the author's words, or their functional forms.
-        accepted: right names of each known effect.
-        confounded: effects that the trials cannot tell from the first.
-        coefficient: of the law that unknown physics changes, `mu` or `eps`; None for another quantity.
-        variables: symbols that unknown physics depends on.
-        follows: quantities that unknown physics follows along the sequence of the trials.
-        period: of that in trials.
-        acceptable: names that describe a part of unknown physics and count as right; None where nobody judged that.
-        tolerated: names that describe a part of unknown physics and do not count.
-        ignored: names that do not count in this set.
-        bad_data: whether the measurements are faulty; None where that is a matter of taste.
-        corrections: of faulty measurements.
-        share: of the law's error that all effects make; None where it was not computed.
-        unknown_by: field of the answer that calls physics unknown, `physics` or `verdict`.
-        confounded_in: fields of the answer that may list a confounded effect, beside the named ones.
-    """
-
-    group: str
+    group: str  # kind of the set, in the suite's words
+    # to be found out: `effects` (these and no other), `nothing`, `unknown` physics, `confounded` effects, `measurement`
+    # (faults), `includes` (this effect among others), `ordered` (these first), or `unjudged`
     question: str
-    n: int
-    half: str | None = None
-    hidden: Sequence[str] = ()
-    accepted: Sequence[Sequence[str]] = ()
-    confounded: Sequence[str] = ()
-    coefficient: str | None = None
-    variables: Sequence[str] = ()
-    follows: Sequence[str] = ()
-    period: float | None = None
+    n: int  # number of trials
+    half: str | None = None  # see `BlindSet`
+    hidden: Sequence[str] = ()  # effects in the author's words, or their functional forms
+    accepted: Sequence[Sequence[str]] = ()  # right names of each known effect
+    confounded: Sequence[str] = ()  # effects that the trials cannot tell from the first
+    coefficient: str | None = None  # of the law that unknown physics changes, `mu` or `eps`; None for another quantity
+    variables: Sequence[str] = ()  # symbols that unknown physics depends on
+    follows: Sequence[str] = ()  # quantities that unknown physics follows along the sequence of the trials
+    period: float | None = None  # of that in trials
+    # names that describe a part of unknown physics and count as right; None where nobody judged that
     acceptable: Sequence[str] | None = None
-    tolerated: Sequence[str] = ()
-    ignored: Sequence[str] = ()
-    bad_data: bool | None = None
-    corrections: Sequence[str] = ()
-    share: float | None = None
-    unknown_by: str = "verdict"
+    tolerated: Sequence[str] = ()  # names that describe a part of unknown physics and do not count
+    ignored: Sequence[str] = ()  # names that do not count in this set
+    bad_data: bool | None = None  # whether the measurements are faulty; None where that is a matter of taste
+    corrections: Sequence[str] = ()  # of faulty measurements
+    share: float | None = None  # of the law's error that all effects make; None where it was not computed
+    unknown_by: str = "verdict"  # field of the answer that calls physics unknown, `physics` or `verdict`
+    # fields of the answer that may list a confounded effect, beside the named ones
     confounded_in: Sequence[str] = ("rivals",)
 
     @property
@@ -185,43 +145,27 @@ def read_truth(suite: str) -> dict[str, Truth]:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """Answers to the questions about a set; None where a question is not asked.
+    """Answers to the questions about a set; None where a question is not asked."""
 
-    Args:
-        first: the first name is right (of measured drops, any name).
-        exact: every name is a hidden effect, and none is missing.
-        simpler: that, or it is true of the simpler model.
-        plausible: it is true of a plausible model or of the simpler one; of measured drops, a name or a candidate is.
-        no_false_name: no name is wrong, where nothing is hidden or something unknown is.
-        false_unknown: something is called unknown where nothing is.
-        unknown: unknown physics is called unknown.
-        acceptable: unknown physics is called unknown, or all names describe a part of it.
-        dependence: the right coefficient of unknown physics is given, or what it follows, or one of its variables.
-        follows: the right coefficient is given and what it follows along the sequence.
-        confounded: the hidden effect and a confounded one are both listed.
-        bad_data: faulty measurements are called so, and sound ones are not.
-        correction: faulty measurements are corrected rightly, or not at all where nothing corrects them.
-        parameters: those of a planted effect are the planted ones within two standard errors.
-        planted: a planted effect takes what it can of the planted change within two standard errors.
-        named: place of each name that is judged, and whether it is right.
-    """
-
-    first: bool | None = None
-    exact: bool | None = None
-    simpler: bool | None = None
+    first: bool | None = None  # the first name is right (of measured drops, any name)
+    exact: bool | None = None  # every name is a hidden effect, and none is missing
+    simpler: bool | None = None  # that, or it is true of the simpler model
+    # it is true of a plausible model or of the simpler one; of measured drops, a name or a candidate is
     plausible: bool | None = None
-    no_false_name: bool | None = None
-    false_unknown: bool | None = None
-    unknown: bool | None = None
-    acceptable: bool | None = None
+    no_false_name: bool | None = None  # no name is wrong, where nothing is hidden or something unknown is
+    false_unknown: bool | None = None  # something is called unknown where nothing is
+    unknown: bool | None = None  # unknown physics is called unknown
+    acceptable: bool | None = None  # unknown physics is called unknown, or all names describe a part of it
+    # the right coefficient of unknown physics is given, or what it follows, or one of its variables
     dependence: bool | None = None
-    follows: bool | None = None
-    confounded: bool | None = None
-    bad_data: bool | None = None
+    follows: bool | None = None  # the right coefficient is given and what it follows along the sequence
+    confounded: bool | None = None  # the hidden effect and a confounded one are both listed
+    bad_data: bool | None = None  # faulty measurements are called so, and sound ones are not
+    # faulty measurements are corrected rightly, or not at all where nothing corrects them
     correction: bool | None = None
-    parameters: bool | None = None
-    planted: bool | None = None
-    named: tuple[tuple[int, bool], ...] = ()
+    parameters: bool | None = None  # those of a planted effect are the planted ones within two standard errors
+    planted: bool | None = None  # a planted effect takes what it can of the planted change within two standard errors
+    named: tuple[tuple[int, bool], ...] = ()  # place of each name that is judged, and whether it is right
 
 
 def score(answer: Answer, truth: Truth) -> Score:

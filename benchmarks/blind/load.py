@@ -32,23 +32,16 @@ NUMBERS = ("mass", "inertia", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega"
 
 @dataclass(frozen=True, kw_only=True)
 class BlindSet:
-    """A set as the diagnosis may see it.
+    """A set as the diagnosis may see it."""
 
-    Args:
-        suite: name of its folder.
-        name: unique in the suite.
-        n: number of trials.
-        half: "learn" if its answers may be examined during development, "report" if not, None in suites of one part.
-        shape: declared outline of all bodies or of each by name, in the entries of `make_shapes`; None if undeclared.
-        measured: publication whose measurements it uses, None for simulated sets.
-    """
-
-    suite: str
-    name: str
-    n: int
+    suite: str  # name of its folder
+    name: str  # unique in the suite
+    n: int  # number of trials
+    # "learn" if its answers may be examined during development, "report" if not, None in suites of one part
     half: str | None = None
+    # declared outline of all bodies or of each by name, in the entries of `make_shapes`; None if undeclared
     shape: dict[str, Any] | None = None
-    measured: str | None = None
+    measured: str | None = None  # publication whose measurements it uses, None for simulated sets
 
 
 @cache

@@ -19,23 +19,16 @@ class AllThresholds(Thresholds):
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """Data sets in which an alarm is false (`null`) or right (`planted`), and the decision about them.
+    """Data sets in which an alarm is false (`null`) or right (`planted`), and the decision about them."""
 
-    Args:
-        name: unique among all studies.
-        null: arguments of `prepare`, a tuple for each case.
-        planted: likewise.
-        prepare: makes the data of a case, and everything expensive that depends on no threshold of the study.
-        alarm: decides by the package's own code on that material under some thresholds.
-        false_alarm: decides in null cases, by default as `alarm` does.
-    """
-
-    name: str
-    null: tuple[Case, ...]
-    planted: tuple[Case, ...]
+    name: str  # unique among all studies
+    null: tuple[Case, ...]  # arguments of `prepare`, a tuple for each case
+    planted: tuple[Case, ...]  # likewise
+    # makes the data of a case, and everything expensive that depends on no threshold of the study
     prepare: Callable[..., Any]
+    # decides by the package's own code on that material under some thresholds
     alarm: Callable[[Any, AllThresholds], bool]
-    false_alarm: Callable[[Any, AllThresholds], bool] | None = None
+    false_alarm: Callable[[Any, AllThresholds], bool] | None = None  # decides in null cases, by default as `alarm` does
 
 
 def paths(thresholds: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

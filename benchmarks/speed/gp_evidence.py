@@ -82,12 +82,11 @@ def covariance(inputs: int, batch: torch.Size) -> ScaleKernel:
 
 
 def single_task(x: Tensor, y: Tensor, kernel: ScaleKernel, likelihood: GaussianLikelihood) -> gpytorch.models.ExactGP:
-    """BoTorch's model of y [n] or [O, n]."""
+    """BoTorch's model of y [n]."""
     from botorch.models import SingleTaskGP
 
-    y = y.reshape(-1, y.shape[-1]).mT
     parts = {"likelihood": likelihood, "covar_module": kernel, "mean_module": gpytorch.means.ZeroMean()}
-    return SingleTaskGP(x, y, **parts, outcome_transform=None)
+    return SingleTaskGP(x, y[:, None], **parts, outcome_transform=None)
 
 
 def adam(model: gpytorch.models.ExactGP, steps: int = 100) -> Tensor:

@@ -6,13 +6,10 @@ Ours gives every trial its best (μ, ε), the error left and the interval of μ,
 rivals minimise the same error, one trial at a time, on a scalar law in plain Python, which is faster
 there than any array, and give no interval:
 
-    L-BFGS-B, as one writes it   one start, SciPy's own differences
     L-BFGS-B, gradient           one start, both differences from one call in plain Python
-    Nelder-Mead                  one start
-    L-BFGS-B, eight starts       gradient as above
     differential evolution       a global search, on a few random trials and scaled up
 
-The required ratio of 100 is for the last two, which search for the global optimum: the error has kinks,
+The required ratio of 100 is for the last, which searches for the global optimum: the error has kinks,
 jumps and plateaus, and one start misses its minimum on a quarter to a half of the trials.  "worse": on how many
 trials a rival ends above our error, and ours above the rival's, by more than 1e-9 N s; ours never may.
 
@@ -36,8 +33,6 @@ from speed.harness import drops, header, interleaved, medians, parsed, parser, r
 
 BAR = 100
 BOX = ((0.0, 1.0), (0.0, 1.0))
-ONE = [(0.1, 0.5)]
-EIGHT = [(mu, eps) for mu in (0.02, 0.1, 0.3, 0.8) for eps in (0.35, 0.65)]
 STEP = 1e-7
 
 
@@ -102,29 +97,19 @@ def squared_error_and_gradient(law, row):
     return value
 
 
-TIGHT = {"ftol": 1e-15, "gtol": 1e-10}
+def lbfgsb(law, row):
+    """Least squared error of an L-BFGS-B run."""
+    error, tight = squared_error_and_gradient(law, row), {"ftol": 1e-15, "gtol": 1e-10}
+    return minimize(error, (0.1, 0.5), method="L-BFGS-B", jac=True, bounds=BOX, options=tight).fun
+
+
+GLOBAL = "differential evolution"
 RIVALS = {
-    "L-BFGS-B, as one writes it": lambda law, row: (
-        minimize(squared_error(law, row), ONE[0], method="L-BFGS-B", bounds=BOX).fun
-    ),
-    "L-BFGS-B, gradient": lambda law, row: lbfgsb(law, row, ONE),
-    "Nelder-Mead": lambda law, row: (
-        minimize(
-            squared_error(law, row), ONE[0], method="Nelder-Mead", bounds=BOX, options={"xatol": 1e-9, "fatol": 1e-13}
-        ).fun
-    ),
-    "L-BFGS-B, eight starts": lambda law, row: lbfgsb(law, row, EIGHT),
-    "differential evolution": lambda law, row: differential_evolution(squared_error(law, row), BOX, rng=0).fun,
+    "L-BFGS-B, gradient": lbfgsb,
+    GLOBAL: lambda law, row: differential_evolution(squared_error(law, row), BOX, rng=0).fun,
 }
-GLOBAL = ("L-BFGS-B, eight starts", "differential evolution")
-FEW = {"differential evolution": 40}
+FEW = {GLOBAL: 40}
 """How many trials a slow rival gets; its time is scaled up to all."""
-
-
-def lbfgsb(law, row, starts):
-    """Least squared error over L-BFGS-B runs from the starts."""
-    error = squared_error_and_gradient(law, row)
-    return min(minimize(error, x, method="L-BFGS-B", jac=True, bounds=BOX, options=TIGHT).fun for x in starts)
 
 
 def loop(rival, law, contacts):
@@ -159,7 +144,7 @@ def compare(name: str, impacts, rounds: int) -> bool:
         best, ratio = fit.error[subsets[rival]], medians(times)[rival] / ours
         worse, better = (error > best + 1e-9).sum().item(), (best > error + 1e-9).sum().item()
         right &= better == 0
-        bar = f" (required {BAR})" if rival in GLOBAL else ""
+        bar = f" (required {BAR})" if rival == GLOBAL else ""
         count = f"{worse} of {len(error)}" + (", time scaled up" if len(error) < total else "")
         row(name, rival, f"{1e3 * ratio * ours:.0f}", f"{ratio:.0f}{bar}", f"{1e3 * error.mean():.3f}", count, better)
     return right

@@ -1,7 +1,7 @@
 """Cost and memory of commands on large tables and files.
 
-    python benchmarks/speed/large_tables.py [--what evaluation command sparse diagnosis usual recordings]
-        [--sizes 1e3 1e4 1e5 1e6 1e7] [--folder DIR] [--gigabytes 1]
+    python benchmarks/speed/large_tables.py [--what evaluation command sparse diagnosis usual]
+        [--sizes 1e3 1e4 1e5 1e6 1e7] [--folder DIR]
 
 evaluation  reads a Parquet table in blocks, predicts every impact by six laws and two bounds, adds up errors and
             writes all predictions, for each size
@@ -9,7 +9,6 @@ command     `evaluate.py` on the largest table
 sparse      `train.py` with 1e6 training impacts, or half the largest size if that is less
 diagnosis   `diagnose.py` on mystery drops of every size from 1e3 to 1e6, and whether it names the hidden effects
 usual       `diagnose` on 400 mystery drops with one to three effects, five of each, and on the published drops
-recordings  `contactlearn impacts` on one long CSV file of simulated recordings
 
 Each is a process of its own.  Seconds of processor time hold on a busy machine too; those of the clock do not.
 """
@@ -184,36 +183,13 @@ def cost(function: Callable[[Any], object], impacts: Any) -> tuple[float, float]
     return sum(spent[:4]), spent[4]
 
 
-def recordings(folder: Path, gigabytes: float) -> None:
-    """Find the impacts in one long CSV file: two hundred recordings of 500 frames, repeated under new names."""
-    import pandas as pd
-
-    from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate
-
-    mark, texts, path, count = "@" * 8, [], folder / "long.csv", 0
-    for one in simulate(200, seed=5)[0]:
-        x, y = one.position.T
-        frames = pd.DataFrame({"recording": mark, "time": one.time, "x": x, "y": y, "theta": one.angle})
-        texts.append(frames.to_csv(index=False, header=False, float_format="%.6f"))
-    with path.open("w", encoding="ascii") as file:
-        size = file.write("recording,time,x,y,theta\n")
-        while size < 1e9 * gigabytes:
-            size += file.write(texts[count % len(texts)].replace(mark, f"r{count:07d}"))
-            count += 1
-    shape = f"shape={{kind: ellipse, semi_axes: [{SEMI_AXES[0]}, {SEMI_AXES[1]}]}}"
-    words = str(path), "-o", str(folder / "impacts.parquet"), f"mass={MASS}", "unit=m", "workers=2", shape
-    print(f"impacts of {count} recordings, {size / 1e9:.2f} GB: {run('impacts', *words)}", flush=True)
-
-
 def main() -> None:
     """Run the chosen measurements."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     by_size = {"evaluation": evaluation, "command": command, "sparse": sparse, "diagnosis": diagnosis, "usual": usual}
-    every = [*by_size, "recordings"]
-    parser.add_argument("--what", nargs="+", default=every, choices=every)
+    parser.add_argument("--what", nargs="+", default=[*by_size], choices=by_size)
     parser.add_argument("--sizes", nargs="+", type=lambda x: int(float(x)), default=[10**k for k in range(3, 8)])
     parser.add_argument("--folder", type=Path, help="for tables and results; they are not deleted")
-    parser.add_argument("--gigabytes", type=float, default=1.0, help="of the file of recordings")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one is not None:
@@ -222,10 +198,7 @@ def main() -> None:
     folder = options.folder or Path(tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
     for what in options.what:
-        if what == "recordings":
-            recordings(folder, options.gigabytes)
-        else:
-            by_size[what](folder, sorted(options.sizes))
+        by_size[what](folder, sorted(options.sizes))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""Time sweeps that skip finished jobs, share cores, are killed, and are gathered by the thousand.
+"""Time sweeps that skip finished jobs, are killed, and are gathered by the thousand.
 
-    python benchmarks/speed/sweeps.py [--what skipped cores kills table] [--kills 50] [--jobs 32] [--runs 10000]
+    python benchmarks/speed/sweeps.py [--what skipped kills table] [--kills 50] [--runs 10000]
 
-`cores` needs contactlearn[joblib].  A kill is SIGKILL to the whole sweep at a random moment; the same command then
-resumes, and no finished job may be lost.  Each line states the requirement.
+A kill is SIGKILL to the whole sweep at a random moment; the same command then resumes, and no finished job may be
+lost.  Each line states the requirement.
 """
 
 import argparse
-import importlib.util
 import json
 import os
 import random
@@ -30,7 +29,6 @@ JOBS = (
     "law=wang_mason,whittaker",
 )  # fmt: skip
 COUNT = 4
-CORES = {"short": (800, 300), "long": (2400, 1200)}  # trials and training trials of a job
 
 
 def started(folder, *words, command="train.py"):
@@ -146,24 +144,6 @@ def mark_finished(folder, words, count):
             finish(place, done)
 
 
-def cores(folder, jobs):
-    """Time one process after the other against all cores, in turn, twice each, for short and for long jobs."""
-    if importlib.util.find_spec("hydra_plugins.hydra_joblib_launcher") is None:
-        print("cores    left out: needs contactlearn[joblib]")
-        return
-    for kind, (trials, trained) in CORES.items():
-        words = ("model=residual_wrench", f"data.size={trials}", f"train.size={trained}", f"seed=range({jobs})")
-        times = {"basic": [], "joblib": []}
-        for turn in range(2):
-            for launcher, found in times.items():
-                found.append(seconds(folder / f"{kind}-{launcher}{turn}", *words, f"hydra/launcher={launcher}"))
-        one, all_ = (min(found) for found in times.values())
-        print(
-            f"cores    {jobs} {kind} jobs of {one / jobs:.1f} s: {one:.0f} s one by one, {all_:.0f} s on all cores, "
-            f"{one / all_:.2f} times (≥ 1.8)"
-        )
-
-
 def kills(folder, count):
     """Count the kills that hit a sweep and the lost jobs, and compare the results with an undisturbed sweep."""
     seconds(folder / "undisturbed", *JOBS)
@@ -175,7 +155,7 @@ def kills(folder, count):
 
 
 def table(folder, runs):
-    """Time `contactlearn results` and `contactlearn report` over copies of real runs."""
+    """Time `contactlearn results` over copies of real runs."""
     seconds(folder / "sweep", *JOBS)
     real = sorted((folder / "sweep").glob("*-*"))
     for k in range(runs):
@@ -187,28 +167,23 @@ def table(folder, runs):
         done = Done(job=f"{k:012x}", config="0" * 64, data="", code="0")
         for name, text in ((".lock", ""), ("done.json", to_json(done))):
             (copy / name).write_text(text)
-    for what, words in {"table": ["results", "-o", str(folder / "a.parquet")], "page": ["report"]}.items():
-        start = time.perf_counter()
-        command = [sys.executable, "-m", "contactlearn", *words[:1], str(folder / "many"), *words[1:]]
-        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
-        print(f"table    {what} of {runs} runs: {time.perf_counter() - start:.1f} s")
-    page = folder / "many" / "report.html"
-    print(f"table    the page has {page.stat().st_size / 2**20:.1f} MB")
+    start = time.perf_counter()
+    command = [sys.executable, "-m", "contactlearn", "results", str(folder / "many"), "-o", str(folder / "a.parquet")]
+    subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    print(f"table    of {runs} runs: {time.perf_counter() - start:.1f} s")
 
 
 def main():
     """Run the chosen measurements."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--what", nargs="+", default=["skipped", "cores", "kills", "table"])
+    parser.add_argument("--what", nargs="+", default=["skipped", "kills", "table"])
     parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--jobs", type=int, default=32)
     parser.add_argument("--runs", type=int, default=10_000)
     options = parser.parse_args()
-    number = {"kills": options.kills, "cores": options.jobs, "table": options.runs}
-    for name in options.what:
+    measures = {"skipped": (skipped,), "kills": (kills, options.kills), "table": (table, options.runs)}
+    for measure, *number in (measures[name] for name in options.what):
         folder = Path(tempfile.mkdtemp(prefix="sweeps-"))
-        measure = {"skipped": skipped, "cores": cores, "kills": kills, "table": table}[name]
-        measure(folder, *([number[name]] if name in number else []))
+        measure(folder, *number)
         shutil.rmtree(folder)
 
 

@@ -275,7 +275,6 @@ def run_report(options: argparse.Namespace) -> str:
     """Write the page of one run again, or one over several; return a line with its path."""
     from pathlib import Path
 
-    from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
     from contactlearn.report.page.runs import has_page, redraw, write_runs
     from contactlearn.results.runs import printable
@@ -283,7 +282,7 @@ def run_report(options: argparse.Namespace) -> str:
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
         return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
     with progress() as on_event:
-        page, runs, skipped = write_runs(options.folders, options.out, lambda items, task: track(items, task, on_event))
+        page, runs, skipped = write_runs(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
@@ -292,11 +291,10 @@ def run_report(options: argparse.Namespace) -> str:
 
 def run_results(options: argparse.Namespace) -> str:
     """Write the table of all runs in some folders; return their number in a line."""
-    from contactlearn.diagnosis.events import track
     from contactlearn.report.events import progress
     from contactlearn.results.runs import write_table
 
     with progress() as on_event:
-        frame, skipped = write_table(options.folders, options.out, lambda items, task: track(items, task, on_event))
+        frame, skipped = write_table(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])

@@ -13,8 +13,6 @@ A source takes plain keyword arguments, reads or simulates, and leaves validatio
 Nothing downstream reads a file again.  Simulated sources are in `contactlearn.simulation`.
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -11,8 +11,6 @@ unexplained      the remainder that flexible models predict: its dependences, pr
 error_budget     the shares of the error that are noise, explained, unexplained or out of reach
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

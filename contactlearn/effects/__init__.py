@@ -26,7 +26,6 @@ from contactlearn.effects.base import (
     ChangesRestitution,
     Effect,
     Parameter,
-    check_decorated,
     parameter,
 )
 from contactlearn.effects.identity import EffectId
@@ -106,8 +105,6 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Ef
             f"effects are names, such as ['spin_damping'], or effects by name, such as {{'spin': SpinDamping()}}; "
             f"got {effects!r}"
         )
-    for effect in found.values():
-        check_decorated(type(effect))
     return dict(found)
 
 
@@ -119,7 +116,6 @@ def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
     """
     found: dict[str | None, type[Effect]] = {}
     for form in _defined(kind) if inspect.isabstract(kind) else (kind,):
-        check_decorated(form)
         if form.form in found:
             raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
         found[form.form] = form

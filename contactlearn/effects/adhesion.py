@@ -1,8 +1,5 @@
 """The surfaces cling before they part."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,7 +9,6 @@ from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class Adhesion(Effect):
     """Parting takes an impulse or an energy that does not grow with the speed, up to all of the rebound.
 
@@ -23,16 +19,12 @@ class Adhesion(Effect):
     restitution, whose loss grows with the speed.
     """
 
+    place = "wrench"
     spaces = BOTH
     source = "Johnson, Kendall & Roberts 1971"
     citations = ("johnson1971",)
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench less the normal impulse that parting takes."""
 
-
-@dataclass(frozen=True, eq=False)
 class AdhesionImpulse(Adhesion):
     """P_n → P_n − c, at most the rebound v_n⁺/W_nn.  It is not a work of adhesion (`WorkOfAdhesion`)."""
 
@@ -46,7 +38,6 @@ class AdhesionImpulse(Adhesion):
         return altered(wrench, state.space.d - 1, -torch.minimum(torch.as_tensor(self.c), rebound / w_nn))
 
 
-@dataclass(frozen=True, eq=False)
 class WorkOfAdhesion(Adhesion):
     """v_n⁺ → √(v_n⁺² − 2 w W_nn), or 0 if w exceeds the energy of the rebound.
 

@@ -5,9 +5,9 @@
     wrench(state, wrench)     changes (P_t, P_n, τ) after the law has resolved the contact
     velocity(state, v_post)   acts between contact and the second measurement, in world axes
 
-An effect overrides one of these methods and declares its parameters as fields:
+An effect overrides one of these methods and declares its parameters as fields; its class is a frozen dataclass by
+itself:
 
-    @dataclass(frozen=True, eq=False)
     class SideDrag(Effect):
         \"\"\"(v_x, v_y) → (1 − c) (v_x, v_y) after contact.  It is not a lower restitution …\"\"\"
 
@@ -19,8 +19,8 @@ An effect overrides one of these methods and declares its parameters as fields:
 
 An effect on μ or ε alone inherits `law` from `ChangesFriction` or `ChangesRestitution` and overrides `coefficient`.
 
-An effect with several forms is a family: an abstract subclass of `Effect`, whose one method is an
-`abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own `form`, `formula`
+An effect with several forms is a family: a subclass of `Effect` that states the `place`, or has an
+`abc.abstractmethod`, holds what the forms share; each form is a final subclass with its own method, `form`, `formula`
 and parameters.  The first form that is declared is the default one (`spin_damping.py`).
 
 Everything else follows from that: fitting, standard errors, curves, tables, the configuration.  At
@@ -33,7 +33,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Self
 
 import torch
@@ -41,6 +41,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.identity import EffectId
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.apparatus import Estimate
@@ -114,7 +115,12 @@ def parameter(
     return field(default=None if in_space else start, metadata={"parameter": declared})
 
 
-class Effect(ABC):
+def usual_parameter(symbol: str) -> Any:
+    """Declare a parameter that vanishes at 0 with the unit and range of its class, see `Effect.usual_range`."""
+    return field(default=0.0, metadata={"parameter": {"symbol": symbol}})
+
+
+class Effect(Frozen, ABC):
     """Base of all effects, families and forms; see the module.
 
     Raises:
@@ -149,19 +155,22 @@ class Effect(ABC):
     vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
+    usual_range: ClassVar[tuple[str, float, float]] = ("–", -0.5, 0.5)
+    """Unit, least and greatest plausible value of parameters that state none: those of a change of μ or ε."""
     spaces: ClassVar[tuple[Space, ...]] = (PLANE,)
     """Spaces in which it exists: the plane, or both."""
     place: ClassVar[str]
-    """Method that the class overrides, one of `PLACES`."""
+    """Method that the class overrides, one of `PLACES`; stated by a family that leaves it to its forms."""
     name: ClassVar[str]
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
     """Name and form."""
     _parameters: ClassVar[tuple[Parameter, ...]]  # as `parameters` found them
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]  # every effect is a dataclass
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "place" in vars(cls):  # of a family, whose forms override the method
+            setattr(cls, cls.place, abstractmethod(lambda *given: None))
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
         if family is not None:
             _check_form(cls, family)
@@ -205,7 +214,8 @@ class Effect(ABC):
         """Return the fields that are parameters, those of space among them."""
         if "_parameters" not in vars(cls):  # read some hundred times a fit
             named = (f for f in fields(cls) if f.metadata.get("parameter"))
-            cls._parameters = tuple(Parameter(f.name, **f.metadata["parameter"]) for f in named)
+            usual = dict(zip(("unit", "low", "high"), cls.usual_range, strict=True))
+            cls._parameters = tuple(Parameter(f.name, **usual | f.metadata["parameter"]) for f in named)
         return cls._parameters
 
     @property
@@ -244,17 +254,12 @@ class Effect(ABC):
         if self.needs_shape:
             require_shape(self.name, impacts)
         opened = self.every_parameter()[len(self.parameters) :] if impacts.space is SPACE else ()
-        return self.at([*self.values, *(p.start for p in opened)]) if opened else self
+        effect = self.at([*self.values, *(p.start for p in opened)]) if opened else self
+        return effect.taken_from(impacts)
 
-
-def check_decorated(kind: type[Effect]) -> None:
-    """Refuse a class without its decorator, by which parameters become fields.
-
-    Raises:
-        ContactLearnError: the class is no dataclass.
-    """
-    if "__dataclass_fields__" not in vars(kind):
-        raise ContactLearnError(f"class {kind.__name__} must have @dataclass(frozen=True, eq=False) above it")
+    def taken_from(self, impacts: Impacts) -> Self:
+        """Return the effect with its own open constants taken from impacts that `prepare` has accepted."""
+        return self
 
 
 def require_shape(effect: str, impacts: Impacts) -> None:

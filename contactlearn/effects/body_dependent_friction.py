@@ -1,13 +1,10 @@
 """The objects of a table rub differently."""
 
-from dataclasses import dataclass
-
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import ByBody
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class BodyDependentFriction(ByBody, ChangesFriction, Effect):
     """Each object has its own μ: that of the law for the first, another by Δ for each of the others.
 

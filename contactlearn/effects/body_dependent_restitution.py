@@ -1,13 +1,10 @@
 """The objects of a table rebound differently."""
 
-from dataclasses import dataclass
-
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import ByBody
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class BodyDependentRestitution(ByBody, ChangesRestitution, Effect):
     """Each object has its own ε: that of the law for the first, another by Δ for each of the others.
 

@@ -1,8 +1,5 @@
 """The centre of mass is not where it was thought to be."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
@@ -14,7 +11,6 @@ from contactlearn.mechanics.space import BOTH
 _ALONG = "the body's x and {delta_b} along its y[ and {delta_c} along its z]"
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffset(Effect):
     """The centre of mass lies (δ_a, δ_b), in space (δ_a, δ_b, δ_c), from the assumed one, along the body's axes.
 
@@ -24,6 +20,7 @@ class ComOffset(Effect):
     The moment of inertia is taken to be about the centre of mass already.
     """
 
+    place = "state"
     spaces = BOTH
     source = "calibration"
     mirror_symmetric = False
@@ -32,16 +29,11 @@ class ComOffset(Effect):
     delta_b: Tensor | float = parameter("δ_b", "m", -0.02, 0.02)
     delta_c: Tensor | float | None = parameter("δ_c", "m", -0.02, 0.02, in_space=True)
 
-    @abstractmethod
-    def state(self, state: State) -> State:
-        """Return the state about the centre of mass."""
-
     def shift(self, state: State) -> Tensor:
         """Return d [..., N, d] in m, in world axes."""
         return state.in_world(columns(*map(torch.as_tensor, self.values)))
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffsetTracked(ComOffset):
     """The tracked velocity is that of another point, too.  It is no shift of the contact alone (`ComOffsetContact`)."""
 
@@ -59,7 +51,6 @@ class ComOffsetTracked(ComOffset):
         )
 
 
-@dataclass(frozen=True, eq=False)
 class ComOffsetContact(ComOffset):
     """Only the lever arm is another one.  The velocities are those of the centre of mass (`ComOffsetTracked`)."""
 

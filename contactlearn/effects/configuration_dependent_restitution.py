@@ -1,17 +1,14 @@
 """Impacts far from the centre of mass lose more."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import LEVER, CoefficientCurve
+from contactlearn.effects.functions import LEVER, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class ConfigurationDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the lever r_x/ρ, ρ² = I/m: the longer it is, the more goes into vibration.
 
@@ -27,7 +24,6 @@ class ConfigurationDependentRestitution(ChangesRestitution, Effect):
     citations = ("stoianovici1996",)
 
 
-@dataclass(frozen=True, eq=False)
 class QuadraticLeverRestitution(ConfigurationDependentRestitution):
     """ε → ε − c (r_x/ρ)².  It is small near the centre (`LinearLeverRestitution`)."""
 
@@ -40,7 +36,6 @@ class QuadraticLeverRestitution(ConfigurationDependentRestitution):
         return value - self.c * state.lever**2
 
 
-@dataclass(frozen=True, eq=False)
 class LinearLeverRestitution(ConfigurationDependentRestitution):
     """ε → ε − c |r_x|/ρ.  It does not spare contacts near the centre (`QuadraticLeverRestitution`)."""
 
@@ -53,8 +48,7 @@ class LinearLeverRestitution(ConfigurationDependentRestitution):
         return value - self.c * state.lever
 
 
-@dataclass(frozen=True, eq=False)
-class RestitutionOverLever(CoefficientCurve, ConfigurationDependentRestitution):
+class RestitutionOverLever(Spline, ConfigurationDependentRestitution):
     """ε → ε + s(|r_x|/ρ).  It need not fall with the lever (`QuadraticLeverRestitution`)."""
 
     form = "curve"

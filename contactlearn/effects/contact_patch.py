@@ -1,18 +1,14 @@
 """The contact is a patch, and its centre of pressure moves."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import Argument, ArmCurve
+from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatch(Effect):
     """The normal impulse acts at an arm to the right of the contact point: τ → τ + arm P_n.
 
@@ -25,17 +21,14 @@ class ContactPatch(Effect):
     resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
+    place = "wrench"
+    usual_range = ARM
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
     like_shape = True
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the moment of the arm."""
 
-
-@dataclass(frozen=True, eq=False)
 class LinearContactPatch(ContactPatch):
     """The arm is c − k r_x.  It does not end at the edge of the patch (`ContactPatchCurve`)."""
 
@@ -49,8 +42,7 @@ class LinearContactPatch(ContactPatch):
         return perturbed_path(state, wrench, arm=self.c - self.k * state.r[..., 0])
 
 
-@dataclass(frozen=True, eq=False)
-class ContactPatchCurve(ArmCurve, ContactPatch):
+class ContactPatchCurve(Spline, ContactPatch):
     """The arm is c + s(r_x).  It is not proportional to r_x (`LinearContactPatch`)."""
 
     form = "curve"
@@ -63,7 +55,6 @@ class ContactPatchCurve(ArmCurve, ContactPatch):
         return perturbed_path(state, wrench, arm=self.c + self.change(state.r[..., 0]))
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatchAfter(ContactPatch):
     """The arm is c − k r_x, and its moment is added to what the law gives.
 
@@ -81,7 +72,6 @@ class ContactPatchAfter(ContactPatch):
         return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
 
 
-@dataclass(frozen=True, eq=False)
 class ContactPatchBySlip(ContactPatch):
     """The arm is −d v_t/√(v_t² + v_s²): the pressure is higher at the trailing edge, or at the leading one for d < 0.
 

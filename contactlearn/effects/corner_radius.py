@@ -1,7 +1,5 @@
 """The corners of the body are round."""
 
-from dataclasses import dataclass
-
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -9,7 +7,6 @@ from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class CornerRadius(Effect):
     """The corners of a polygon are arcs of radius ρ_c within its two sides, those of a box spheres within its three.
 

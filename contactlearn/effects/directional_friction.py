@@ -1,8 +1,5 @@
 """The floor has a grain: it is rougher one way than the other."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -11,7 +8,6 @@ from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
-@dataclass(frozen=True, eq=False)
 class DirectionalFriction(Effect):
     """μ (1 + a) against slip to the right and μ (1 − a) against slip to the left.
 
@@ -22,18 +18,14 @@ class DirectionalFriction(Effect):
     floor, which also acts where the contact sticks at once (`surface_tilt`).
     """
 
+    place = "wrench"
     source = "surface texture"
     in_words = "μ changes by {a:%} in slip to the right, and by as much the other way to the left"
     mirror_symmetric = False
     adds_energy = True
     a: Tensor | float = parameter("a", "–", -0.9, 0.9)
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench under the frictions of both directions."""
 
-
-@dataclass(frozen=True, eq=False)
 class InstantDirectionalFriction(DirectionalFriction):
     """μ (1 + a sign v_t), with the slip at every instant.  It may reverse (`InitialDirectionalFriction`)."""
 
@@ -45,7 +37,6 @@ class InstantDirectionalFriction(DirectionalFriction):
         return perturbed_path(state, wrench, friction=(mu * (1 + grain), mu * (1 - grain)))
 
 
-@dataclass(frozen=True, eq=False)
 class InitialDirectionalFriction(DirectionalFriction):
     """μ (1 + a sign v_t), with the slip before contact, also where it reverses (`InstantDirectionalFriction`)."""
 

@@ -8,13 +8,13 @@
     ByBody              one value for each object
 
 A function that a coefficient adds has a method `coefficient`, which `base.ChangesFriction` and
-`base.ChangesRestitution` apply to μ and to ε.  The arms are in m, to the right of the contact point.
+`base.ChangesRestitution` apply to μ and to ε.  A family whose forms are arms states their range, `ARM`.
 """
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import ClassVar, NamedTuple, Self
@@ -24,11 +24,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.effects.base import Parameter, parameter, require_positive
+from contactlearn.core.frozen import Frozen
+from contactlearn.effects.base import Parameter, parameter, require_positive, usual_parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.impacts import Impacts
 
+ARM = ("m", -0.01, 0.01)
+"""Unit and range of an arm at which an impulse acts, to the right of the contact point."""
 MOST_OBJECTS = 6
 """Objects, at most, that `ByBody` tells apart."""
 
@@ -59,12 +62,11 @@ TRIAL = Argument("k", "trials", lambda state: state.order - 1)
 # --- Speed and time ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class SpeedReference:
+class SpeedReference(Frozen):
     """A reference speed v_ref in m/s, by default the median of |v_t| or |v_n| over the measurements."""
 
-    component: ClassVar[int]
-    """Component of the contact velocity (v_t, v_n): 0 for the slip, 1 for the approach."""
+    speed: ClassVar[Argument]
+    """`SLIP` or `APPROACH`."""
     formula: ClassVar[str]
     v_ref: float | None = None  # m/s; None: the median of the measurements
 
@@ -73,30 +75,24 @@ class SpeedReference:
         """The formula, and v_ref once it is known."""
         return self.formula if self.v_ref is None else f"{self.formula} at v_ref = {self.v_ref} m/s"
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with v_ref taken from the impacts where it is open."""
-        return self if self.v_ref is not None else replace(self, v_ref=_two_digits(self._speed(State.of(impacts))))
+        if self.v_ref is not None:
+            return self
+        median = self.speed.values(State.of(impacts)).median().item()
+        return replace(self, v_ref=float(f"{median:.1e}") or 1.0)  # to two digits; 1 where that is 0
 
     def ratio(self, state: State) -> Float[Tensor, "... n"]:
         """Return the speed in units of v_ref [..., N]."""
-        return self._speed(state) / require_positive(self.v_ref)
-
-    def _speed(self, state: State) -> Float[Tensor, "... n"]:
-        return state.v_n.abs() if self.component else state.slip
+        return self.speed.values(state) / require_positive(self.v_ref)
 
 
-def _two_digits(measured: Float[Tensor, "n"]) -> float:
-    """Median absolute value of a measured quantity, to two digits; 1 where that is 0."""
-    return float(f"{measured.abs().median().item():.1e}") or 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class TrialShare:
+class TrialShare(Frozen):
     """The share k/N of all trials that come before one."""
 
     trials: float | None = field(default=None, kw_only=True)  # N; None: the number of the last one
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with N taken from the impacts where it is open."""
         return self if self.trials is not None else replace(self, trials=impacts.order.max().item())
 
@@ -108,8 +104,7 @@ class TrialShare:
 # --- Splines -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Spline(ABC):
+class Spline(Frozen):
     """A smooth curve over one variable: a natural cubic spline through four knots.
 
         s(u) = Σ c_k S_k(u), k = 1 … 3;   S_k rises by 1 from knot k to knot k + 1, and by 0 from any other to the next
@@ -125,12 +120,12 @@ class Spline(ABC):
     at_rest: ClassVar[bool] = False
     """Whether the first knot is at 0, and the curve is 0 there."""
 
-    c1: Tensor | float
-    c2: Tensor | float
-    c3: Tensor | float
+    c1: Tensor | float = usual_parameter("c₁")
+    c2: Tensor | float = usual_parameter("c₂")
+    c3: Tensor | float = usual_parameter("c₃")
     knots: Knots | None = None  # four values of the variable; None: quantiles of the measurements
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the curve with its knots at quantiles over the impacts where they are open."""
         if self.knots is not None:
             return self
@@ -149,6 +144,10 @@ class Spline(ABC):
         shapes = _shapes(u, self.knots, self.knots[0] if self.at_rest else (self.knots[1] + self.knots[2]) / 2)
         return self.c1 * shapes[..., 0] + self.c2 * shapes[..., 1] + self.c3 * shapes[..., 2]
 
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return a coefficient with s(u) added."""
+        return value + self.change(self.argument.values(state))
+
     @property
     def equation(self) -> str:
         """The formula, and the knots once they are known."""
@@ -157,28 +156,6 @@ class Spline(ABC):
         symbol, unit, _ = self.argument
         knots = ", ".join(f"{knot:g}" for knot in self.knots)
         return f"{self.formula} at {symbol} = {knots}{'' if unit == '–' else f' {unit}'}"
-
-
-@dataclass(frozen=True, eq=False)
-class CoefficientCurve(Spline):
-    """A curve added to μ or ε."""
-
-    c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
-    c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
-    c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
-
-    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-        """Return the coefficient with s(u) added."""
-        return value + self.change(self.argument.values(state))
-
-
-@dataclass(frozen=True, eq=False)
-class ArmCurve(Spline):
-    """A curve of the arm at which the normal impulse acts."""
-
-    c1: Tensor | float = parameter("c₁", "m", -0.01, 0.01)
-    c2: Tensor | float = parameter("c₂", "m", -0.01, 0.01)
-    c3: Tensor | float = parameter("c₃", "m", -0.01, 0.01)
 
 
 def _spread(values: Float[Tensor, "..."]) -> Knots:
@@ -231,7 +208,7 @@ def _truncated(u: Float[Tensor, "*batch"], knots: Knots) -> Float[Tensor, "*batc
 # --- Orientation -------------------------------------------------------------------------------------------
 
 
-class _OfOrientation(ABC):
+class _OfOrientation(Frozen, ABC):
     """A function of the orientation, and a coefficient to which it is added."""
 
     @abstractmethod
@@ -243,14 +220,13 @@ class _OfOrientation(ABC):
         return value + self.change(state.theta)
 
 
-@dataclass(frozen=True, eq=False)
-class _Harmonics(_OfOrientation):
-    """Σ a_k cos kθ + b_k sin kθ: smooth all around with k = 1, 2, features of about 45° with k = 1 … 4."""
+class AroundBody(_OfOrientation):
+    """Σ a_k cos kθ + b_k sin kθ: smooth all around with k = 1, 2."""
 
-    a1: Tensor | float
-    b1: Tensor | float
-    a2: Tensor | float
-    b2: Tensor | float
+    a1: Tensor | float = usual_parameter("a₁")
+    b1: Tensor | float = usual_parameter("b₁")
+    a2: Tensor | float = usual_parameter("a₂")
+    b2: Tensor | float = usual_parameter("b₂")
 
     def change(self, theta: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
         total = torch.zeros_like(theta)
@@ -260,53 +236,20 @@ class _Harmonics(_OfOrientation):
         return total
 
 
-@dataclass(frozen=True, eq=False)
-class AroundBody(_Harmonics):
-    """A change of μ or ε around the body."""
-
-    a1: Tensor | float = parameter("a₁", "–", -0.5, 0.5)
-    b1: Tensor | float = parameter("b₁", "–", -0.5, 0.5)
-    a2: Tensor | float = parameter("a₂", "–", -0.5, 0.5)
-    b2: Tensor | float = parameter("b₂", "–", -0.5, 0.5)
-
-
-@dataclass(frozen=True, eq=False)
 class CurveAroundBody(AroundBody):
-    """A change of μ or ε around the body, with finer features."""
+    """The same with k = 1 … 4: features of about 45°."""
 
     argument: ClassVar[Argument] = ORIENTATION
-    a3: Tensor | float = parameter("a₃", "–", -0.5, 0.5)
-    b3: Tensor | float = parameter("b₃", "–", -0.5, 0.5)
-    a4: Tensor | float = parameter("a₄", "–", -0.5, 0.5)
-    b4: Tensor | float = parameter("b₄", "–", -0.5, 0.5)
+    a3: Tensor | float = usual_parameter("a₃")
+    b3: Tensor | float = usual_parameter("b₃")
+    a4: Tensor | float = usual_parameter("a₄")
+    b4: Tensor | float = usual_parameter("b₄")
 
 
-@dataclass(frozen=True, eq=False)
-class ArmAroundBody(_Harmonics):
-    """An arm around the body."""
-
-    a1: Tensor | float = parameter("a₁", "m", -0.01, 0.01)
-    b1: Tensor | float = parameter("b₁", "m", -0.01, 0.01)
-    a2: Tensor | float = parameter("a₂", "m", -0.01, 0.01)
-    b2: Tensor | float = parameter("b₂", "m", -0.01, 0.01)
-
-
-@dataclass(frozen=True, eq=False)
-class ArmCurveAroundBody(ArmAroundBody):
-    """An arm around the body, with finer features."""
-
-    argument: ClassVar[Argument] = ORIENTATION
-    a3: Tensor | float = parameter("a₃", "m", -0.01, 0.01)
-    b3: Tensor | float = parameter("b₃", "m", -0.01, 0.01)
-    a4: Tensor | float = parameter("a₄", "m", -0.01, 0.01)
-    b4: Tensor | float = parameter("b₄", "m", -0.01, 0.01)
-
-
-@dataclass(frozen=True, eq=False)
-class _Spot(_OfOrientation):
+class SpotOnBody(_OfOrientation):
     """a/(1 + (2 sin((θ − θ_0)/2)/w)⁴): one feature of half-width w about θ_0."""
 
-    a: Tensor | float
+    a: Tensor | float = usual_parameter("a")
     theta_0: Tensor | float = parameter("θ₀", "rad", -4.0, 4.0, vanishing=None, start=0.0)
     w: Tensor | float = parameter("w", "rad", 0.1, 1.5, vanishing=None, start=0.5)
 
@@ -315,25 +258,10 @@ class _Spot(_OfOrientation):
         return self.a / (1 + away**2)
 
 
-@dataclass(frozen=True, eq=False)
-class SpotOnBody(_Spot):
-    """A change of μ or ε at one spot of the body."""
-
-    a: Tensor | float = parameter("a", "–", -0.5, 0.5)
-
-
-@dataclass(frozen=True, eq=False)
-class ArmSpotOnBody(_Spot):
-    """An arm at one spot of the body."""
-
-    a: Tensor | float = parameter("a", "m", -0.01, 0.01)
-
-
 # --- Place -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class AlongFloor:
+class AlongFloor(Frozen):
     """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u in [−1, 1] is the place on the span, or its nearer end.
 
     The span is left open for `prepare`: the middle nine tenths of the measured places, for single trials far out
@@ -341,14 +269,14 @@ class AlongFloor:
     """
 
     argument: ClassVar[Argument] = PLACE
-    c1: Tensor | float = parameter("c₁", "–", -0.5, 0.5)
-    c2: Tensor | float = parameter("c₂", "–", -0.5, 0.5)
-    c3: Tensor | float = parameter("c₃", "–", -0.5, 0.5)
-    c4: Tensor | float = parameter("c₄", "–", -0.5, 0.5)
-    c5: Tensor | float = parameter("c₅", "–", -0.5, 0.5)
+    c1: Tensor | float = usual_parameter("c₁")
+    c2: Tensor | float = usual_parameter("c₂")
+    c3: Tensor | float = usual_parameter("c₃")
+    c4: Tensor | float = usual_parameter("c₄")
+    c5: Tensor | float = usual_parameter("c₅")
     span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the functions with the span of the impacts where it is open, rounded outwards to 0.1 mm."""
         if self.span is not None:
             return self
@@ -382,8 +310,7 @@ class AlongFloor:
 # --- Objects -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class ByBody:
+class ByBody(Frozen):
     """Differences Δ_j of the objects after the first, whose coefficient is the law's.
 
     The objects are known once the effect is prepared, so the parameters are too: K − 1 for K objects.  Where there is
@@ -434,7 +361,7 @@ class ByBody:
         tensors = [torch.as_tensor(part, dtype=torch.float64) for part in parts]
         return replace(self, differences=columns(*tensors)) if parts else self
 
-    def prepare(self, impacts: Impacts) -> Self:
+    def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with the names of the objects taken from the impacts where they are open."""
         return self if self.objects is not None else replace(self, objects=tuple(dict.fromkeys(impacts.object)))
 

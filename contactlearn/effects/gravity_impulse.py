@@ -1,7 +1,5 @@
 """The body flies on between contact and the second measurement."""
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,7 +10,6 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.space import BOTH, PLANE
 
 
-@dataclass(frozen=True, eq=False)
 class GravityImpulse(Effect):
     """v_y → v_y − g Δt: a contact of finite duration, or a frame taken late.
 

@@ -1,17 +1,14 @@
 """Friction depends on the angle at which the contact point comes in."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
+from contactlearn.effects.functions import INCIDENCE, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class IncidenceDependentFriction(ChangesFriction, Effect):
     """μ is a function of the angle of incidence α = arctan(|v_t|/|v_n|), 0 for a contact that does not slip.
 
@@ -26,7 +23,6 @@ class IncidenceDependentFriction(ChangesFriction, Effect):
     citations = ("maw1976",)
 
 
-@dataclass(frozen=True, eq=False)
 class LinearIncidenceFriction(IncidenceDependentFriction):
     """μ → μ + c α.  It does not level off (`FrictionOverIncidence`)."""
 
@@ -39,8 +35,7 @@ class LinearIncidenceFriction(IncidenceDependentFriction):
         return value + self.c * state.incidence
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionOverIncidence(CoefficientCurve, IncidenceDependentFriction):
+class FrictionOverIncidence(Spline, IncidenceDependentFriction):
     """μ → μ + s(α).  It is not proportional to the angle (`LinearIncidenceFriction`)."""
 
     form = "curve"

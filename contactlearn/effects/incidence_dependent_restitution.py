@@ -1,17 +1,14 @@
 """Restitution depends on the angle at which the contact point comes in."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import INCIDENCE, CoefficientCurve
+from contactlearn.effects.functions import INCIDENCE, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class IncidenceDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the angle of incidence α = arctan(|v_t|/|v_n|), 0 for a contact that does not slip.
 
@@ -25,7 +22,6 @@ class IncidenceDependentRestitution(ChangesRestitution, Effect):
     source = "oblique impact"
 
 
-@dataclass(frozen=True, eq=False)
 class LinearIncidenceRestitution(IncidenceDependentRestitution):
     """ε → ε + c α.  It does not level off (`RestitutionOverIncidence`)."""
 
@@ -38,8 +34,7 @@ class LinearIncidenceRestitution(IncidenceDependentRestitution):
         return value + self.c * state.incidence
 
 
-@dataclass(frozen=True, eq=False)
-class RestitutionOverIncidence(CoefficientCurve, IncidenceDependentRestitution):
+class RestitutionOverIncidence(Spline, IncidenceDependentRestitution):
     """ε → ε + s(α).  It is not proportional to the angle (`LinearIncidenceRestitution`)."""
 
     form = "curve"

@@ -1,7 +1,5 @@
 """The body is harder or easier to turn than it was thought to be."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
@@ -10,7 +8,6 @@ from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH, PLANE
 
 
-@dataclass(frozen=True, eq=False)
 class InertiaError(Effect):
     """The moment of inertia is e^κ times the nominal one.
 

@@ -1,17 +1,14 @@
 """Harder impacts rub differently."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import APPROACH, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class LoadDependentFriction(ChangesFriction, Effect):
     """μ is a function of the speed of approach, which stands for the load.
 
@@ -24,10 +21,9 @@ class LoadDependentFriction(ChangesFriction, Effect):
     spaces = BOTH
     source = "Hertzian contact, p = −1/3 of the load: Bowden & Tabor 1950"
     citations = ("bowden1950",)
-    component = 1
+    speed = APPROACH
 
 
-@dataclass(frozen=True, eq=False)
 class PowerLawFriction(SpeedReference, LoadDependentFriction):
     """μ → μ (|v_n|/v_ref)^p.  It either grows or falls at every speed (`FrictionOverLoad`)."""
 
@@ -40,8 +36,7 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
         return value * self.ratio(state) ** self.p
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionOverLoad(CoefficientCurve, LoadDependentFriction):
+class FrictionOverLoad(Spline, LoadDependentFriction):
     """μ → μ + s(|v_n|).  It is no law of the load (`PowerLawFriction`)."""
 
     form = "curve"

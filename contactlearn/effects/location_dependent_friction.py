@@ -1,13 +1,10 @@
 """The floor is rougher in some places than in others."""
 
-from dataclasses import dataclass
-
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import AlongFloor
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class LocationDependentFriction(AlongFloor, ChangesFriction, Effect):
     """μ depends on the place along the floor.  It is not a drift in time (`parameter_drift`)."""
 

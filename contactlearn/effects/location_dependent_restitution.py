@@ -1,13 +1,10 @@
 """The floor rebounds more in some places than in others."""
 
-from dataclasses import dataclass
-
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import AlongFloor
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class LocationDependentRestitution(AlongFloor, ChangesRestitution, Effect):
     """ε depends on the place along the floor.  It is not a drift in time (`parameter_drift`)."""
 

@@ -1,12 +1,9 @@
 """Some sides of the body are rougher than others."""
 
-from dataclasses import dataclass
-
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
 
 
-@dataclass(frozen=True, eq=False)
 class OrientationDependentFriction(ChangesFriction, Effect):
     """μ is a function of the side on which the body lands.
 
@@ -21,7 +18,6 @@ class OrientationDependentFriction(ChangesFriction, Effect):
     mirror_symmetric = False
 
 
-@dataclass(frozen=True, eq=False)
 class HarmonicFriction(AroundBody, OrientationDependentFriction):
     """μ → μ + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one rough spot (`RoughSpot`)."""
 
@@ -30,7 +26,6 @@ class HarmonicFriction(AroundBody, OrientationDependentFriction):
     in_words = "around the body μ changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
-@dataclass(frozen=True, eq=False)
 class RoughSpot(SpotOnBody, OrientationDependentFriction):
     """μ → μ + a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicFriction`)."""
 
@@ -39,7 +34,6 @@ class RoughSpot(SpotOnBody, OrientationDependentFriction):
     in_words = "μ changes by {a} about θ = {theta_0}, within ±{w}"
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionAroundBody(CurveAroundBody, OrientationDependentFriction):
     """μ → μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`RoughSpot`)."""
 

@@ -1,18 +1,16 @@
 """The normal impulse acts beside the contact point, on some sides of the body more than on others."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect
-from contactlearn.effects.functions import ArmAroundBody, ArmCurveAroundBody, ArmSpotOnBody
+from contactlearn.effects.functions import ARM, AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State
 
 
-@dataclass(frozen=True, eq=False)
 class OrientationDependentMoment(Effect):
     """The normal impulse acts at an arm to the right of the contact point that depends on the side that lands.
 
@@ -24,6 +22,7 @@ class OrientationDependentMoment(Effect):
     from the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
     """
 
+    usual_range = ARM
     source = "contour of the body"
     mirror_symmetric = False
     adds_energy = True
@@ -37,8 +36,7 @@ class OrientationDependentMoment(Effect):
         return perturbed_path(state, wrench, arm=self.change(state.theta))
 
 
-@dataclass(frozen=True, eq=False)
-class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
+class HarmonicMoment(AroundBody, OrientationDependentMoment):
     """The arm is a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one bump (`MomentOfBump`)."""
 
     form = "harmonics"
@@ -48,8 +46,7 @@ class HarmonicMoment(ArmAroundBody, OrientationDependentMoment):
     in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
-@dataclass(frozen=True, eq=False)
-class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
+class MomentOfBump(SpotOnBody, OrientationDependentMoment):
     """The arm is a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicMoment`)."""
 
     form = "spot"
@@ -57,8 +54,7 @@ class MomentOfBump(ArmSpotOnBody, OrientationDependentMoment):
     in_words = "the normal impulse acts at an arm of {a} about θ = {theta_0}, within ±{w}"
 
 
-@dataclass(frozen=True, eq=False)
-class MomentAroundBody(ArmCurveAroundBody, OrientationDependentMoment):
+class MomentAroundBody(CurveAroundBody, OrientationDependentMoment):
     """The arm is Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`MomentOfBump`)."""
 
     form = "curve"

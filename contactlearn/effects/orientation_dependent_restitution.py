@@ -1,7 +1,5 @@
 """Some sides of the body are softer than others."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
@@ -10,7 +8,6 @@ from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBo
 from contactlearn.effects.state import State
 
 
-@dataclass(frozen=True, eq=False)
 class OrientationDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the side on which the body lands.
 
@@ -25,7 +22,6 @@ class OrientationDependentRestitution(ChangesRestitution, Effect):
     mirror_symmetric = False
 
 
-@dataclass(frozen=True, eq=False)
 class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
     """ε → ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one soft spot (`SoftSpot`)."""
 
@@ -34,7 +30,6 @@ class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
     in_words = "around the body ε changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
-@dataclass(frozen=True, eq=False)
 class SoftSpot(SpotOnBody, OrientationDependentRestitution):
     """ε → ε − a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicRestitution`)."""
 
@@ -46,7 +41,6 @@ class SoftSpot(SpotOnBody, OrientationDependentRestitution):
         return value - self.change(state.theta)
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionAroundBody(CurveAroundBody, OrientationDependentRestitution):
     """ε → ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`SoftSpot`)."""
 

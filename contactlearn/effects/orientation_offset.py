@@ -1,7 +1,5 @@
 """The camera's zero of the orientation is not the body's."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
@@ -10,7 +8,6 @@ from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class OrientationOffset(Effect):
     """θ → θ + δ before the body's shape gives the contact point; in space a turn (δ_a, −δ, δ_c) about the body's axes.
 

@@ -1,21 +1,17 @@
 """The surfaces change while they are being measured."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import TRIAL, CoefficientCurve, TrialShare
-from contactlearn.effects.state import Coefficients, State
+from contactlearn.effects.functions import TRIAL, Spline, TrialShare
+from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 _STEP = 0.03  # width of a step as a share of all trials
 
 
-@dataclass(frozen=True, eq=False)
 class ParameterDrift(Effect):
     """ε or μ changes with the number k of trials before this one.
 
@@ -27,15 +23,11 @@ class ParameterDrift(Effect):
     It is not a dependence on the place on the floor (`location_dependent_restitution`).
     """
 
+    place = "law"
     spaces = BOTH
     source = "wear, temperature"
 
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return μ and ε, one of them with its drift."""
 
-
-@dataclass(frozen=True, eq=False)
 class RestitutionDrift(ChangesRestitution, ParameterDrift):
     """ε → ε + c k/1000.  It is not a drift of the friction (`FrictionDrift`)."""
 
@@ -48,7 +40,6 @@ class RestitutionDrift(ChangesRestitution, ParameterDrift):
         return value + self.c * _thousands(state)
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionDrift(ChangesFriction, ParameterDrift):
     """μ → μ + d k/1000.  It is not a drift of the restitution (`RestitutionDrift`)."""
 
@@ -61,7 +52,6 @@ class FrictionDrift(ChangesFriction, ParameterDrift):
         return value + self.d * _thousands(state)
 
 
-@dataclass(frozen=True, eq=False)
 class _Settling(TrialShare):
     """a (1 − exp(−λ k/N)): a change that comes to an end."""
 
@@ -73,7 +63,6 @@ class _Settling(TrialShare):
         return value + self.a * -torch.expm1(-self.rate * self.share(state))
 
 
-@dataclass(frozen=True, eq=False)
 class _Step(TrialShare):
     """a/(1 + exp(−(k/N − t)/0.03)): a change within a few per cent of the trials about one."""
 
@@ -85,7 +74,6 @@ class _Step(TrialShare):
         return value + self.a * torch.sigmoid((self.share(state) - self.t) / _STEP)
 
 
-@dataclass(frozen=True, eq=False)
 class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     """ε → ε + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`RestitutionDrift`)."""
 
@@ -94,7 +82,6 @@ class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     in_words = "ε changes by {a} and settles at a rate of {rate} per sequence"
 
 
-@dataclass(frozen=True, eq=False)
 class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     """μ → μ + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`FrictionDrift`)."""
 
@@ -103,7 +90,6 @@ class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     in_words = "μ changes by {a} and settles at a rate of {rate} per sequence"
 
 
-@dataclass(frozen=True, eq=False)
 class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     """ε → ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingRestitution`)."""
 
@@ -112,7 +98,6 @@ class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     in_words = "ε changes by {a} after {t:%} of the trials"
 
 
-@dataclass(frozen=True, eq=False)
 class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     """μ → μ + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingFriction`)."""
 
@@ -121,8 +106,7 @@ class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     in_words = "μ changes by {a} after {t:%} of the trials"
 
 
-@dataclass(frozen=True, eq=False)
-class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift):
+class RestitutionDriftCurve(Spline, ChangesRestitution, ParameterDrift):
     """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
 
     form = "restitution_curve"
@@ -130,8 +114,7 @@ class RestitutionDriftCurve(CoefficientCurve, ChangesRestitution, ParameterDrift
     argument = TRIAL
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionDriftCurve(CoefficientCurve, ChangesFriction, ParameterDrift):
+class FrictionDriftCurve(Spline, ChangesFriction, ParameterDrift):
     """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
 
     form = "friction_curve"

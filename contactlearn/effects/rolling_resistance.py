@@ -1,19 +1,16 @@
 """The contact resists the spin with a moment that follows the load."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
-from contactlearn.effects.functions import Argument, ArmCurve
+from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
 from contactlearn.effects.state import State, columns
 
 
-@dataclass(frozen=True, eq=False)
 class RollingResistance(Effect):
     """A moment per normal impulse opposes the spin on its way from ω to ω⁺: τ → τ − arm P_n.
 
@@ -25,17 +22,14 @@ class RollingResistance(Effect):
     spin and the moment of inertia (`spin_damping`).
     """
 
+    place = "wrench"
+    usual_range = ARM
     source = "Johnson 1985, §8.3"
     citations = ("johnson1985",)
     adds_energy = True
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the resisting moment."""
 
-
-@dataclass(frozen=True, eq=False)
-class _ConstantArm:
+class _ConstantArm(Frozen):
     """An arm c in m, half a width, that fades below a spin `omega_s` in rad/s."""
 
     in_words = "the normal impulse acts {c} ahead of the contact point, as the body rolls"
@@ -44,7 +38,6 @@ class _ConstantArm:
     omega_s: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
 class SmoothedRollingResistance(_ConstantArm, RollingResistance):
     """τ → τ − c P_n s̄, where s̄ is the mean sign of the spin on its way from ω to ω⁺; c is half a width.
 
@@ -66,8 +59,7 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
         return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
 
 
-@dataclass(frozen=True, eq=False)
-class RollingResistanceCurve(ArmCurve, RollingResistance):
+class RollingResistanceCurve(Spline, RollingResistance):
     """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
 
     form = "curve"
@@ -82,7 +74,6 @@ class RollingResistanceCurve(ArmCurve, RollingResistance):
         return perturbed_path(state, wrench, arm=-mean.sign() * self.change(mean.abs()))
 
 
-@dataclass(frozen=True, eq=False)
 class RollingResistanceBefore(_ConstantArm, RollingResistance):
     """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with.
 

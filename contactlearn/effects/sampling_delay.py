@@ -1,7 +1,5 @@
 """The last frame before contact is not the moment of contact."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
@@ -10,7 +8,6 @@ from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.space import BOTH, PLANE
 
 
-@dataclass(frozen=True, eq=False)
 class SamplingDelay(Effect):
     """The body moves on for Δt after the last frame, and so touches the floor with another point.
 

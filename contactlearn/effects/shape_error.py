@@ -1,7 +1,5 @@
 """The body is not as long or as wide as it was thought to be."""
 
-from dataclasses import dataclass
-
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
@@ -9,7 +7,6 @@ from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class ShapeError(Effect):
     """The body is stretched by 1 + s_a and 1 + s_b (and 1 + s_c) along its own axes, such as the sides of a box.
 

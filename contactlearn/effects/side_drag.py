@@ -1,8 +1,5 @@
 """Guide walls or air slow the body before it is measured again."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -14,7 +11,6 @@ from contactlearn.mechanics.space import BOTH
 _LEAST = 1e-9  # m/s, for the derivative of a body at rest
 
 
-@dataclass(frozen=True, eq=False)
 class SideDrag(Effect):
     """(v_x, v_y) keeps its direction after contact and falls by a share.
 
@@ -24,15 +20,11 @@ class SideDrag(Effect):
     It is not a lower restitution: v_x shrinks as well, however the contact ends.
     """
 
+    place = "velocity"
     spaces = BOTH
     source = "guide walls, air"
 
-    @abstractmethod
-    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the slower velocity."""
 
-
-@dataclass(frozen=True, eq=False)
 class LinearSideDrag(SideDrag):
     """(v_x, v_y) → (1 − c) (v_x, v_y).  The share does not grow with the speed (`QuadraticSideDrag`)."""
 
@@ -45,7 +37,6 @@ class LinearSideDrag(SideDrag):
         return _slowed(state, v_post, 1 - torch.as_tensor(self.c))
 
 
-@dataclass(frozen=True, eq=False)
 class QuadraticSideDrag(SideDrag):
     """(v_x, v_y) → (v_x, v_y)/(1 + k v): a drag that is quadratic in the speed v, for a while.
 

@@ -1,17 +1,14 @@
 """Oblique impacts rebound differently."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import SLIP, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import SLIP, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class SlipDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the slip before contact.
 
@@ -23,10 +20,9 @@ class SlipDependentRestitution(ChangesRestitution, Effect):
 
     spaces = BOTH
     source = "oblique impact"
-    component = 0
+    speed = SLIP
 
 
-@dataclass(frozen=True, eq=False)
 class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):
     """ε → ε + c |v_t|/v_ref.  It does not level off (`RestitutionOverSlip`)."""
 
@@ -39,8 +35,7 @@ class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):
         return value + self.c * self.ratio(state)
 
 
-@dataclass(frozen=True, eq=False)
-class RestitutionOverSlip(CoefficientCurve, SlipDependentRestitution):
+class RestitutionOverSlip(Spline, SlipDependentRestitution):
     """ε → ε + s(|v_t|).  It is not proportional to the slip (`LinearSlipRestitution`)."""
 
     form = "curve"

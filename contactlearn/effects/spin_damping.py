@@ -1,8 +1,5 @@
 """The body loses a part of its spin."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -14,7 +11,6 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class SpinDamping(Effect):
     """A moment opposes the spin and grows with it.
 
@@ -26,15 +22,11 @@ class SpinDamping(Effect):
     It is not rolling resistance, which does not grow with the spin (`rolling_resistance`).
     """
 
+    place = "wrench"
     source = "air, guide walls, cables"
     adds_energy = True
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the damping moment."""
 
-
-@dataclass(frozen=True, eq=False)
 class SpinDampingAfter(SpinDamping):
     """τ → τ − c I ω⁺: the spin falls by the share c.  It does not act on the contact (`SpinDampingDuring`)."""
 
@@ -51,7 +43,6 @@ class SpinDampingAfter(SpinDamping):
         return columns(*wrench[..., :d].unbind(-1), *tau.unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class QuadraticSpinDamping(SpinDamping):
     """ω⁺ → ω⁺/(1 + k |ω⁺|): a moment that is quadratic in the spin, for a while.
 
@@ -72,7 +63,6 @@ class QuadraticSpinDamping(SpinDamping):
         return columns(*wrench[..., :d].unbind(-1), *tau.unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class SpinDampingDuring(SpinDamping):
     """τ → τ − b (I/m) ω̄ P_n while the contact lasts, which responds.
 
@@ -89,7 +79,6 @@ class SpinDampingDuring(SpinDamping):
         return perturbed_path(state, wrench, arm=-self.b * state.inertia / state.mass * (state.omega + after) / 2)
 
 
-@dataclass(frozen=True, eq=False)
 class SpinDampingLasting(SpinDamping):
     """τ → τ − d I ω̄ while the contact lasts, which responds: the spin falls by the share d at every speed of impact.
 

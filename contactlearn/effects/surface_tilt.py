@@ -1,7 +1,5 @@
 """The floor is not where it was thought to be: its normal leans."""
 
-from abc import abstractmethod
-from dataclasses import dataclass
 from typing import Self
 
 import torch
@@ -15,7 +13,6 @@ from contactlearn.mechanics.rigid_body import rotation, turn_quaternion
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTilt(Effect):
     """The contact frame is turned by φ against the world's axes.
 
@@ -31,16 +28,13 @@ class SurfaceTilt(Effect):
     the velocities alone (`orientation_offset`).
     """
 
+    place = "state"
     spaces = BOTH
     source = "calibration"
     in_words = "the floor is tilted by {phi}[ along x and {psi} along y]"
     mirror_symmetric = False
     phi: Tensor | float = parameter("φ", "rad", -0.2, 0.2)
     psi: Tensor | float | None = parameter("ψ", "rad", -0.2, 0.2, in_space=True)
-
-    @abstractmethod
-    def state(self, state: State) -> State:
-        """Return the state in the axes of the tilted floor."""
 
     def turned(self, state: State) -> State:
         """Return the state in axes that are turned, with the contact point as it was."""
@@ -52,7 +46,6 @@ class SurfaceTilt(Effect):
         return state.tilted(rotation(turn_quaternion(level, vector)), turn_quaternion(state.orientation, -vector))
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTiltComputed(SurfaceTilt):
     """The contact point was computed above a level floor.  It was not seen (`SurfaceTiltSeen`)."""
 
@@ -73,7 +66,6 @@ class SurfaceTiltComputed(SurfaceTilt):
         return tilted.replace(r=tilted.r + (state.contact_points(tilted.orientation) - self.turned(level).r))
 
 
-@dataclass(frozen=True, eq=False)
 class SurfaceTiltSeen(SurfaceTilt):
     """The contact point was seen, so it stays.  It was not computed from the shape (`SurfaceTiltComputed`)."""
 

@@ -1,9 +1,7 @@
 """A contact that sticks springs back sideways."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -26,7 +24,6 @@ _IMPLICIT = 0.6  # share of a step's end in its mean: above a half a rigid tange
 _SOFTEST = 0.05  # ε: below it the way back is too steep for a step
 
 
-@dataclass(frozen=True, eq=False)
 class TangentialRestitution(Effect):
     """Where the slip has come to an end it rebounds, as far as the friction cone allows; v_n⁺ stays.
 
@@ -43,16 +40,12 @@ class TangentialRestitution(Effect):
     v_t⁺ = v_t cos((1 + ε) π/2 √(W_tt/(c W_nn))), c = k_n/k_t.  It is not friction against the slip.
     """
 
+    place = "wrench"
     source = "Maw, Barber & Fawcett 1976; Walton 1993"
     citations = ("maw1976", "walton1993")
     adds_energy = True
 
-    @abstractmethod
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        """Return the wrench with the rebound."""
 
-
-@dataclass(frozen=True, eq=False)
 class SlipRebound(TangentialRestitution):
     """v_t⁺ → v_t⁺ − s β (|v_t| + ½ ⟨−s W_tn P_n⟩), by M_c times that, within the cone.
 
@@ -92,7 +85,6 @@ class SlipRebound(TangentialRestitution):
         return columns(*(P + change[..., None] * per_speed).unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class ImpulseRebound(TangentialRestitution):
     """P_t → P_t + e_t P_t^c within the cone of restitution, if the contact sticks at the end of compression.
 
@@ -140,7 +132,6 @@ class ImpulseRebound(TangentialRestitution):
         return columns(*P.unbind(-1), *wrench[..., 3:].unbind(-1))
 
 
-@dataclass(frozen=True, eq=False)
 class SpringRebound(TangentialRestitution):
     """F_t = −(k_n/c) (ξ + T dξ/dt) within |F_t| ≤ μ F_n, ξ the stretch that the slider leaves, T = (1/s − 1) t_c.
 

@@ -1,7 +1,6 @@
 """The contact resists the spin about the normal."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
@@ -15,7 +14,6 @@ from contactlearn.mechanics.space import SPACE
 _LEAST = 1e-9  # m/s, for the derivative of a contact at rest
 
 
-@dataclass(frozen=True, eq=False)
 class TorsionalFriction(Effect):
     """A moment about the normal opposes the spin ω_n about it, and stops it at most: τ_n → τ_n − arm P_n.
 
@@ -44,7 +42,6 @@ class TorsionalFriction(Effect):
         return altered(wrench, 5, -torch.maximum(torch.minimum(tau, most), -most))
 
 
-@dataclass(frozen=True, eq=False)
 class DryTorsionalFriction(TorsionalFriction):
     """τ_n → τ_n − c P_n s̄, s̄ the mean sign of ω_n.  Sliding does not lessen it (`SlidingTorsionalFriction`)."""
 
@@ -57,7 +54,6 @@ class DryTorsionalFriction(TorsionalFriction):
         return self.c * (before + after) / ((before.square() + fades).sqrt() + (after.square() + fades).sqrt())
 
 
-@dataclass(frozen=True, eq=False)
 class SlidingTorsionalFriction(TorsionalFriction):
     """τ_n → τ_n − c P_n c ω̄_n/√(μ² v̄_t² + c² ω̄_n²), of most dissipation on an ellipsoidal limit surface.
 

@@ -1,15 +1,13 @@
 """Friction depends on how fast the contact slips."""
 
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
-from contactlearn.effects.functions import SLIP, Argument, CoefficientCurve
+from contactlearn.effects.functions import SLIP, Argument, Spline
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.space import BOTH
 
@@ -18,7 +16,6 @@ _ROUNDS = 3  # of the end of the slip and the mean friction up to it
 _LEAST_BRAKING = 0.05  # as by this μ on a level path
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityDependentFriction(Effect):
     """μ is a function of the slip v, averaged over the normal impulse that the contact takes while it slips.
 
@@ -32,15 +29,11 @@ class VelocityDependentFriction(Effect):
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
+    place = "law"
     source = "Stribeck 1902"
     citations = ("stribeck1902",)
 
-    @abstractmethod
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        """Return the mean of μ over the slip, and ε."""
 
-
-@dataclass(frozen=True, eq=False)
 class ViscousFriction(VelocityDependentFriction):
     """μ → μ + c v̄, v̄ the mean slip.  It does not level off at speed (`StribeckFriction`)."""
 
@@ -53,7 +46,6 @@ class ViscousFriction(VelocityDependentFriction):
         return mu + _mean(lambda slip: self.c * slip, state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
 class StribeckFriction(VelocityDependentFriction):
     """μ → μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip.  It does not grow with the slip (`ViscousFriction`)."""
 
@@ -67,8 +59,7 @@ class StribeckFriction(VelocityDependentFriction):
         return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
+class FrictionOverSlip(Spline, VelocityDependentFriction):
     """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
 
     form = "curve"
@@ -80,8 +71,7 @@ class FrictionOverSlip(CoefficientCurve, VelocityDependentFriction):
         return mu + _mean(self.change, state, mu, eps, self.values), eps
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionOverInitialSlip(CoefficientCurve, ChangesFriction, VelocityDependentFriction):
+class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
     spaces = BOTH

@@ -1,17 +1,14 @@
 """Faster impacts rebound less."""
 
-from dataclasses import dataclass
-
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect, parameter
-from contactlearn.effects.functions import APPROACH, CoefficientCurve, SpeedReference
+from contactlearn.effects.functions import APPROACH, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the normal velocity of approach.
 
@@ -27,10 +24,9 @@ class VelocityDependentRestitution(ChangesRestitution, Effect):
     spaces = BOTH
     source = "Johnson 1985, §11.5; Kuwabara & Kono 1987"
     citations = ("johnson1985", "kuwabara1987")
-    component = 1
+    speed = APPROACH
 
 
-@dataclass(frozen=True, eq=False)
 class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
     """ε → ε (|v_n|/v_ref)^(−p), plastic yield with p = 1/4.  It has no elastic limit (`KuwabaraKonoRestitution`)."""
 
@@ -43,7 +39,6 @@ class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
         return value * self.ratio(state) ** -self.p
 
 
-@dataclass(frozen=True, eq=False)
 class KuwabaraKonoRestitution(SpeedReference, VelocityDependentRestitution):
     """ε → ε (1 − C ((|v_n|/v_ref)^(1/5) − 1)), viscoelastic spheres.  It is not plastic (`PowerLawRestitution`)."""
 
@@ -56,7 +51,6 @@ class KuwabaraKonoRestitution(SpeedReference, VelocityDependentRestitution):
         return value * (1 - self.C * (self.ratio(state) ** 0.2 - 1))
 
 
-@dataclass(frozen=True, eq=False)
 class LinearFallRestitution(SpeedReference, VelocityDependentRestitution):
     """ε → ε (1 − k (|v_n|/v_ref − 1)).  It does not level off (`SlowImpactRestitution`)."""
 
@@ -71,7 +65,6 @@ class LinearFallRestitution(SpeedReference, VelocityDependentRestitution):
         return value * (1 - self.k * (self.ratio(state) - 1))
 
 
-@dataclass(frozen=True, eq=False)
 class SlowImpactRestitution(VelocityDependentRestitution):
     """ε → ε + a exp(−|v_n|/v_s), so ε is that of fast impacts.  It does not fall for ever (`PowerLawRestitution`)."""
 
@@ -85,8 +78,7 @@ class SlowImpactRestitution(VelocityDependentRestitution):
         return value + self.a * (-state.v_n.abs() / self.v_s).exp()
 
 
-@dataclass(frozen=True, eq=False)
-class RestitutionOverSpeed(CoefficientCurve, VelocityDependentRestitution):
+class RestitutionOverSpeed(Spline, VelocityDependentRestitution):
     """ε → ε + s(|v_n|).  It is no law of a material (`KuwabaraKonoRestitution`)."""
 
     form = "curve"

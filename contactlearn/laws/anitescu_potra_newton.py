@@ -5,24 +5,20 @@
 It differs from Whittaker only where the slip reverses, and like it can add energy.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, complementary, complementary_in_space
 
 
-@dataclass(frozen=True)
 class AnitescuPotraNewton(Law):
     """Newton restitution and Coulomb friction against the *final* slip in one complementarity problem.
 
     It can add energy where the slip reverses.
     """
 
-    label: ClassVar[str] = "Anitescu–Potra Newton"
-    citations: ClassVar[tuple[str, ...]] = ("anitescu1997",)
-    paper: ClassVar[int | None] = 2
-    adds_energy: ClassVar[bool] = True
+    label = "Anitescu–Potra Newton"
+    citations = ("anitescu1997",)
+    paper = 2
+    adds_energy = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -6,9 +6,6 @@ method, which would keep v_n⁺ ≥ 0, is never needed with one planar contact: 
 ends sliding, W_nn > σ μ W_tn, and where it ends sticking the second phase has v_t = 0 to begin with.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import torch
 
 from contactlearn.laws.base import Law
@@ -24,13 +21,12 @@ from contactlearn.laws.contact import (
 )
 
 
-@dataclass(frozen=True)
 class AnitescuPotraPoisson(Law):
     """Poisson restitution in two complementarity problems; it never adds energy."""
 
-    label: ClassVar[str] = "Anitescu–Potra Poisson"
-    citations: ClassVar[tuple[str, ...]] = ("anitescu1997",)
-    paper: ClassVar[int | None] = 3
+    label = "Anitescu–Potra Poisson"
+    citations = ("anitescu1997",)
+    paper = 3
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
@@ -58,18 +54,17 @@ class AnitescuPotraPoisson(Law):
         return c_1 + d_1, c_2 + d_2, n_c + n_d
 
 
-@dataclass(frozen=True)
 class AnitescuPotraPoissonFazeli2017(Law):
     """Anitescu & Potra's law as computed for the paper: P = (P_t^c, (1 + ε) P_n^c), restitution without friction.
 
     v_n⁺ = ε W_nn P_n^c ≥ 0, so a second problem is never needed; it can add energy.
     """
 
-    name: ClassVar[str] = AnitescuPotraPoisson.name
-    variant: ClassVar[str] = "fazeli2017"
-    label: ClassVar[str] = AnitescuPotraPoisson.label
-    citations: ClassVar[tuple[str, ...]] = (*AnitescuPotraPoisson.citations, "fazeli2017")
-    adds_energy: ClassVar[bool] = True
+    name = AnitescuPotraPoisson.name
+    variant = "fazeli2017"
+    label = AnitescuPotraPoisson.label
+    citations = (*AnitescuPotraPoisson.citations, "fazeli2017")
+    adds_energy = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

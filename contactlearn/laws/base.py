@@ -1,6 +1,5 @@
 """The interface of all laws: a frozen dataclass with its coefficients μ and ε, and one closed form.
 
-    @dataclass(frozen=True)
     class Frictionless(Law):
         \"\"\"Newton restitution without friction.\"\"\"
 
@@ -16,7 +15,7 @@ rigid contact with Coulomb friction; `contactlearn.testing.LawContract` holds it
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar, Self
 
 import torch
@@ -24,6 +23,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.frozen import Frozen
 from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
@@ -31,14 +31,14 @@ _BLOCK = 1 << 16  # elements evaluated at once: the temporaries of a law then st
 _COLUMNS = 128  # trials among them
 
 
-@dataclass(frozen=True)
-class Law(ABC):
+class Law(Frozen, ABC):
     """An impact law (W, v_c, μ, ε) → P with its coefficients of friction μ ≥ 0 and of restitution ε in [0, 1].
 
     Both are dimensionless and broadcast against trials [..., N].  A law is not a `ContactModel`: it gives the impulse
     at the contact point and knows no body.
     """
 
+    compares: ClassVar[bool] = True
     mu: Values | float = 0.0
     eps: Values | float = 0.0
 
@@ -71,8 +71,8 @@ class Law(ABC):
     refines: ClassVar[bool] = False
     """Whether a diagnosis tries it only in the place of a law that does no better, since it takes ten times as long."""
 
-    def __init_subclass__(cls, **kwargs: Any):
-        super().__init_subclass__(**kwargs)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
         cls.spaces = (PLANE,) if cls.solve_in_space is Law.solve_in_space else BOTH

@@ -7,9 +7,6 @@ e_t acts on the slip u = v_t − W_tn v_n / W_nn that P_I leaves: v_t⁺ = −e_
 with W_tn = 0 or ε = 0, e_t = 0 ends the slip and e_t = 1 reverses it.  It is not one of the paper's six.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import torch
 from torch import Tensor
 
@@ -18,7 +15,6 @@ from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values, stick, stick_in_space
 
 
-@dataclass(frozen=True)
 class ChatterjeeRuina(Law):
     """Algebraic restitution in both directions; it never adds energy.
 
@@ -28,8 +24,8 @@ class ChatterjeeRuina(Law):
         DataError: e_t is not in [−1, 1].
     """
 
-    label: ClassVar[str] = "Chatterjee–Ruina"
-    citations: ClassVar[tuple[str, ...]] = ("chatterjee1998",)
+    label = "Chatterjee–Ruina"
+    citations = ("chatterjee1998",)
 
     e_t: Values | float = 0.0
     """Coefficient of tangential restitution in [−1, 1], broadcast against [..., N]."""

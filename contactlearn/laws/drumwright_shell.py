@@ -11,9 +11,6 @@ N (W_nn − σ μ W_tn) = v_n⁺ − v_n > 0, the tangential part of −M_c v_c 
 v_n⁺ = −ε v_n + (1 + ε) v_n^c ≥ 0, so a second compression is never needed either.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import torch
 
 from contactlearn.laws.base import Law
@@ -100,13 +97,12 @@ def _secular(
     return sigma, (y_1, y_2), length - nu.abs(), (y_1 * dy_1 + y_2 * dy_2) / length - nu.sign() * d_nu, nu
 
 
-@dataclass(frozen=True)
 class DrumwrightShell(Law):
     """Maximum dissipation in compression, then P = (1 + ε) P^c; it never adds energy."""
 
-    label: ClassVar[str] = "Drumwright–Shell"
-    citations: ClassVar[tuple[str, ...]] = ("drumwright2010",)
-    paper: ClassVar[int | None] = 4
+    label = "Drumwright–Shell"
+    citations = ("drumwright2010",)
+    paper = 4
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
@@ -119,15 +115,14 @@ class DrumwrightShell(Law):
         return (1 + eps) * P_1, (1 + eps) * P_2, (1 + eps) * P_n
 
 
-@dataclass(frozen=True)
 class DrumwrightShellFazeli2017(Law):
     """Drumwright & Shell's law as computed for the paper: P = (P_t^c, (1 + ε) P_n^c); it can add energy."""
 
-    name: ClassVar[str] = DrumwrightShell.name
-    variant: ClassVar[str] = "fazeli2017"
-    label: ClassVar[str] = DrumwrightShell.label
-    citations: ClassVar[tuple[str, ...]] = (*DrumwrightShell.citations, "fazeli2017")
-    adds_energy: ClassVar[bool] = True
+    name = DrumwrightShell.name
+    variant = "fazeli2017"
+    label = DrumwrightShell.label
+    citations = (*DrumwrightShell.citations, "fazeli2017")
+    adds_energy = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -9,8 +9,6 @@ slip decays exponentially and never quite ends.
 """
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -21,16 +19,15 @@ from contactlearn.laws.hodograph import Hodograph, after_work
 from contactlearn.laws.wang_mason import routh_path
 
 
-@dataclass(frozen=True)
 class Mirtich(Law):
     """Routh's path with Stronge's energetic restitution; it never adds energy."""
 
-    label: ClassVar[str] = "Mirtich"
-    citations: ClassVar[tuple[str, ...]] = (
+    label = "Mirtich"
+    citations = (
         "mirtich1996",
         "stronge1990",
     )
-    paper: ClassVar[int | None] = 6
+    paper = 6
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
@@ -61,7 +58,6 @@ class Mirtich(Law):
         return path.restored(compressed, *(after_work(kept * compressed.work) for kept in (0.0, 1 - eps**2)))
 
 
-@dataclass(frozen=True)
 class MirtichFazeli2017(Law):
     """Mirtich's law as computed for the paper: a viscous path, whose two ends are roots found by Newton's method.
 
@@ -71,13 +67,13 @@ class MirtichFazeli2017(Law):
     function theorem).
     """
 
-    name: ClassVar[str] = Mirtich.name
-    variant: ClassVar[str] = "fazeli2017"
-    label: ClassVar[str] = Mirtich.label
-    citations: ClassVar[tuple[str, ...]] = (*Mirtich.citations, "fazeli2017")
-    mu_axis: ClassVar[str] = "Viscous friction μ (s/m)"
-    leaves_cone: ClassVar[bool] = True
-    scales: ClassVar[bool] = False
+    name = Mirtich.name
+    variant = "fazeli2017"
+    label = Mirtich.label
+    citations = (*Mirtich.citations, "fazeli2017")
+    mu_axis = "Viscous friction μ (s/m)"
+    leaves_cone = True
+    scales = False
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -12,9 +12,8 @@ against its dashpot, so the rebound is not Newton's, Poisson's or Stronge's.  Mu
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -33,16 +32,15 @@ _SHORT_STEPS = 4  # of a short piece, from its Taylor series: the worst contacts
 _STEPS = 6  # of Newton's method: of 10⁵ random contacts 99.99 % are at rounding error and the worst at 1e-8
 
 
-@dataclass(frozen=True)
 class SpringDashpot(Law):
     """Routh's path with the restitution of a spring and a dashpot, which fixes ε without friction; it adds no energy.
 
     The body does not turn while the contact lasts.
     """
 
-    label: ClassVar[str] = "Spring–dashpot"
-    citations: ClassVar[tuple[str, ...]] = ("tsuji1992", "antypov2011")
-    refines: ClassVar[bool] = True
+    label = "Spring–dashpot"
+    citations = ("tsuji1992", "antypov2011")
+    refines = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

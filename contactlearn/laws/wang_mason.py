@@ -7,8 +7,7 @@ Five modes differ in where the initial slip ends and in what follows it: sliding
 sliding from compression on (C), or from restitution on (R).
 """
 
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -72,13 +71,12 @@ def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt
     return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, v_n)
 
 
-@dataclass(frozen=True)
 class WangMason(Law):
     """Routh's path in impulse space with Poisson restitution; it never adds energy."""
 
-    label: ClassVar[str] = "Wang–Mason"
-    citations: ClassVar[tuple[str, ...]] = ("wang1992",)
-    paper: ClassVar[int | None] = 5
+    label = "Wang–Mason"
+    citations = ("wang1992",)
+    paper = 5
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

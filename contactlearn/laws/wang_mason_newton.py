@@ -5,25 +5,21 @@ reversed sliding, so it differs from Whittaker's law, whose sliding keeps its di
 the slip ends early.  It is not one of the paper's six.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
 from contactlearn.laws.hodograph import Hodograph, until
 from contactlearn.laws.wang_mason import routh_path
 
 
-@dataclass(frozen=True)
 class WangMasonNewton(Law):
     """Routh's path in impulse space with Newton restitution; it can add energy.
 
     It is not Poisson's restitution, which ends the contact by its normal impulse (`WangMason`).
     """
 
-    label: ClassVar[str] = "Wang–Mason Newton"
-    citations: ClassVar[tuple[str, ...]] = ("wang1992",)
-    adds_energy: ClassVar[bool] = True
+    label = "Wang–Mason Newton"
+    citations = ("wang1992",)
+    adds_energy = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

@@ -8,9 +8,6 @@ It can add energy (Kane's paradox), and it is discontinuous in μ where sticking
 impulse *along* the initial slip.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import torch
 
 from contactlearn.laws.base import Law
@@ -26,17 +23,16 @@ from contactlearn.laws.contact import (
 )
 
 
-@dataclass(frozen=True)
 class Whittaker(Law):
     """Newton restitution, with friction against the *initial* slip; it can add energy.
 
     It is not the solution of a complementarity problem: see `AnitescuPotraNewton` for friction against the final slip.
     """
 
-    label: ClassVar[str] = "Whittaker"
-    citations: ClassVar[tuple[str, ...]] = ("whittaker1944",)
-    paper: ClassVar[int | None] = 1
-    adds_energy: ClassVar[bool] = True
+    label = "Whittaker"
+    citations = ("whittaker1944",)
+    paper = 1
+    adds_energy = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""
@@ -63,21 +59,20 @@ class Whittaker(Law):
         return where(sticks, stuck, slides)
 
 
-@dataclass(frozen=True)
 class WhittakerFazeli2017(Law):
     """Whittaker's law as computed for the paper: on sliding P_n stays that of sticking, |P_t| = μ P_n, final slip.
 
     P_n is not solved again, so the impulse can leave the cone, add energy and penetrate.
     """
 
-    name: ClassVar[str] = Whittaker.name
-    variant: ClassVar[str] = "fazeli2017"
-    label: ClassVar[str] = Whittaker.label
-    citations: ClassVar[tuple[str, ...]] = (*Whittaker.citations, "fazeli2017")
-    adds_energy: ClassVar[bool] = True
-    leaves_cone: ClassVar[bool] = True
-    pulls: ClassVar[bool] = True
-    penetrates: ClassVar[bool] = True
+    name = Whittaker.name
+    variant = "fazeli2017"
+    label = Whittaker.label
+    citations = (*Whittaker.citations, "fazeli2017")
+    adds_energy = True
+    leaves_cone = True
+    pulls = True
+    penetrates = True
 
     def solve(self, contact: Contact, mu: Values, eps: Values) -> tuple[Values, Values]:
         """Return (P_t, P_n) in N s; see the module."""

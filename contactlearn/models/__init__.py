@@ -11,8 +11,6 @@ export            law and effects as NumPy, JAX, PyTorch or C
 citation          BibTeX of whatever a model uses
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -13,8 +13,6 @@ Nothing is fitted here: results are complete before they are shown.  Figures are
 no window system and are not kept alive by one.
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

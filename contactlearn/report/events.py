@@ -7,30 +7,8 @@ from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from contactlearn.diagnosis.events import (
-    FILE,
-    AuditFindings,
-    CandidatesExcluded,
-    CurvePoint,
-    EffectsFound,
-    Event,
-    FormulasSkipped,
-    LawChanged,
-    LawsCompared,
-    LearningProgress,
-    LimitsEstimated,
-    OnEvent,
-    RegionsFound,
-    RemainderLearned,
-    RoundScored,
-    SampleConfirmed,
-    SubsampleStarted,
-    TaskProgress,
-    TrainingRound,
-    VelocitiesAveraged,
-    append_event,
-    ignore,
-)
+from contactlearn.diagnosis import events
+from contactlearn.diagnosis.events import FILE, Event, OnEvent, TaskProgress, append_event, ignore
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, print_line
@@ -101,35 +79,35 @@ def progress(folder: Path | None = None, tracker: OnEvent = ignore, *, verbose: 
 
 
 def event_lines(event: Event) -> list[str]:
-    """Describe an event in lines of text; none for bare progress, and for what the verdict describes."""
+    """Describe an event in lines of text; none for progress, numbers of trainings, and what the verdict describes."""
     match event:
-        case AuditFindings():
+        case events.AuditFindings():
             return [_finding_line("audit", one) for one in event.findings] or [f"audit: {phrase('consistent')}"]
-        case SubsampleStarted():
+        case events.SubsampleStarted():
             return [f"sample: {phrase('step', event)}"]
-        case LawsCompared():
+        case events.LawsCompared():
             return [f"law: {phrase('laws', event.law, event.fits)}"]
-        case CandidatesExcluded():
+        case events.CandidatesExcluded():
             return [f"note: {phrase('left_out', event.candidates)}"]
-        case VelocitiesAveraged():
+        case events.VelocitiesAveraged():
             return [_finding_line("note", one) for one in event.findings]
-        case LimitsEstimated():
+        case events.LimitsEstimated():
             return [f"budget: {phrase('limits', event.limits)}"]
-        case RegionsFound():
+        case events.RegionsFound():
             return [f"region: {phrase('region', one)}" for one in event.regions] or [f"region: {phrase('no_region')}"]
-        case LawChanged():
+        case events.LawChanged():
             return [f"law: {phrase('law_changed', event.law)}"]
-        case EffectsFound():
+        case events.EffectsFound():
             lines: list[str] = []
             for effect in event.effects:
                 lines.append(f"missing: {phrase('missing_effect', effect)}")
                 lines += [f"  {improvement}" for improvement in phrases("improvements", effect, event.regions)]
             return lines
-        case FormulasSkipped():
+        case events.FormulasSkipped():
             return [f"note: no formulas for the residual: {event.reason}"]
-        case SampleConfirmed():
+        case events.SampleConfirmed():
             return [f"all trials: {one}" for one in phrases("sample_summary", event.sample)]
-        case TaskProgress() | RemainderLearned() | TrainingRound() | RoundScored() | CurvePoint() | LearningProgress():
+        case _:
             return []
 
 

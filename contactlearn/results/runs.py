@@ -20,7 +20,7 @@
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from typing import Any
 import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.diagnosis.events import OnEvent, ignore, track
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import Norm
@@ -54,8 +55,6 @@ _ABSENT = object()
 
 Settings = dict[str, list[str | None]]
 """Each run's value as text by the dotted key of a setting, None where a run has no such setting."""
-Progress = Callable[[Iterable[Path], str], Iterable[Path]]
-"""Wraps the reading of files, with a description."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,11 +189,6 @@ def common_metric(runs: Iterable[ComparedRun]) -> str:
 # --- Reading --------------------------------------------------------------------------------------
 
 
-def silent(items: Iterable[Path], what: str) -> Iterable[Path]:
-    """Show no progress."""
-    return items
-
-
 def absolute(folders: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Return folders with their whole paths.
 
@@ -208,7 +202,7 @@ def absolute(folders: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return roots
 
 
-def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[ComparedRun], list[tuple[str, str]]]:
+def read_runs(roots: Sequence[Path], on_event: OnEvent = ignore) -> tuple[list[ComparedRun], list[tuple[str, str]]]:
     """Read all runs in folders and in what is below them.
 
     Returns:
@@ -220,7 +214,8 @@ def read_runs(roots: Sequence[Path], progress: Progress = silent) -> tuple[list[
     runs: list[ComparedRun] = []
     skipped: list[tuple[str, str]] = []
     top = Path(os.path.commonpath(roots))
-    for path in progress(dict.fromkeys(path for root in roots for path in find_results(root)), "reading runs"):
+    found = dict.fromkeys(path for root in roots for path in find_results(root))
+    for path in track(found, "reading runs", on_event):
         name = os.path.relpath(path.parent if path.name in FILES else path, top)
         name = printable(top.name if name == "." else name)
         try:
@@ -270,14 +265,14 @@ def printable(value: Any) -> str:
 
 
 def write_table(
-    folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], progress: Progress = silent
+    folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str], on_event: OnEvent = ignore
 ) -> tuple[pd.DataFrame, list[tuple[str, str]]]:
     """Write the table of all runs in folders and in what is below them.
 
     Args:
         folders: runs, sweeps, or trees of them.
         out: a .parquet or .csv file.
-        progress: wraps the reading of the files, with a description.
+        on_event: receives the progress.
 
     Returns:
         The table, and why runs are not in it, by name.
@@ -290,7 +285,7 @@ def write_table(
     suffix = path.suffix.removeprefix(".")
     if suffix not in FORMATS:
         raise UnknownNameError("table format", suffix, FORMATS)
-    runs, skipped = read_runs(absolute(folders), progress)
+    runs, skipped = read_runs(absolute(folders), on_event)
     frame = as_table(runs)
     try:
         write_frames([frame], path)

@@ -5,6 +5,7 @@ LawEstimate … ModelErrors   laws, laws with effects, learned models and errors
 Training, Evaluation, Transfer, DiagnosisRun    the result of each command
 """
 
+from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -219,66 +220,78 @@ def metrics_of(model: str, norm: Norm) -> tuple[str, ...]:
     return bounded_metrics(norm) if model in (BEST_POST_HOC, IRB) else tuple(METRICS)
 
 
-def known_model(model: str, errors: Mapping[str, ModelErrors]) -> None:
-    """Refuse the name of a model without errors.
-
-    Raises:
-        ContactLearnError: naming it.
-    """
-    if model not in errors:
-        raise ContactLearnError(f"a model must be one of those in errors ({', '.join(errors) or 'none'}), got {model}")
-
-
 # --- Training -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training:
-    """A trained model and its errors; the model itself is the checkpoint beside the file.
+class HeldOutResult(ABC):
+    """Models and their errors on the held-out trials, of a training or an evaluation.
 
     Args:
         provenance: of the run.
-        model: its name in `errors`.
-        learned: name of the learned model in the configuration; None for a law, with effects or without.
-        law: that the model builds on; None for a model without a law.
+        model: name in `errors` of the model that the run is compared with others by.
+        law: that it is, or builds on; None for a model without a law.
         effects: around the law.
+        norm: in which the bounds come closest; it decides the metric by which models are compared.
+        fits: laws, identified from random subsets.
+        joint: the law alone and with its effects, by name, where there are effects.
+        errors: of all models and of both bounds.
+        back_spin: share of the measured outcomes beyond the line of sticking.
+
+    Raises:
+        ContactLearnError: a model without errors, or errors without the metric.
+    """
+
+    kind: RunKind
+    format: int = FORMAT
+    provenance: Provenance
+    model: str
+    law: str | None
+    effects: tuple[EffectId, ...]
+    norm: Norm
+    fits: tuple[LawEstimate, ...]
+    joint: Mapping[str, JointEstimate]
+    errors: Mapping[str, ModelErrors]
+    back_spin: float
+
+    def __post_init__(self) -> None:
+        self._check(self.model)
+        for errors in self.errors.values():
+            errors.of(self.metric)
+
+    def _check(self, *models: str) -> None:
+        """Refuse the names of models without errors."""
+        for model in models:
+            if model not in self.errors:
+                known = ", ".join(self.errors) or "none"
+                raise ContactLearnError(f"a model must be one of those in errors ({known}), got {model}")
+
+    @property
+    def metric(self) -> str:
+        """The metric by which models are compared."""
+        return headline_metric(self.norm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(HeldOutResult):
+    """A trained model and its errors; the model itself is the checkpoint beside the file.
+
+    `fits` holds the law of a model without effects; `errors` has the model behind its law or the models in `joint`.
+
+    Args:
+        learned: name of the learned model in the configuration; None for a law, with effects or without.
         trained_on: trials of the subset.
         equation: the model as text.
-        fits: the law of a model without effects, identified on its trials.
-        joint: the law alone and with its effects, by name, where there are effects.
-        errors: of the model, after those of its law or of the models in `joint`; and of both bounds.
-        back_spin: share of the measured outcomes beyond the line of sticking.
-        norm: in which the bounds come closest; it decides the metric by which models are compared.
         processes: Gaussian processes of a learned model, one an output.
         processes_kind: `exact` or `sparse`; None without processes.
     """
 
     kind: RunKind = RunKind.TRAINING
-    format: int = FORMAT
-    provenance: Provenance
-    model: str
     learned: str | None
-    law: str | None
-    effects: tuple[EffectId, ...]
     trained_on: int
     equation: str
-    fits: tuple[LawEstimate, ...]
-    joint: Mapping[str, JointEstimate]
-    errors: Mapping[str, ModelErrors]
-    back_spin: float
-    norm: Norm
     processes: tuple[ProcessEstimate, ...]
     processes_kind: str | None
-
-    def __post_init__(self) -> None:
-        known_model(self.model, self.errors)
-        for errors in self.errors.values():
-            errors.of(self.metric)
-
-    @property
-    def metric(self) -> str:
-        """The metric by which the model is compared with others."""
-        return headline_metric(self.norm)
 
 
 # --- Evaluation -----------------------------------------------------------------------------------
@@ -373,19 +386,10 @@ class JudgedModel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluation:
+class Evaluation(HeldOutResult):
     """Models side by side on the held-out trials.
 
     Args:
-        provenance: of the run.
-        model: name in `errors` of the model that the run is compared with others by.
-        law: that it is, or builds on; None for a model without a law.
-        effects: around the law.
-        norm: in which the bounds come closest; it decides the metric by which models are compared.
-        fits: the laws, identified from random subsets.
-        joint: the law alone and with its effects, by name, where there are effects.
-        errors: of all models and of both bounds.
-        back_spin: share of the measured outcomes beyond the line of sticking.
         reach: by law, the mean share of the admissible impulses that it gives with some μ and ε in [0, 1].
         best: name in `errors` of the model with the least error, bounds aside.
         differences: error of each other model less that of the best, paired by trial; the smallest first.
@@ -396,16 +400,6 @@ class Evaluation:
     """
 
     kind: RunKind = RunKind.EVALUATION
-    format: int = FORMAT
-    provenance: Provenance
-    model: str
-    law: str | None
-    effects: tuple[EffectId, ...]
-    norm: Norm
-    fits: tuple[LawEstimate, ...]
-    joint: Mapping[str, JointEstimate]
-    errors: Mapping[str, ModelErrors]
-    back_spin: float
     reach: Mapping[str, float]
     best: str
     differences: Mapping[str, Interval]
@@ -415,24 +409,10 @@ class Evaluation:
     learning_curves: Mapping[str, LearningCurve] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (
-            self.model,
-            self.best,
-            *self.differences,
-            *(fit.law for fit in self.fits),
-            *self.joint,
-            *self.trained,
-        ):
-            known_model(name, self.errors)
+        self._check(self.best, *self.differences, *(fit.law for fit in self.fits), *self.joint, *self.trained)
         if not self.fits:
             raise ContactLearnError("fits must hold at least one law")
-        for errors in self.errors.values():
-            errors.of(self.metric)
-
-    @property
-    def metric(self) -> str:
-        """The metric by which models are compared."""
-        return headline_metric(self.norm)
+        super().__post_init__()
 
 
 # --- Transfer -------------------------------------------------------------------------------------

@@ -7,8 +7,6 @@ recordings           recordings of simulated bodies, with the faults of real tra
 recordings_mujoco    the same, with MuJoCo's flights and contacts
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -225,11 +225,10 @@ def _laws_drawn(settings: EvaluateSettings, data: Split, compared: Comparison, o
     convergence = fitting.identify_law(
         shown.surface, pool, how, data.generator, on_event, sizes=sizes, repetitions=shown.repetitions
     )
-    surface = fitting.law_surface(shown.surface, pool, most, how)
     drawn = record.draw_effects(list(compared.joint.values())[-1].model, data.test) if compared.joint else {}
     per_trial = compared.trials[shown.parameters.name]
     return drawn | {
-        "cost_surface": record.draw_cost_surface(moved(surface, "cpu")),
+        "cost_surface": fitting.draw_cost_surface(shown.surface, pool, most, how),
         "convergence": figures.convergence(moved(convergence, "cpu")),
         "trial_parameters": figures.trial_parameters(per_trial, data.impacts, box=how.box),
     }

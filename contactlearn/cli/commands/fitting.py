@@ -4,7 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Int
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from contactlearn.cli.commands.loading import Split
@@ -22,19 +23,8 @@ from contactlearn.inference.identification.shared import SharedFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.report.figures import laws as figures
 from contactlearn.results.types import BEST_POST_HOC, IRB
-
-
-@dataclass(frozen=True, kw_only=True)
-class CostSurface:
-    """Cost of a law in N s over a grid of (μ, ε) on `trials` trials, and its minimum; Eq. (3.1)."""
-
-    law: Law
-    trials: int
-    mu: Float[Tensor, " a"]
-    eps: Float[Tensor, " b"]
-    cost: Float[Tensor, "a b"]
-    minimum: tuple[float, float]
 
 
 def identify_law(
@@ -101,14 +91,14 @@ def augmented_name(law: str, effects: Iterable[str]) -> str:
     return " + ".join((law, *effects))
 
 
-def law_surface(law: Law, pool: Impacts, trials: int, settings: IdentificationSettings) -> CostSurface:
-    """Evaluate the cost of a law over the whole box, and find its minimum, on random trials of the pool (Fig. 3.3)."""
+def draw_cost_surface(law: Law, pool: Impacts, trials: int, settings: IdentificationSettings) -> Figure:
+    """Draw the cost of a law over the whole box with its minimum, on random trials of the pool; Eq. (3.1), Fig. 3.3."""
     box, target = settings.box, settings.target
     mu, eps = box.axes()
     pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), trials)]
     least = shared.identify(law, pool, sizes=(trials,), repetitions=1, box=box, target=target)
     cost = shared.cost_surface(law, pool, mu, eps, target=target)
-    return CostSurface(law=law, trials=trials, mu=mu, eps=eps, cost=cost, minimum=least.mean())
+    return figures.cost_map(mu, eps, cost, least.mean(), law, trials)
 
 
 @dataclass(frozen=True, kw_only=True)

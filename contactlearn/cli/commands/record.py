@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.job import Run
 from contactlearn.effects import catalogue
 from contactlearn.inference.evaluation import metrics
@@ -16,7 +15,6 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import quality
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
@@ -108,11 +106,6 @@ def write_figures(tracker: Tracker, run: Run, drawn: Mapping[str, Figure]) -> No
     for name, figure in drawn.items():
         png, _ = save(figure, run.folder / "figures", name)
         tracker.figure(f"figures/{name}", png.read_bytes())
-
-
-def draw_cost_surface(surface: CostSurface) -> Figure:
-    """Draw the surface of Eq. (3.1) with its minimum."""
-    return figures.cost_map(surface.mu, surface.eps, surface.cost, surface.minimum, surface.law, surface.trials)
 
 
 def draw_effects(model: ContactModel, test: Impacts) -> dict[str, Figure]:

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import torch
+from matplotlib.figure import Figure
 
 from contactlearn.cli.commands import fitting, loading, record
-from contactlearn.cli.commands.fitting import CostSurface
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import body_ranges, check_start
@@ -44,7 +44,7 @@ class _Trained:
     joint: Mapping[str, JointFit]
     models: Mapping[str, ContactModel]
     laws: Mapping[str, ContactModel]
-    surface: CostSurface | None
+    surface: Figure | None
 
     @property
     def model(self) -> ContactModel:
@@ -104,7 +104,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     shared, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
     if law is not None and recipe is None and not effects:
         shared[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
-        surface = fitting.law_surface(law, pool, *sizes, how)
+        surface = fitting.draw_cost_surface(law, pool, *sizes, how)
     rows = torch.randperm(len(pool), generator=data.generator)[: data.train_size]
     for one in settings.laws.values():
         if one.name not in shared:
@@ -217,7 +217,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     distributions = record.distributions(result.metric, test, predictions, trained.name)
     drawn["predicted_against_measured"] = record.draw_predictions(test, prediction)
     if trained.surface is not None:
-        drawn["cost_surface"] = record.draw_cost_surface(trained.surface)
+        drawn["cost_surface"] = trained.surface
     recipe, regressor = settings.recipe, trained.model.regressor
     if recipe is not None and regressor is not None:
         lengths = {one.output: one.length_scales for one in result.processes}

@@ -12,8 +12,6 @@ findings      the audit: one question after the other
 model_checks  outliers of a fitted model, and velocities before impact that vary by noise alone
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -86,7 +86,7 @@ def find_rivals(
                 effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error
             )
             if _as_good(chosen, fitted, rival, thresholds):
-                fitted = replace(fitted, fit=pool.polished(model.spec).fit)  # with standard errors
+                fitted = replace(fitted, fit=pool.polished(model.spec)[0].fit)  # with standard errors
                 rivals.append(FittedRival(rival=rival, fitted=fitted))
         found[effect] = tuple(sorted(rivals, key=lambda one: one.rival.loss_difference))
     return found

@@ -121,14 +121,13 @@ class Pool:
         same = assemble(self.laws[law], model.effects, fit.values, fit.model.parameter_covariance)
         self.models[spec] = replace(model, spec=spec, fit=replace(fit, model=same))
 
-    def polished(self, spec: Spec) -> ScoredFit:
-        """Return a model of the pool after a fit to the full tolerance, from which standard errors are taken."""
-        model = self.models[spec]
-        fit = identify_jointly(
-            self.laws[spec.law], model.effects, self.impacts, options=self.options, start=model.fit.values
-        )
-        self.models[spec] = self._scored(spec, fit)
-        return self.models[spec]
+    def polished(self, *specs: Spec) -> list[ScoredFit]:
+        """Return models of the pool after fits to the full tolerance, from which standard errors are taken."""
+        fit = partial(identify_jointly, impacts=self.impacts, options=self.options)
+        models = [self.models[spec] for spec in specs]
+        calls = [partial(fit, self.laws[one.spec.law], one.effects, start=one.fit.values) for one in models]
+        self.models |= {spec: self._scored(spec, found) for spec, found in zip(specs, side_by_side(calls), strict=True)}
+        return [self.models[spec] for spec in specs]
 
     def score(self, spec: Spec, effects: Mapping[str, Effect], loss: float) -> float:
         """Compute the score from a loss in nats a trial."""

@@ -249,12 +249,14 @@ def _chosen(
     model = pool.models[spec]
     pool.fitted(Spec(spec.law))  # a law that refines others may not have been fitted alone
     Search(pool, len(spec.effects)).exchange_all(model, model.score + window, _RIVAL_FITS)
+    models = pool.polished(*dict.fromkeys((Spec(spec.law), spec)))
+    predict_held_out(pool, folds, models)
     return Selection(
         pool=pool,
         folds=folds,
         spec=spec,
-        base=validated(pool, folds, pool.polished(Spec(spec.law))),
-        present=validated(pool, folds, pool.polished(spec)),
+        base=validated(pool, folds, models[0]),
+        present=validated(pool, folds, models[-1]),
         plausible=plausible_models(pool, pool.models[spec], window, generator),
         complete=complete,
     )

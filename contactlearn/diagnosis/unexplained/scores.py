@@ -84,7 +84,8 @@ class Scores:
         flat = torch.cat((slopes, *beside), -1).flatten(0, 1)
         span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
         reach = span[:, size > 1e-6 * size.max()].unflatten(0, (len(rows), -1))  # an orthonormal basis
-        return cls(rows, residual - _projected(reach, residual[..., None])[..., 0], slope, reach)
+        span = reach.flatten(0, 1)
+        return cls(rows, residual - (span @ (span.mT @ residual.flatten())).view_as(residual), slope, reach)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -96,9 +97,11 @@ class Scores:
         back = torch.einsum("ncp,ncq->qnp", self.slope, self.reach)
         return signs[..., None] * each - torch.einsum("fq,qnp->fnp", found, back)
 
-    def free(self, columns: Float[Tensor, "n D k"]) -> Float[Tensor, "n D k"]:
-        """Return changes without what is projected out."""
-        return columns - _projected(self.reach, columns)
+    def terms(self, change: Float[Tensor, "n D"], functions: Float[Tensor, "n k"]) -> Float[Tensor, "n k"]:
+        """Return residuals times a change that follows functions of the trials, without what is projected out."""
+        own = (change * self.residual).sum(1, keepdim=True)
+        back, there = ((self.reach * x[..., None]).sum(1) for x in (self.residual, change))
+        return own * functions - back @ (there.mT @ functions)
 
 
 def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
@@ -115,12 +118,6 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
     columns = torch.stack(parts, -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
-
-
-def _projected(reach: Float[Tensor, "n D q"], columns: Float[Tensor, "n D k"]) -> Float[Tensor, "n D k"]:
-    """The part of columns in the span of an orthonormal basis."""
-    flat = reach.flatten(0, 1)
-    return (flat @ (flat.mT @ columns.flatten(0, 1))).unflatten(0, (len(columns), -1))
 
 
 _NOTICEABLE = 1.0  # standard errors of a sum over all trials that dilution may amount to

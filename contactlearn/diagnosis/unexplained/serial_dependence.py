@@ -154,10 +154,11 @@ def _lagged_terms(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Ten
     D = scores.residual.shape[-1]
     alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
     kinds = torch.cat((scores.slope, alike), -1)  # μ, ε, and the velocities
-    columns = [
-        scores.free(values[:, None, None] * kinds[..., : len(_kinds(memory, D))]) for memory, values in history.items()
-    ]
-    return (torch.cat(columns, -1) * scores.residual[..., None]).sum(1) if columns else scores.residual[:, :0]
+    if not history:
+        return scores.residual[:, :0]
+    functions = torch.stack([*history.values()], 1)
+    terms = torch.stack([scores.terms(change, functions) for change in kinds.unbind(-1)], -1)
+    return torch.cat([terms[:, k, : len(_kinds(memory, D))] for k, memory in enumerate(history)], 1)
 
 
 # --- Names of the statistics, in their order -------------------------------------------------------

@@ -95,11 +95,11 @@ def screen_state_associations(
     D = scores.residual.shape[-1]
     alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
     kinds = (*Coefficient, *[None] * D)  # that may depend on the state: coefficients, whitened velocities
-    channels, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
-    for orders, functions in groups:
-        for kind, channel in zip(kinds, channels.unbind(-1), strict=True):
-            free = scores.free(channel[..., None] * (functions - functions.mean(0))[:, None])
-            sums = signs @ (free * scores.residual[..., None]).sum(1)
+    changes, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
+    functions = torch.cat([own - own.mean(0) for _, own in groups], 1)
+    for kind, change in zip(kinds, changes.unbind(-1), strict=True):
+        every = signs @ scores.terms(change, functions)
+        for (orders, _), sums in zip(groups, every.split([len(orders) for orders, _ in groups], 1), strict=True):
             z = sums / sums.square().mean(0).sqrt().clamp_min(1e-300)
             each, together = normal_neg_log_p(sums), gamma_neg_log_p(z.square().sum(1, keepdim=True))
             largest.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
@@ -192,14 +192,11 @@ def find_state_dependence(
         trials=_TRIALS,
         block=block,
     )
-    found = ask(fit)
-    if found is None or found.fit.share.mean <= 0:
+    same = torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post)
+    each = side_by_side([partial(ask, one) for one in ((fit,) if same else (fit, best))])
+    if each[0] is None or any(one is None or one.fit.share.mean <= 0 for one in each):
         return None
-    if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
-        rest = ask(best)
-        if rest is None or rest.fit.share.mean <= 0:
-            return None
-    return _described(found, thresholds)
+    return _described(each[0], thresholds)
 
 
 def fit_state_dependence(

@@ -31,6 +31,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import OUTPUTS, Effect, Parameter, require_shape
 from contactlearn.effects.checks import named_outputs, violations
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, Expression
@@ -175,8 +176,7 @@ def _number(name: str, key: str, value: Any) -> float:
     return number
 
 
-@dataclass(frozen=True, eq=False)
-class _Formula:
+class _Formula(Frozen):
     """Part of a formula effect that the four places share.
 
     Args:
@@ -275,7 +275,6 @@ class _Formula:
         return tuple(value + added[name] if name in added else value for name, value in so_far.items())
 
 
-@dataclass(frozen=True, eq=False)
 class StateFormula(_Formula, Effect):
     """r_x, r_y or θ is another one than was measured; with θ the contact point moves (`orientation_offset`)."""
 
@@ -288,7 +287,6 @@ class StateFormula(_Formula, Effect):
         return state
 
 
-@dataclass(frozen=True, eq=False)
 class LawFormula(_Formula, Effect):
     """μ or ε of the law is a function of the state."""
 
@@ -297,7 +295,6 @@ class LawFormula(_Formula, Effect):
         return mu, eps
 
 
-@dataclass(frozen=True, eq=False)
 class WrenchFormula(_Formula, Effect):
     """An impulse or a moment is added to the wrench of the law."""
 
@@ -305,7 +302,6 @@ class WrenchFormula(_Formula, Effect):
         return columns(*self.changed(state, named_outputs("wrench", wrench)))
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityFormula(_Formula, Effect):
     """The velocity changes between contact and the second measurement."""
 

@@ -8,8 +8,6 @@ robust      the robust likelihood that the joint fit maximises
 errors_in_variables   the states before impact, where v_pre is known to be noisy
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -47,17 +47,18 @@ def solve(
         tolerance: of the search.
     """
     if start is None:
-        theta, _, _, agreement, _ = robust.search(observed, starts, None, tolerance)
+        theta, _, _, _, agreement, _ = robust.search(observed, starts, None, tolerance)
     else:
         theta, agreement = start.expand(len(observed), -1).clamp(observed.low, observed.high), None
     problem, width = observed, observed.high - observed.low
     for left in reversed(range(_ROUNDS)):
         problem = _corrected(observed, problem, noise, theta)
         last = theta
-        theta, scatter, loss, alone, converged = robust.search(problem, 1, last, tolerance)
+        theta, scatter, residual, loss, alone, converged = robust.search(problem, 1, last, tolerance)
         settled = ((theta - last).abs() <= _SETTLED * width).all(-1)
         if settled.all() or left == 0:
-            return problem, (theta, scatter, loss, alone if agreement is None else agreement, converged & settled)
+            agreement = alone if agreement is None else agreement
+            return problem, (theta, scatter, residual, loss, agreement, converged & settled)
     raise AssertionError("unreachable: the last round returns")
 
 

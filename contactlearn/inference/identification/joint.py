@@ -46,6 +46,7 @@ class FitThresholds:
 
 
 FIT_TARGETS = ("velocity", "wrench")
+_MOST_OUTLIERS = 0.1  # of the trials
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,13 +142,18 @@ class JointFit:
 
     @property
     def inliers(self) -> Tensor:
-        """Whether the weight of a trial [..., n] is not negligible; other residuals are over five times the typical."""
-        return self.weight >= self.thresholds.outlier_weight
+        """Whether a trial [..., n] is no gross outlier: the residual of one is over five times the typical.
+
+        Where more than a tenth are that far, as beside a small stated noise, the model lacks what moves them, and none
+        is an outlier.
+        """
+        far = self.weight < self.thresholds.outlier_weight
+        return ~far | (far.double().mean(-1, keepdim=True) > _MOST_OUTLIERS)
 
     @property
     def outliers(self) -> int:
         """Number of trials of negligible weight, over all subsets."""
-        return int((~self.inliers).sum())
+        return int((self.weight < self.thresholds.outlier_weight).sum())
 
     def known_parameters(self) -> tuple[KnownParameter, ...]:
         """Return a single subset's parameters that free flight limits, with their fit to the impacts alone."""
@@ -249,8 +255,8 @@ def identify_jointly(
         found = robust.search(problem, options.starts, start, options.tolerance)
     else:
         problem, found = errors_in_variables.solve(problem, noise, options.starts, start, options.tolerance)
-    theta, scatter, loss, agreement, converged = found
-    weight = robust.trial_weights(problem, theta, scatter)
+    theta, scatter, residual, loss, agreement, converged = found
+    weight = robust.trial_weights(residual, scatter)
     if options.standard_errors:
         covariance, effective = robust.uncertainty(problem, theta, scatter)
     else:

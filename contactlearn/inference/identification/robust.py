@@ -97,8 +97,8 @@ def search(
     """Minimise the loss from several starts, or from the one that is given.
 
     Returns:
-        θ [B, K], Σ [B, D, D] and loss [B] of the best start, the share [B] of the starts followed to the end that
-        reached this loss, and whether the best one converged [B].
+        θ [B, K], Σ [B, D, D], residual [B, n, D] and loss [B] of the best start, the share [B] of the starts followed
+        to the end that reached this loss, and whether the best one converged [B].
     """
     B = len(problem)
     if start is None:
@@ -106,20 +106,18 @@ def search(
     else:
         theta, starts = start.expand(B, -1).clamp(problem.low, problem.high), 1
     every = torch.arange(B, device=theta.device)
-    which = every.repeat(starts)
-    size = problem[which].residual(theta[:, None]).square().median(-2).values
-    scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
+    which, scatter = every.repeat(starts), None
     if starts > 2:
-        theta, scatter, loss, _ = _descend(problem[which], theta, scatter, _HALVING, tolerance)
+        theta, scatter, _, loss, _ = _descend(problem[which], theta, scatter, _HALVING, tolerance)
         kept = loss.view(starts, B).argsort(0)[: starts // 2]  # [S/2, B]
         kept = (kept * B + every).flatten()
         which, theta, scatter = which[kept], theta[kept], scatter[kept]
-    theta, scatter, loss, converged = _descend(problem[which], theta, scatter, _ROUNDS, tolerance)
+    theta, scatter, residual, loss, converged = _descend(problem[which], theta, scatter, _ROUNDS, tolerance)
     loss = loss.view(-1, B)
     least, best = loss.min(0)
     chosen = best * B + every
     agreement = (loss <= least + 1e-4).double().mean(0)
-    return theta[chosen], scatter[chosen], least, agreement, converged[chosen]
+    return theta[chosen], scatter[chosen], residual[chosen], least, agreement, converged[chosen]
 
 
 def _starts(problem: Problem, starts: int) -> Tensor:
@@ -147,43 +145,45 @@ def _starts(problem: Problem, starts: int) -> Tensor:
     return points.clamp(low, high)
 
 
-def _descend(problem: Problem, theta: Tensor, scatter: Tensor, rounds: int, tolerance: float) -> tuple[Tensor, ...]:
-    """Take rounds of damped steps, and return (θ, Σ, loss, converged); problems that have converged drop out.
+def _descend(
+    problem: Problem, theta: Tensor, scatter: Tensor | None, rounds: int, tolerance: float
+) -> tuple[Tensor, ...]:
+    """Take rounds of damped steps, and return (θ, Σ, residual, loss, converged); converged problems drop out.
 
     A step that brings less than the tolerance ends a problem if it promised no more; otherwise two such steps do.
     """
-    result = [
-        theta.clone(),
-        scatter.clone(),
-        theta.new_full(theta.shape[:1], torch.inf),
-        torch.zeros_like(theta[:, 0], dtype=torch.bool),
-    ]
+    residual, slope = problem.linearised(theta)
+    if scatter is None:
+        size = residual.square().median(-2).values
+        scatter = torch.diag_embed(torch.where(size.isfinite(), size, 1.0) + 1e-12)
     active, damping = torch.arange(len(theta), device=theta.device), theta.new_full(theta.shape[:1], 1e-3)
+    result = [theta.clone(), scatter.clone(), residual.clone(), torch.full_like(damping, torch.inf), damping < 0]
     dampings, calm = _DAMPING.to(theta), torch.zeros_like(active)
     for _ in range(rounds):
-        residual, slope = problem.linearised(theta)
         scatter = _scattered(problem, residual, scatter, 3)
         loss = _loss(residual, scatter)
         step, promised = _steps(residual, slope, scatter, theta, problem, damping)  # [C, B, K], [B]
         tried = (theta + step).clamp(problem.low, problem.high)
-        losses = _loss(problem.residual(tried[..., None, :]), scatter)
-        new, pick = losses.min(0)
+        residuals = problem.residual(tried[..., None, :])
+        new, pick = _loss(residuals, scatter).min(0)
         better = new < loss
         theta = torch.where(better[:, None], _picked(tried, pick), theta)
+        residual = torch.where(better[:, None, None], residuals[pick, torch.arange(len(pick))], residual)
         damping = damping * torch.where(better, dampings[pick], 100.0)
         calm = torch.where(loss - new.minimum(loss) < tolerance, calm + 1 + (promised < tolerance), 0)
         done = (calm >= 2) | (damping > 1e10)
-        for whole, part in zip(result, (theta, scatter, new.minimum(loss), done), strict=True):
+        for whole, part in zip(result, (theta, scatter, residual, new.minimum(loss), done), strict=True):
             whole[active] = part
         if done.all():
             break
         if done.any():
             going = (~done).nonzero()[:, 0]
-            problem, active = problem[going], active[going]
-            theta, scatter, damping, calm = theta[going], scatter[going], damping[going], calm[going]
-    residual = problem.residual(theta[:, None])
+            problem, active, better, slope = problem[going], active[going], better[going], slope[going]
+            theta, scatter, residual, damping, calm = (x[going] for x in (theta, scatter, residual, damping, calm))
+        if better.any():
+            residual, slope = problem.linearised(theta)
     result[1][active] = _scattered(problem, residual, scatter, 20)
-    result[2][active] = _loss(residual, result[1][active])
+    result[3][active] = _loss(residual, result[1][active])
     return tuple(result)
 
 
@@ -244,9 +244,9 @@ def _picked(x: Tensor, which: Tensor) -> Tensor:
     return x.gather(0, which[None, :, None].expand(1, *x.shape[1:]))[0]
 
 
-def trial_weights(problem: Problem, theta: Tensor, scatter: Tensor) -> Tensor:
+def trial_weights(residual: Tensor, scatter: Tensor) -> Tensor:
     """Compute the weights [B, n] of the trials, near 0 for gross outliers and 1 for those that are fitted exactly."""
-    return _NU / (_NU + _distance(problem.residual(theta[:, None]).nan_to_num(0.0, 0.0, 0.0), scatter))
+    return _NU / (_NU + _distance(residual.nan_to_num(0.0, 0.0, 0.0), scatter))
 
 
 def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor]:

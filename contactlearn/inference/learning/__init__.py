@@ -4,8 +4,6 @@ recipe   one model from one set of training trials
 curves   learning curves of every model, and its transfer to other bodies
 """
 
-TYPE_CHECKING = False
-if not TYPE_CHECKING:  # with it a type checker would take any name for one of this room
-    from contactlearn.core.lazy import submodules
+from contactlearn.core.lazy import load_when_named
 
-    __getattr__, __dir__ = submodules(__name__, __path__)
+load_when_named(__name__)

@@ -5,9 +5,8 @@
     impulse_space   one impact in impulse space (Fig. 2.3), and the reach of each law in it
     learning        learning curves, error densities, transfer to other bodies (Figs. 4.1, 4.2)
     quality         predictions, calibration and training of one learned model
-    audit           the evidence for each finding about the measurements
     effects         partial residuals of each effect
-    diagnosis       all figures of a diagnosis by file name: ladder, frontier, regions, residual
+    diagnosis       all figures of a diagnosis by file name: ladder, frontier, regions, residual, evidence of findings
     browser         a figure as plotly shows it in the report and the workbench
     style           sizes, colours, markers and lines; text that is never markup; saving
 

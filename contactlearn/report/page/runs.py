@@ -19,6 +19,7 @@ import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
+from contactlearn.diagnosis.events import OnEvent, ignore
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
@@ -43,7 +44,6 @@ from contactlearn.results import folder as run_folder
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
     ComparedRun,
-    Progress,
     Settings,
     absolute,
     as_table,
@@ -52,7 +52,6 @@ from contactlearn.results.runs import (
     printable,
     read_runs,
     shared,
-    silent,
     varying,
 )
 from contactlearn.results.tables import HeldOut
@@ -101,14 +100,14 @@ def redraw(folder: Path) -> Path:
 def write_runs(
     folders: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str] | None = None,
-    progress: Progress = silent,
+    on_event: OnEvent = ignore,
 ) -> tuple[Path, list[ComparedRun], list[tuple[str, str]]]:
     """Write one page over all runs in some folders and below them.
 
     Args:
         folders: runs, sweeps, or trees of them.
         out: the page; else report.html in the one folder, or here if that is a run or there are several.
-        progress: wraps the reading of the files, with a description.
+        on_event: receives the progress.
 
     Returns:
         The page, the runs on it, and why others are not, by name.
@@ -118,7 +117,7 @@ def write_runs(
     """
     roots = absolute(folders)
     target = _target(roots, out)
-    runs, skipped = read_runs(roots, progress)
+    runs, skipped = read_runs(roots, on_event)
     content = of_runs(runs, skipped, target.parent)
     try:
         return save(target, render(content, "runs.html.j2", scripts=("runs.js",))), runs, skipped
