@@ -1,4 +1,4 @@
-"""The diagnosis of bodies in space: planted effects are found, no others are, and no probability is stated."""
+"""The diagnosis of bodies in space: planted effects are found with their probability, and no others are."""
 
 import pytest
 import torch
@@ -45,11 +45,12 @@ def test_a_planted_effect_is_found(found):
     assert found.budget.named.mean < 0.5 * found.budget.base.mean
 
 
-def test_no_probability_is_stated_in_space(found):
-    assert (found.missing[0].level, found.missing[0].confidence) == (Level.PROBABLE, None)
-    assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error (probable), error")
+def test_its_probability_is_stated(found):
+    (one,) = found.missing
+    assert one.level is Level.FOUND
+    assert 0.9 < one.confidence < 1
+    assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error (99 %), error")
     assert [one.name for one in found.findings] == ["audit_in_space"]
-    assert found.experiment is None
     assert not found.formulas
 
 

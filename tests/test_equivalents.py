@@ -6,6 +6,7 @@ import pytest
 import torch
 from drops import seeded
 from repetitions import repeated
+from spatial import tossed
 
 from contactlearn import laws
 from contactlearn.core.errors import DataError, UnknownNameError
@@ -28,7 +29,9 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import Folds, paired_gain, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.report.text import phrase
 from contactlearn.simulation import synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
@@ -161,7 +164,7 @@ def test_next_drops_separate_better_than_random_ones(rivals):
     assert from_json(Experiment, to_json(first)) == first
     found = next_experiment(impacts.replace(shape=None), chosen, others, generator=seeded(0)).drops
     assert all(d.theta in impacts.q[:, 2].tolist() for d in found)
-    within = dict(zip(STATES, state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
+    within = dict(zip(STATES[PLANE], state_limits(impacts, {"v_x": (0.0, 1.0)}).tolist(), strict=True))
     assert within["v_x"] == [0.0, 1.0]
     assert within["v_y"] == pytest.approx(
         [1.25 * impacts.v_pre[:, 1].min().item(), 0.75 * impacts.v_pre[:, 1].max().item()]
@@ -269,3 +272,27 @@ def test_the_same_trace_in_a_poorer_form_is_a_rival():
     assert drift.effect == EffectId("parameter_drift", "restitution_curve")
     assert drift.similarity > 0.95
     assert drift.loss_difference > 2 * drift.standard_error
+
+
+def test_next_tosses_in_space_separate_within_their_limits():
+    """Of spins that fall after contact and friction against the spin about the normal."""
+    tosses, law = tossed(150, seed=5), laws.find("wang_mason").at(0.2, 0.5)
+    models = [
+        ContactModel(law, effects={name: find_effect(name)().at(values)})
+        for name, values in (("spin_damping", [0.1]), ("torsional_friction", [0.005]))
+    ]
+    key = Substitution(EffectId("spin_damping", "after"), EffectId("torsional_friction", "dry"))
+    limits = {"v_z": (-3.0, -1.0), "w_z": (0.0, 20.0)}
+    found = next_experiment(tosses, models[0], {key: models[1]}, generator=seeded(0), limits=limits)
+    assert len(found.drops) == len(set(found.drops)) == 6
+    for drop in found.drops:
+        assert (drop.theta, drop.omega, drop.x, drop.y) == (None,) * 4
+        r_x, r_y, _ = tosses.r[[tuple(q) for q in tosses.q[:, 3:].tolist()].index(drop.orientation)].tolist()
+        assert drop.v_z + drop.w_x * r_y - drop.w_y * r_x < 0  # what was measured at that orientation approaches
+        assert all(low <= getattr(drop, name) <= high for name, (low, high) in limits.items())
+    spread = separations_of(tosses, models[0], {key: models[1]}, tosses).mean().item()
+    assert sum(drop.differences[0] ** 2 for drop in found.drops) / 6 > 2 * spread
+    assert from_json(Experiment, to_json(found)) == found
+    assert "ω = (" in phrase("drop", found.drops[0], found)
+    with pytest.raises(UnknownNameError, match="theta"):
+        next_experiment(tosses, models[0], {key: models[1]}, generator=seeded(0), limits={"theta": (0.0, 1.0)})

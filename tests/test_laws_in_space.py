@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from contactlearn.laws import find
 from contactlearn.laws.contact import SpatialContact
 from contactlearn.laws.hodograph import Hodograph, after_impulse, after_work, until
+from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
 from contactlearn.testing.laws import Contacts
 
@@ -132,6 +133,39 @@ def test_restitutions_are_those_of_the_path(sliding):
     torch.testing.assert_close(path.followed(half, after_impulse(1.5 * half.P_n)).P_n, 1.5 * half.P_n)
     goal = 0.75 * half.work
     torch.testing.assert_close(path.followed(half, after_work(goal)).work, goal)
+
+
+def pushed(W, v_c, mu, eps):
+    """P until a spring and a dashpot no longer push, in their own time, if the contact slides until then."""
+    zeta = damping(torch.tensor(eps)).ratio.item()
+
+    def rates(t, y):
+        dp = max(y[6], 0.0) / W[2, 2] * np.append(-mu * y[:2] / np.hypot(*y[:2]), 1.0)
+        dv = W @ dp
+        return np.concatenate((dv, dp, [-y[2] + 2 * zeta * -dv[2]]))
+
+    def ends(t, y):
+        return y[6]
+
+    def rests(t, y):
+        return np.hypot(*y[:2]) - 1e-4
+
+    ends.terminal = rests.terminal = True
+    ends.direction = -1
+    start = np.concatenate((v_c, np.zeros(3), [-2 * zeta * v_c[2]]))
+    found = solve_ivp(rates, (0, 40), start, "DOP853", events=(ends, rests), rtol=1e-10, atol=1e-12)
+    return None if len(found.t_events[1]) or not len(found.t_events[0]) else found.y[3:6, -1]
+
+
+def test_a_spring_and_a_dashpot_are_those_of_a_fine_integration_in_time():
+    c = Contacts.draw_in_space(80, seed=12)
+    errors = []
+    for W, v_c, mu, eps, P in zip(*(x.numpy() for x in (*c, solved("spring_dashpot", c))), strict=True):
+        if eps > LEAST and np.hypot(*v_c[:2]) > 1e-3 and (found := pushed(W, v_c, mu, eps)) is not None:
+            errors.append(np.linalg.norm(P - found) / np.linalg.norm(found))
+    assert len(errors) > 15
+    assert np.median(errors) < 1e-4
+    assert np.quantile(errors, 0.9) < STEPS
 
 
 def test_without_restitution_or_coupling_the_laws_agree():

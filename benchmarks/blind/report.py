@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -59,13 +59,13 @@ class Judged:
     score: Score
 
 
-def judged(answers: Iterable[Answer]) -> list[Judged]:
-    """Score answers, in the order of their suites."""
+def judged(answers: Iterable[Answer], truths: Callable[[str], Mapping[str, Truth]] = read_truth) -> list[Judged]:
+    """Score answers, in the order of their suites, against the truths of each suite by name."""
     by_name = {(one.suite, one.name): one for one in answers}
     return [
         Judged(by_name[suite, name], truth, score(by_name[suite, name], truth))
         for suite in dict.fromkeys(suite for suite, _ in by_name)
-        for name, truth in read_truth(suite).items()
+        for name, truth in truths(suite).items()
         if (suite, name) in by_name
     ]
 

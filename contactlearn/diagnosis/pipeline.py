@@ -28,7 +28,6 @@ from contactlearn.effects import Effect, EffectId, named_effects
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, require_impacts
-from contactlearn.mechanics.space import require_space
 
 
 def diagnose(
@@ -100,7 +99,6 @@ def _check(impacts: Impacts, limits: Mapping[str, tuple[float, float]], threshol
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
     if limits:
-        require_space("limits of the next experiment", impacts.space)
         state_limits(impacts, limits)  # raises for wrong limits
 
 

@@ -8,7 +8,7 @@
                  the order
     state        dependence of what remains on the state of each trial; proxy effects are dropped
     ladder       law, each effect, flexible model, noise: held-out errors, also by region
-    rivals       effects that explain these data as well, and the drops that separate them; the drops in the plane alone
+    rivals       effects that explain these data as well, and the drops that separate them
     remainder    the part of the residual that a flexible model still predicts, and formulas for it
     budget       noise, and the shares of the law's error
     choices      every subset of the effects, fitted, for the reader to compare
@@ -79,9 +79,7 @@ from contactlearn.inference.identification.joint import FitOptions, identify_joi
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE, SPACE
 
-_LEAST_IN_SPACE = 0.1, 0.05  # of the model's and the law's error that a name takes away; soft contacts look like less
 _FEW = 600  # trials up to which the cross-validation is repeated
 
 
@@ -177,7 +175,7 @@ class SearchResult:
 
         An effect that it has in another form is no candidate.
         """
-        larger, stated = self.selection, self.selection.impacts.space is PLANE
+        larger = self.selection
         lacking = [effect for effect in larger.missing if effect.name not in selection.spec.families]
         candidates = tuple(
             Candidate(
@@ -185,7 +183,7 @@ class SearchResult:
                 equation=larger.present.fit.model.effects[effect.name].equation,
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_reduction=less.mean_error - larger.present.mean_error,
-                confidence=confidence.get(effect) if stated else None,
+                confidence=confidence.get(effect),
                 proxy=effect not in confidence,
             )
             for effect, less in zip(lacking, larger.without_each(lacking), strict=True)
@@ -364,7 +362,7 @@ def compare_effects(
         Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
     }
     experiment = None
-    if models and selection.impacts.space is PLANE:
+    if models:
         chosen = selection.present.fit.model
         experiment = next_experiment(selection.impacts, chosen, models, generator=generator, limits=question.limits)
     return EffectComparison(ladder=rungs, rivals=rivals, experiment=experiment)
@@ -517,12 +515,11 @@ def _choices(
         options=question.options,
         progress=question.progress("choices of effects"),
     )
-    stated = impacts.space is PLANE  # in space the calibration was not tested
     complete = tuple(
         replace(
             one,
-            confidence=confidence[one.effect] if stated else None,
-            level=Level.of(confidence[one.effect]) if stated else Level.PROBABLE,
+            confidence=confidence[one.effect],
+            level=Level.of(confidence[one.effect]),
             rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
             reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
         )
@@ -538,15 +535,12 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 
 def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
-    missing, law, named = rungs.missing, rungs.rungs[0].error.mean, rungs.rungs[-1].error.mean
+    missing, named = rungs.missing, rungs.rungs[-1].error.mean
     alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
-        gains = gain, one.error_reduction / (law or 1.0)
-        if impacts.space is SPACE and any(share < least for share, least in zip(gains, _LEAST_IN_SPACE, strict=True)):
-            found[one.effect] = 0.0
     return found
 
 

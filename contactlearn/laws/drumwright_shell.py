@@ -44,22 +44,26 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
     rough = mu.clamp_min(_SMOOTH)
     with torch.no_grad():
         pole = w_nn / rough
+        A, w = (rough * w_11, rough * w_12, rough * w_22), (w_1n, w_2n)
         for _ in range(_POLE_STEPS):
-            sigma, _, _, slope, *_ = _secular(contact, rough, pole)
-            pole = pole - sigma / slope
-        beyond = _secular(contact, rough, pole)[1] < 0
+            a_1, a_2 = shifted(A, w, pole)
+            sigma = w_nn - rough * (pole + w_1n * a_1 + w_2n * a_2)
+            pole = pole + sigma / (rough * (1 - a_1 * a_1 - a_2 * a_2))
+        beyond = _secular(contact, rough, pole)[4] < 0
         low = torch.where(beyond, pole, 0.0)
         high = torch.where(beyond, torch.inf, pole)
         t = torch.where(beyond, 2 * pole, torch.minimum(slip * w_nn / -v_n, 0.5 * pole))
         for _ in range(_STEPS):
-            _, _, _, _, excess, slope = _secular(contact, rough, t)
+            _, _, excess, slope, _ = _secular(contact, rough, t)
             left = (excess > 0) != beyond
             low, high = torch.where(left, t, low), torch.where(left, high, t)
             t = t - excess / slope
             middle = torch.where(high < torch.inf, 0.5 * (low + high), 4 * low)
             t = torch.where((t >= low) & (t <= high), t, middle)
-    _, _, _, _, excess, slope = _secular(contact, rough, t)
-    sigma, _, y, *_ = _secular(contact, rough, t - excess / slope.detach())
+            if not (~sticks & (excess.abs() > _SETTLED * (slope * t).abs())).any():
+                break
+    _, _, excess, slope, _ = _secular(contact, rough, t)
+    sigma, y, *_ = _secular(contact, rough, t - excess / slope.detach())
     length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-300)
     u_1, u_2 = y[0] / length, y[1] / length
     form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
@@ -69,24 +73,28 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
 
 
 _SMOOTH = 1e-10  # friction below which the direction of the impulse is that of none
-_POLE_STEPS, _STEPS = 8, 20  # the second may bisect
+_POLE_STEPS, _STEPS = 5, 20  # the second may bisect
+_SETTLED = 1e-9  # relative step after which the next is at rounding error
 
 
 def _secular(
     contact: SpatialContact, mu: Values, t: Values
-) -> tuple[Values, Values, tuple[Values, Values], *tuple[Values, ...]]:
-    """σ, ν, y and dσ/dt of `compression_in_space`, and |y| − |ν| with its derivative."""
-    A, slip = (mu * contact.w_11, mu * contact.w_12, mu * contact.w_22), contact.slip
-    a = shifted(A, (contact.w_1n, contact.w_2n), t)
-    e = shifted(A, (slip, torch.zeros_like(slip)), t)
-    sigma = contact.w_nn - mu * (t + contact.w_1n * a[0] + contact.w_2n * a[1])
-    nu = -contact.v_n + mu * slip * a[0]
-    y = sigma * e[0] + nu * a[0], sigma * e[1] + nu * a[1]
-    d_sigma, d_nu = mu * (a[0] ** 2 + a[1] ** 2 - 1), -mu * (a[0] * e[0] + a[1] * e[1])
-    b = shifted(A, y, t)
-    dy = d_sigma * e[0] + d_nu * a[0] - b[0], d_sigma * e[1] + d_nu * a[1] - b[1]
-    length = torch.hypot(*y).clamp_min(1e-300)
-    return sigma, nu, y, d_sigma, length - nu.abs(), (y[0] * dy[0] + y[1] * dy[1]) / length - nu.sign() * d_nu
+) -> tuple[Values, tuple[Values, Values], Values, Values, Values]:
+    """σ and y of `compression_in_space`, |y| − |ν| with its derivative, and ν."""
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_n = contact
+    a_11, a_12, a_22 = mu * w_11 + t, mu * w_12, mu * w_22 + t
+    det = a_11 * a_22 - a_12 * a_12
+    b_11, b_12, b_22 = a_22 / det, -a_12 / det, a_11 / det
+    a_1, a_2 = b_11 * w_1n + b_12 * w_2n, b_12 * w_1n + b_22 * w_2n
+    e_1, e_2 = b_11 * slip, b_12 * slip
+    sigma = w_nn - mu * (t + w_1n * a_1 + w_2n * a_2)
+    nu = -v_n + mu * slip * a_1
+    y_1, y_2 = sigma * e_1 + nu * a_1, sigma * e_2 + nu * a_2
+    d_sigma, d_nu = mu * (a_1 * a_1 + a_2 * a_2 - 1), -mu * (a_1 * e_1 + a_2 * e_2)
+    dy_1 = d_sigma * e_1 + d_nu * a_1 - (b_11 * y_1 + b_12 * y_2)
+    dy_2 = d_sigma * e_2 + d_nu * a_2 - (b_12 * y_1 + b_22 * y_2)
+    length = (y_1 * y_1 + y_2 * y_2).clamp_min(1e-300).sqrt()
+    return sigma, (y_1, y_2), length - nu.abs(), (y_1 * dy_1 + y_2 * dy_2) / length - nu.sign() * d_nu, nu
 
 
 class DrumwrightShell(Law):

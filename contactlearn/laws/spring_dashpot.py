@@ -12,19 +12,23 @@ against its dashpot, so the rebound is not Newton's, Poisson's or Stronge's.  Mu
 """
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from contactlearn.laws.base import Law
-from contactlearn.laws.contact import Contact, Values
+from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
+from contactlearn.laws.hodograph import Hodograph, Slide, after_work, until
 from contactlearn.laws.wang_mason import routh_path
 
 LEAST = 0.05
 """ε below which the dashpot is nearly rigid, and stays as it is here."""
+_LEAST_STEP = 1e-12  # of the impulse of an elastic contact: a shorter step is none
 _FLAT = 1e-8  # q: its impulse is a small difference below it
 _SMALL = 1e-2  # squares of angles below which the series are exact to ten digits
+_SHORT_STEPS = 4  # of a short piece, from its Taylor series: the worst contacts are at 1e-9
 _STEPS = 6  # of Newton's method: of 10⁵ random contacts 99.99 % are at rounding error and the worst at 1e-8
 
 
@@ -52,6 +56,40 @@ class SpringDashpot(Law):
         p_slides = (u - share * whole.released) / torch.where(ends, 1.0, path.stiffness)
         p_ends = p_slip + (rest.u - share * rest.released) / path.stiffness_after
         return path.impulse(torch.where(ends, p_ends, p_slides))
+
+    def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
+        """Return (P_1, P_2, P_n) in N s: each step of the hodograph is a straight piece.
+
+        The force vanishes before the work of the normal impulse is given back, where an elastic phase ends.
+        """
+        path, zeta, w_nn = Hodograph(contact, mu), damping(eps).ratio, contact.w_nn
+        share, none = (eps / LEAST).clamp_max(1), torch.zeros_like(path.q_1)
+        squeezed = list(path.points(path.start(), until(none)))
+        released = list(path.points(squeezed[-1], after_work(none)))
+        force, P_n = -2 * zeta * contact.v_n, released[-1].P_n
+        for first, last in pairwise(squeezed):
+            moves = last.P_n - first.P_n > _LEAST_STEP * P_n
+            force = _piece(first, last, force, zeta, w_nn, moves).passed(moves, w_nn * (last.P_n - first.P_n), force)
+        (P_1, P_2, P_n), pushes = squeezed[-1].impulse, P_n > 0
+        for first, last in pairwise(released):
+            step = last.P_n - first.P_n
+            moves = pushes & (step > _LEAST_STEP * P_n)
+            spring = _piece(first, last, force, zeta, w_nn, moves)
+            ends = moves & (-last.v_n < share * spring.released)
+            whole = (spring.u - share * spring.released) / (spring.q * w_nn * torch.where(moves, step, 1.0))
+            taken = torch.where(ends, whole, pushes.to(step))
+            P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
+            P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)
+            P_n = torch.addcmul(P_n, taken, step)
+            force, pushes = spring.passed(moves & ~ends, w_nn * step, force), pushes & ~ends
+        return P_1, P_2, P_n
+
+
+def _piece(first: Slide, last: Slide, force: Tensor, zeta: Tensor, w_nn: Tensor, moves: Tensor) -> "Oscillator":
+    """Oscillator at the first point of a straight piece of the path, and any where that does not move."""
+    q = torch.where(moves, (last.v_n - first.v_n) / torch.where(moves, w_nn * (last.P_n - first.P_n), 1.0), 1.0)
+    q = torch.where(q.abs() < _FLAT, _FLAT, q)
+    return Oscillator(q, zeta, torch.where(moves, force, 2.0), torch.where(moves, -first.v_n, 0.0))
 
 
 class Damping(NamedTuple):
@@ -124,6 +162,17 @@ class Oscillator(NamedTuple):
             for _ in range(_STEPS):
                 clock = clock + self._short(clock, goal)
         return self.at(clock + self._short(clock, goal))[0]
+
+    def passed(self, goes: Tensor, impulse: Tensor, force: Tensor) -> Tensor:
+        """Return f after an impulse (m/s) of a short piece on which it does not vanish, where it goes; else a force."""
+        impulse = torch.where(goes, impulse, 0.0)
+        goal = self.u - self.q * impulse
+        with torch.no_grad():
+            rise = self.u - 2 * self.decay * self.f
+            clock = 2 * impulse / (self.f + (self.f**2 + 2 * rise * impulse).clamp_min(0).sqrt()).clamp_min(1e-300)
+            for _ in range(_SHORT_STEPS):
+                clock = clock + self._short(clock, goal)
+        return torch.where(goes, self.at(clock + self._short(clock, goal))[0], force)
 
     def _short(self, clock: Tensor, goal: Tensor) -> Tensor:
         """Newton's step towards the clock at which u is a goal."""

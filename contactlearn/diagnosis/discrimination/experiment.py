@@ -10,9 +10,9 @@ the next such drop may bring less, and the sum over drops is that of all of them
 
 States are drawn evenly within the limits of the set-up (Sobol), in round numbers that can be set, and chosen one by
 one: each for the rival that is separated least so far, and away from those chosen before, since a model can be wrong at
-one place for a reason of its own.  The contact point is that of the body's shape; where no shape is known, pose and
-contact point are those of measured trials.  The two models are extrapolated: limits far beyond the measurements ask
-more of them than they have shown.
+one place for a reason of its own.  The contact point is that of the body's shape; where no shape is known, and in
+space, orientation and contact point are those of measured trials.  The two models are extrapolated: limits far beyond
+the measurements ask more of them than they have shown.
 Sources: Box & Hill 1967; Atkinson & Fedorov 1975.
 """
 
@@ -34,12 +34,17 @@ from contactlearn.inference.validation import robust_covariance
 from contactlearn.laws import Law
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.rigid_body import contact_velocity, rotation
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel
 
 Key = TypeVar("Key", bound=Hashable)
-STATES = ("x", "theta", "v_x", "v_y", "omega")
-"""The state of a drop, in m, rad, m/s, m/s and rad/s."""
+STATES = {
+    PLANE: ("x", "theta", "v_x", "v_y", "omega"),
+    SPACE: ("x", "y", "v_x", "v_y", "v_z", "w_x", "w_y", "w_z"),
+}
+"""The numbers that a drop sets by space, in m, rad, m/s and rad/s: two of the pose, and the velocity."""
+_POSE = {PLANE: [0, 2], SPACE: [0, 1]}  # columns of q
 _ODDS = 20.0  # 3.0 nats over all drops: evidence that decides between two models
 _DRAWN = 4096
 _GRAZING = 0.1  # a drop's contact point approaches at more than this share of the body's speed
@@ -73,6 +78,10 @@ class ModelDiscrimination:
         factor = torch.linalg.cholesky(spread)
         white = torch.linalg.solve_triangular(factor, self.difference[..., None], upper=False)
         return white.square().sum((-2, -1))
+
+    def at(self, rows: Sequence[int]) -> Self:
+        """Return the discrimination at some of the states."""
+        return replace(self, difference=self.difference[rows], slope=self.slope[rows])
 
     def after(self, k: int) -> Self:
         """Return the discrimination once both models are refitted to the expected outcome of a drop at state k."""
@@ -117,10 +126,11 @@ def _parameters(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n 
     """Derivative of v_post in the fitted parameters, and their covariance; k = 0 if that is not known."""
     law = model.base
     if model.parameter_covariance is None or not isinstance(law, Law):
-        return torch.zeros(len(states), 3, 0, dtype=torch.float64), torch.zeros(0, 0, dtype=torch.float64)
+        none = torch.zeros(len(states), states.space.D, 0, dtype=torch.float64)
+        return none, torch.zeros(0, 0, dtype=torch.float64)
     values = [law.mu, law.eps, *(value for effect in model.effects.values() for value in effect.values)]
     theta = torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values])
-    about = linearise(law, model.effects, states, theta, torch.eye(3, dtype=torch.float64))
+    about = linearise(law, model.effects, states, theta, torch.eye(states.space.D, dtype=torch.float64))
     return -about.slope, model.parameter_covariance
 
 
@@ -166,25 +176,31 @@ def next_experiment(
         raise DataError("an experiment that separates models needs at least one rival, got none")
     within = state_limits(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
-    squared = separations_of(impacts, chosen, rivals, states)
-    picked = _picked([*discriminations(impacts, chosen, rivals, states).values()], _places(states, within), count)
-    middle = states.q.clone()
-    middle[:, 0] = within[0].mean()
-    moved = separations_of(impacts, chosen, rivals, states.replace(q=middle))
+    apart = [*discriminations(impacts, chosen, rivals, states).values()]
+    picked = _picked(apart, _places(states, within), count)
+    at_drops = {key: one.at(picked) for key, one in zip(rivals, apart, strict=True)}
+    squared = torch.stack([one.squared() for one in at_drops.values()])
+    names, drops = STATES[impacts.space], states[picked]
+    floor = [names.index(name) for name in ("x", "y") if name in names]
+    middle = drops.q.clone()
+    middle[:, floor] = within[floor].mean(-1)
+    moved = separations_of(impacts, chosen, rivals, drops.replace(q=middle))
     located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())  # a separation depends on the place
-    several = len({*impacts.object}) > 1
-    drops = []
-    for k in picked:
-        (x, _, theta), (v_x, v_y, omega) = states.q[k].tolist(), states.v_pre[k].tolist()
-        differences = tuple(squared[:, k].sqrt().tolist())
-        place, body = x if located else None, states.object[k] if several else None
-        drops.append(Drop(theta=theta, v_x=v_x, v_y=v_y, omega=omega, differences=differences, x=place, body=body))
-    at_drops = discriminations(impacts, chosen, rivals, states[picked])
+    several, in_space = len({*impacts.object}) > 1, impacts.space is SPACE
+    made = tuple(
+        Drop(
+            **{name: value for name, value in zip(names, state, strict=True) if located or name not in ("x", "y")},
+            orientation=tuple(drops.q[k, 3:].tolist()) if in_space else None,
+            differences=tuple(squared[:, k].sqrt().tolist()),
+            body=drops.object[k] if several else None,
+        )
+        for k, state in enumerate(torch.cat((drops.q[:, _POSE[impacts.space]], drops.v_pre), 1).tolist())
+    )
     separations = tuple(
         Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
         for key, discrimination in at_drops.items()
     )
-    return Experiment(separations=separations, drops=tuple(drops))
+    return Experiment(separations=separations, drops=made)
 
 
 def separations_of(
@@ -196,45 +212,51 @@ def separations_of(
     )
 
 
-def state_limits(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "5 2"]:
+def state_limits(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "s 2"]:
     """Compute the limits of `STATES`: the given ones, else the measured ones, those of velocities a quarter beyond.
 
     Raises:
         DataError: limits that are not finite numbers in order.
         UnknownNameError: a limit of something that a drop does not set.
     """
+    names = STATES[impacts.space]
     for name, (low, high) in limits.items():
-        if name not in STATES:
-            raise UnknownNameError("limit of an experiment", name, STATES)
+        if name not in names:
+            raise UnknownNameError("limit of an experiment", name, names)
         if not -math.inf < low <= high < math.inf:
             raise DataError(f"limits of {name} must be finite numbers [low, high] in order, got [{low}, {high}]")
-    measured = torch.cat((impacts.q[:, [0, 2]], impacts.v_pre), 1)
+    measured = torch.cat((impacts.q[:, _POSE[impacts.space]], impacts.v_pre), 1)
     low, high = measured.amin(0), measured.amax(0)
-    beyond = torch.tensor((0.0, 0.0, _BEYOND, _BEYOND, _BEYOND), dtype=torch.float64)
+    beyond = torch.full_like(low, _BEYOND)
+    beyond[:2] = 0.0
     within = torch.stack((low - beyond * low.abs(), high + beyond * high.abs()), -1)
     for name, (low, high) in limits.items():
-        within[STATES.index(name)] = torch.tensor((low, high), dtype=torch.float64)
+        within[names.index(name)] = torch.tensor((low, high), dtype=torch.float64)
     return within
 
 
-def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Generator, drawn: int) -> Impacts:
+def _states(impacts: Impacts, within: Float[Tensor, "s 2"], generator: torch.Generator, drawn: int) -> Impacts:
     """States within the limits that approach the floor, after all measured ones; their v_post is not known yet."""
     seed = int(torch.randint(2**31, (), generator=generator))
-    unit = torch.quasirandom.SobolEngine(5, scramble=True, seed=seed).draw(drawn, dtype=torch.float64)
+    unit = torch.quasirandom.SobolEngine(len(within), scramble=True, seed=seed).draw(drawn, dtype=torch.float64)
     state = _rounded(within[:, 0] + unit * (within[:, 1] - within[:, 0]), within)
     rows = torch.randint(len(impacts), (drawn,), generator=generator)
     r, q, v = impacts.r[rows], impacts.q[rows], state[:, 2:]
-    if impacts.shape is not None:
+    if impacts.space is SPACE:
+        q = torch.cat((state[:, :2], q[:, 2:]), -1)
+    elif impacts.shape is not None:
         r = contact_points(impacts.shape, impacts.body[rows], state[:, 1])
         q = torch.stack((state[:, 0], -r[:, 1], state[:, 1]), -1)
-    state = torch.cat((q[:, [0, 2]], v), 1)
+    state = torch.cat((q[:, _POSE[impacts.space]], v), 1)
     good = ((state >= within[:, 0]) & (state <= within[:, 1])).all(-1)
-    good &= contact_velocity(r, v)[:, 1] < -_GRAZING * v[:, :2].norm(dim=-1).clamp_min(1e-9)
+    good &= contact_velocity(r, v)[:, -1] < -_GRAZING * v[:, : impacts.space.d].norm(dim=-1).clamp_min(1e-9)
     if not good.any():
         limits = ", ".join(
-            f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in zip(STATES, within, strict=True)
+            f"{name} in [{low:.3g}, {high:.3g}]"
+            for name, (low, high) in zip(STATES[impacts.space], within, strict=True)
         )
-        raise DataError(f"no drop within the limits approaches the floor: {limits}; v_y < 0 is downwards")
+        down = "v_y" if impacts.space is PLANE else "v_z"
+        raise DataError(f"no drop within the limits approaches the floor: {limits}; {down} < 0 is downwards")
     last, names = impacts.order.max() + 1, tuple(impacts.object[k] for k in rows[good].tolist())
     return Impacts(
         mass=impacts.mass[rows][good], inertia=impacts.inertia[rows][good], r=r[good], q=q[good], v_pre=v[good],
@@ -242,21 +264,29 @@ def _states(impacts: Impacts, within: Float[Tensor, "5 2"], generator: torch.Gen
     )  # fmt: skip
 
 
-def _rounded(state: Float[Tensor, "n 5"], within: Float[Tensor, "5 2"]) -> Float[Tensor, "n 5"]:
+def _rounded(state: Float[Tensor, "n s"], within: Float[Tensor, "s 2"]) -> Float[Tensor, "n s"]:
     """States in steps of about a hundredth of the limits, θ in degrees: 1°, 0.01 m/s."""
-    unit = torch.tensor((1.0, math.pi / 180, 1.0, 1.0, 1.0), dtype=torch.float64)
+    unit = torch.tensor([1.0, math.pi / 180, 1.0, 1.0, 1.0] if len(within) == len(STATES[PLANE]) else 1.0).to(within)
     width = (within[:, 1] - within[:, 0]) / unit
     step = unit * 10 ** (width.clamp_min(1e-9) / 100).log10().floor()
     return torch.where(width > 0, (state / step).round() * step, state)
 
 
-def _places(states: Impacts, within: Float[Tensor, "5 2"]) -> Float[Tensor, "n 5"]:
-    """Positions of states within the limits: θ around a circle, once a symmetry; velocities from 0 to 1."""
-    theta, width = symmetry(states.shape) * states.q[:, 2:], within[2:, 1] - within[2:, 0]
-    return torch.cat((theta.cos() / 2, theta.sin() / 2, (states.v_pre - within[2:, 0]) / width.clamp_min(1e-9)), 1)
+def _places(states: Impacts, within: Float[Tensor, "s 2"]) -> Float[Tensor, "n s"]:
+    """Positions of states within the limits: what lands, as a half of a direction, and velocities from 0 to 1.
+
+    In the plane that direction is θ, once a symmetry; in space it is that of the normal in the body.
+    """
+    if states.space is SPACE:
+        lands = rotation(states.q[:, 3:])[:, 2]
+    else:
+        theta = symmetry(states.shape) * states.q[:, 2:]
+        lands = torch.cat((theta.cos(), theta.sin()), 1)
+    width = (within[2:, 1] - within[2:, 0]).clamp_min(1e-9)
+    return torch.cat((lands / 2, (states.v_pre - within[2:, 0]) / width), 1)
 
 
-def _picked(rivals: Sequence[ModelDiscrimination], places: Float[Tensor, "n 5"], count: int) -> list[int]:
+def _picked(rivals: Sequence[ModelDiscrimination], places: Float[Tensor, "n s"], count: int) -> list[int]:
     """States one by one, each the best for the rival that is separated least so far, less where it is close."""
     picked, total = [], torch.zeros(len(rivals))
     near = places.new_ones(len(places))

@@ -238,7 +238,7 @@ class Diagnosis:
         """Write what a prompt shows, the story in a line; the fields have the rest."""
         story = [f"verdict={str(self.verdict)!r}", f"law={self.law!r}"]
         for one in self.missing:
-            sure = one.level if one.confidence is None else f"{100 * min(one.confidence, 0.99):.0f} %"
+            sure = f"{100 * min(one.confidence, 0.99):.0f} %"
             story.append(f"{one.effect} ({sure})")
         if self.budget is not None:
             story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")

@@ -120,18 +120,25 @@ class Separation:
 
 @dataclass(frozen=True, kw_only=True)
 class Drop:
-    """A state before impact in m, rad, m/s, rad/s; `x` is None where no model depends on it.
+    """A state before impact in m, rad, m/s, rad/s; the place is None where no model depends on it.
 
     `body` is its name, None where all measurements are of one.  `differences` are distances of the
     model's outcome from each rival's in standard deviations, in the order of `Experiment.separations`.
+    The plane has `theta` and `omega`, space a unit quaternion, `y`, `v_z` and three components of the spin.
     """
 
-    theta: float
     v_x: float
     v_y: float
-    omega: float
     differences: tuple[float, ...]
+    theta: float | None = None
+    omega: float | None = None
     x: float | None = None
+    y: float | None = None
+    v_z: float | None = None
+    w_x: float | None = None
+    w_y: float | None = None
+    w_z: float | None = None
+    orientation: tuple[float, ...] | None = None
     body: str | None = None
 
 
@@ -206,9 +213,8 @@ class MissingEffect:
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
-        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known,
-            and None in space, where it is not calibrated.
-        level: found or probable, by the confidence; probable at most in space.
+        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
+        level: found or probable, by the confidence.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.
@@ -222,7 +228,7 @@ class MissingEffect:
     error_after: Interval
     error_reduction: float
     share: float
-    confidence: float | None
+    confidence: float
     level: Level
     inadmissible_before: float
     inadmissible_after: float
@@ -240,7 +246,7 @@ class Candidate:
         equation: its formula with symbols.
         parameters: fitted together with the missing effects and all candidates.
         error_reduction: mean error without it, the others refitted, less that with it.
-        confidence: probability that the name is right, below 0.5; None of a proxy effect, and in space.
+        confidence: probability that the name is right, below 0.5; None of a proxy effect.
         proxy: whether Gaussian processes predict what remains as well without it.
     """
 

@@ -44,10 +44,15 @@ class _Axis(NamedTuple):
 
 _AXES = {
     "x": _Axis("x", "x (m)"),
+    "y": _Axis("y", "y (m)"),
     "theta": _Axis("theta", "θ (°)", math.degrees(1)),
     "v_x": _Axis("vx", "v_x (m/s)"),
     "v_y": _Axis("vy", "v_y (m/s)"),
+    "v_z": _Axis("vz", "v_z (m/s)"),
     "omega": _Axis("omega", "ω (rad/s)"),
+    "w_x": _Axis("wx", "ω_x (rad/s)"),
+    "w_y": _Axis("wy", "ω_y (rad/s)"),
+    "w_z": _Axis("wz", "ω_z (rad/s)"),
 }
 
 
@@ -121,8 +126,7 @@ def curve_content(partial: Partial) -> dict[str, Any]:
 
 def experiment_content(experiment: Experiment) -> dict[str, Any]:
     """Return the drops by their state, θ in °, and by the difference of the model from each rival there."""
-    located = experiment.drops[0].x is not None
-    axes = {name: axis for name, axis in _AXES.items() if name != "x" or located}
+    axes = {name: axis for name, axis in _AXES.items() if getattr(experiment.drops[0], name) is not None}
     return {
         "axes": [
             {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
@@ -132,7 +136,8 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
         "needed": phrases("needed_drops", experiment),
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
-            | {"body": drop.body, "differences": [digits(difference, 2) for difference in drop.differences]}
+            | {"body": drop.body, "orientation": drop.orientation and ", ".join(f"{x:.3f}" for x in drop.orientation)}
+            | {"differences": [digits(difference, 2) for difference in drop.differences]}
             for drop in experiment.drops
         ],
     }

@@ -126,9 +126,7 @@ def undecided(found: Diagnosis) -> list[str]:
 
 def confidence(named: MissingEffect | Candidate) -> str:
     """Write the probability that a name is correct; calibration on planted effects resolves no more than 99 %."""
-    if isinstance(named, Candidate) and named.proxy:
-        return "a proxy?"
-    return "no probability" if named.confidence is None else numbers.percent(min(named.confidence, 0.99))
+    return "a proxy?" if named.confidence is None else numbers.percent(min(named.confidence, 0.99))
 
 
 def misfit(found: Diagnosis) -> str:

@@ -200,7 +200,7 @@ async function start() {
   Object.assign(first, {across: state.across, up: state.up});
   if (page.experiment) {
     const states = page.experiment.axes.map(one => one.label), known = name => page.experiment.axes.findIndex(one => one.name === name);
-    axes("drops-x", "dropAcross", states, known("theta"), "drops");
+    axes("drops-x", "dropAcross", states, known(trials.space.planar ? "theta" : "v_z"), "drops");
     axes("drops-y", "dropUp", states, known("v_x"), "drops");
   }
   state.model = page.chosen;
