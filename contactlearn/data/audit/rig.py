@@ -45,11 +45,12 @@ _COMPARED, _NEARLY = 400, 1.1  # impacts on which combinations are compared, and
 _FEWEST = 5  # impacts for each change, at least
 _CLEARLY = 0.8  # of the spread that the best single physical cause leaves, below which the rig explains the balance
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
-_LONGEST = 3e-3  # s, of a contact
 _LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
 _SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
 _LIGHTER = (0.05, 2.0)  # m_c/m: a rod at its end has 1/4, friction makes it larger
 _DEPTH = 0.005  # of `depth`, relative to the distance of contacts
+LONGEST = 3e-3
+"""Longest contact in s."""
 LATE = 5e-4
 """Standard deviation in s that is expected of `late`."""
 
@@ -123,7 +124,7 @@ def one_point(
     heights, order = corners[..., 1].sort(0)
     across = corners[..., 0].gather(0, order)[1]
     approach = -torch.stack([v[:, 1] + v[:, 2] * across for v in (v_pre, v_post)]).amin(0)
-    return heights[1] - heights[0] > _LONGEST * approach
+    return heights[1] - heights[0] > LONGEST * approach
 
 
 def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
@@ -284,7 +285,7 @@ def _fitted(
     names = [*prior]
     wanted = torch.tensor([prior[name].value for name in names], dtype=torch.float64)
     errors = torch.tensor([max(prior[name].error, 1e-9) for name in names], dtype=torch.float64)
-    value, covariance, off = wanted.clone(), torch.zeros(0), _imbalance(impacts, at)
+    value, normal, off = wanted.clone(), torch.diag(errors**-2), _imbalance(impacts, at)
     noise = _noise(impacts, at)
     for _ in range(_STEPS):
         off = _imbalance(impacts, dict(zip(names, value.tolist(), strict=True)))
@@ -300,13 +301,13 @@ def _fitted(
             weight = (1 - (residual / (_BIWEIGHT * sigma)) ** 2).clamp_min(0) ** 2 / sigma**2
             normal = X.mT @ (weight[:, None] * X) + torch.diag(errors**-2)
             step = torch.linalg.solve(normal, -X.mT @ (weight * off) + errors**-2 * (wanted - value))
-            covariance = torch.linalg.inv(normal)
         value = value + step
     at = dict(zip(names, value.tolist(), strict=True))
-    variance = covariance.diagonal().clone()
-    for k in (k for k, name in enumerate(names) if name in known):
-        variance += (covariance[k] / covariance[k, k]) ** 2 * (errors[k] ** 2 - covariance[k, k])
-    return at, dict(zip(names, variance.sqrt().tolist(), strict=True)), _spread(_imbalance(impacts, at))
+    fixed = torch.tensor([name in known for name in names])
+    inverse = torch.linalg.inv(normal[~fixed][:, ~fixed])
+    through = inverse @ normal[~fixed][:, fixed] * errors[fixed]
+    errors[~fixed] = (inverse + through @ through.mT).diagonal().sqrt()
+    return at, dict(zip(names, errors.tolist(), strict=True)), _spread(_imbalance(impacts, at))
 
 
 def _physical(impacts: Impacts, known: Mapping[str, Estimate]) -> float:

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from contactlearn.data.audit.rig import LATE, one_point, reshaped, root_of_mass
+from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -316,6 +316,7 @@ class _Problem:
             speeds = (root_of_mass(r, v, w) * contact_velocity(r, v)[:, 1]).numpy()
             if np.ptp(speeds) > 0:
                 parts["sinking"] = (np.append(speeds, none), 0.0)
+                known["sinking"] = Estimate(value=0.0, error=LONGEST)
             spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
             parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
             known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
