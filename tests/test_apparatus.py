@@ -106,9 +106,7 @@ def test_slope_and_zero_are_found_within_their_errors(slope, zero, offset):
         y = slope * (x + r[:, 0]) - r[:, 1] + 5e-5 * rng.standard_normal(40)
         poses = np.stack((x + offset * np.cos(theta), y + offset * np.sin(theta), theta), 1)
         floor = find_floor(
-            [SimpleNamespace(pose=pose, v_pre=rng.normal(-2, 0.5, 3)) for pose in poses],
-            shape,
-            shape.gyration_squared(),
+            [SimpleNamespace(pose=pose, v_pre=rng.normal(-2, 0.5, 3), v_post=np.ones(3)) for pose in poses], shape
         )
         pairs = ((floor.slope, lean), (floor.orientation, zero))
         scores.append([(one.value - truth) / one.error for one, truth in pairs])
@@ -278,9 +276,7 @@ def test_corrected_estimates_equal_estimates_from_corrected_contacts(name, mirro
     y = 0.02 * (x + r[:, 0]) - r[:, 1] + 2e-5 * rng.standard_normal(60)
     read, corrected = (
         find_floor(
-            [SimpleNamespace(pose=pose, v_pre=np.full(3, -1.0)) for pose in np.stack(columns, 1)],
-            shape,
-            shape.gyration_squared(),
+            [SimpleNamespace(pose=pose, v_pre=-np.ones(3), v_post=np.ones(3)) for pose in np.stack(columns, 1)], shape
         )
         for columns in ((x, y, theta), (-x if mirror == "x" else x, y, -theta if mirror == "theta" else theta))
     )

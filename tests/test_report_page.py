@@ -18,6 +18,7 @@ from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.laws import PAPER_LAWS, find
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
 from contactlearn.models.contact_model import ContactModel
@@ -121,6 +122,17 @@ def test_a_page_asks_for_nothing(page):
     assert json.loads(text)["name"] == HOSTILE + "</script><!--"
     with pytest.raises(ValueError, match="not JSON compliant"):
         embedded({"x": float("nan")})
+
+
+def test_the_page_starts_with_the_rig_card(found, tmp_path):
+    tilt = Estimate(value=0.02, error=0.001)
+    rows = Apparatus(gravity=Estimate(value=9.81, error=0.01), delay=tilt, slope=tilt).rows()
+    card = Finding(name="rig", sentence="measured", evidence=(), rig=rows, mistake=False)
+    carded = replace(found, findings=(card, *found.findings))
+    assert Diagnosis.from_json(carded.to_json()).findings[0].rig == rows
+    html = write_page(tmp_path, carded, about(found.record.impacts)).read_text()
+    assert 0 < html.index('<section id="card">') < html.index('<section id="verdict"')
+    assert "<b>1.15 ± 0.06°</b>" in html
 
 
 def test_fatal_data_have_a_page(found, tmp_path):

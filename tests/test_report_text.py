@@ -106,6 +106,8 @@ def test_the_headline_names_rivals_and_doubts(found):
     assert text.headline(replace(found, findings=(noted,))).endswith(" The data were corrected first.")
     outline = replace(noted, correction="traced_shape", mistake=False)
     assert text.headline(replace(found, findings=(outline,))).endswith(" was taken from the contact points.")
+    applied = replace(noted, name="rig_applied", sentence="applied first: zero of θ", correction=None, mistake=False)
+    assert text.headline(replace(found, findings=(applied,))).startswith("Applied first: zero of θ. Surface tilt")
     doubted = replace(noted, correction=None)
     assert text.headline(replace(found, findings=(doubted,))).endswith(" The audit questions the data.")
     assert text.headline(replace(found, findings=(replace(doubted, fatal=True),))).startswith(

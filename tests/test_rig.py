@@ -10,7 +10,7 @@ import torch
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import balance
-from contactlearn.data.audit.rig import changed, simplest_rig, with_balance
+from contactlearn.data.audit.rig import changed, one_point, simplest_rig, with_balance
 from contactlearn.data.audit.trials import rig_notes
 from contactlearn.data.recordings.flights import Flight
 from contactlearn.data.recordings.track import Track
@@ -18,7 +18,7 @@ from contactlearn.data.recordings.wobble import centre_of_mass, wobbles
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Polygon, contact_point
+from contactlearn.mechanics.shapes import Ellipse, Polygon, contact_point
 
 SIDE = 0.06
 SQUARE = Polygon(((-SIDE / 2, -SIDE / 2), (SIDE / 2, -SIDE / 2), (SIDE / 2, SIDE / 2), (-SIDE / 2, SIDE / 2)))
@@ -89,12 +89,30 @@ def test_the_inertia_is_found_and_the_corrected_balance_closes():
 @pytest.mark.parametrize("cause", ["late", "swing"])
 def test_contacts_that_last_and_late_angles_do_not_bias_the_inertia(cause):
     stated = squares()
-    spins = stated.v_pre[:, 2], stated.v_post[:, 2]
-    turn = (spins[0] + spins[1]) / 2 if cause == "late" else spins[1] - spins[0]
+    spins, change = stated.v_pre + stated.v_post, stated.v_post - stated.v_pre
+    lighter = change[:, 1] / (change[:, 1] + stated.r[:, 0] * change[:, 2])  # the contact than the body
+    turn = spins[:, 2] / 2 if cause == "late" else lighter.clamp(0.05, 2).sqrt() * change[:, 2]
     theta = stated.q[:, 2] - 4e-4 * turn
     q = torch.cat((stated.q[:, :2], theta[:, None]), 1)
     card = with_balance(stated.replace(q=q, r=contact_point(SQUARE, theta), validate=False), rig(**KNOWN))
     assert abs(card.inertia.value - TRUTH["inertia"]) < 3 * card.inertia.error < 0.1
+
+
+def test_a_second_corner_that_reaches_the_floor_is_seen():
+    """A side that falls flat lands on two corners; one that leans by 20°, or is slow, on one."""
+    v = torch.tensor([[0.0, -1.0, 0.0], [0.0, -1.0, 0.0], [0.0, -0.01, 0.0]], dtype=torch.float64)
+    theta = torch.tensor([0.02, 0.35, 0.02], dtype=torch.float64)
+    assert one_point(SQUARE, theta, v, -v).tolist() == [False, True, True]
+    assert one_point(Ellipse((0.03, 0.02)), theta, v, -v).all()
+
+
+def test_what_others_measured_keeps_its_error_in_the_inertia():
+    """Ten times the impacts do not reduce what an error of the corners adds."""
+    loose, lasting = KNOWN | {"corner": Estimate(value=TRUTH["corner"], error=2e-3)}, Estimate(value=1e-5, error=1e-6)
+    few, many = (with_balance(squares(count), rig(**loose), lasting).inertia.error for count in (200, 2000))
+    tight = with_balance(squares(2000), rig(**KNOWN), lasting).inertia.error
+    assert 0.8 * few < many
+    assert tight < many / 3
 
 
 def test_a_loss_of_spin_after_contact_is_not_taken_for_an_inertia():

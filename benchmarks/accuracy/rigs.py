@@ -102,7 +102,7 @@ class Rig:
             "gravity": GRAVITY * self.scale * self.pace**2, "drag": self.drag[0] * self.pace, "slope": self.slope,
             "orientation": -self.sense * self.zero, "middle_a": -x * self.scale, "middle_b": -y * self.scale,
             "centre_a": (self.centre[0] - x) * self.scale, "centre_b": (self.centre[1] - y) * self.scale,
-            "inertia": math.log(self.inertia * self.scale**2),
+            "inertia": math.log(self.inertia * self.scale**2), "late": -self.delay / self.pace,
         }  # fmt: skip
         if self.body == "square":
             return {**known, "corner": SIDE / 2 - (SIDE / 2 * self.size - self.radius) * self.scale}

@@ -194,14 +194,14 @@ def find_impacts(
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
     _check_contacts(path, found)
     limits = options.thresholds
-    floor = find_floor(found.contacts, known, gyration, found.rests, lean=found.frame.lean, limits=limits)
+    floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
-    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
+    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus, floor.sinking))
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )

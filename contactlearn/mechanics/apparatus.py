@@ -3,6 +3,7 @@
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
     delay         of the states at contact, which are those of the instant at which two flights meet
+    late          time from the instant of a frame's angle to that of its position, from the heights of contacts
     slope         of the floor against the upward axis, from the heights of contacts and of bodies at rest
     orientation   offset of the body's zero of θ, from the same heights, and from θ of bodies at rest
     corner        radius of a polygon's corners, from the heights of contacts against θ
@@ -111,7 +112,18 @@ class Row:
         return f"{self.quantity} {self.measured}"
 
 
-CHANGES = ("slope", "orientation", "corner", "oblong", "middle_a", "middle_b", "centre_a", "centre_b", "inertia")
+CHANGES = (
+    "slope",
+    "orientation",
+    "late",
+    "corner",
+    "oblong",
+    "middle_a",
+    "middle_b",
+    "centre_a",
+    "centre_b",
+    "inertia",
+)
 """Fields of `Apparatus` by which impacts can be corrected."""
 _IN_THE_BODY = ("middle_a", "middle_b", "centre_a", "centre_b")
 _OF_HEIGHTS = ("corner", "oblong")
@@ -122,6 +134,7 @@ _LISTED = (
     ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("orientation", "zero of θ", "δ", "rad", 0.0, f"rests and {_HEIGHTS}"),
+    ("late", "positions later than angles by", "Δt_θ", "s", 0.0, _HEIGHTS),
     ("corner", "radius of the corners", "ρ_c", "m", 0.0, _HEIGHTS),
     ("oblong", "change of the longer semi-axis", "a", "m", 0.0, _HEIGHTS),
     ("middle_a", "middle of the outline along x", "m_a", "m", 0.0, _HEIGHTS),
@@ -146,6 +159,7 @@ class Apparatus:
     delay: Estimate
     slope: Estimate | None = None
     orientation: Estimate | None = None
+    late: Estimate | None = None
     corner: Estimate | None = None
     oblong: Estimate | None = None
     middle_a: Estimate | None = None

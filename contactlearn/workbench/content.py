@@ -14,6 +14,7 @@ from contactlearn.diagnosis.error_budget import NoiseFloor
 from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleModel, Region
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.mechanics.apparatus import Row
 from contactlearn.report.text import (
     brief_interval,
     capitalize_first,
@@ -55,9 +56,10 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
 
     Data that could not be loaded (`loaded=False`) are loaded corrected.
     """
-    wrong = [one for one in found if one.mistake or one.correction or one.name in ("rig", "rig_applied")]
+    wrong = [one for one in found if one.mistake or one.correction or one.name == "rig_applied"]
     names = [one.correction for one in wrong if one.correction]
     shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
+    shown += [rig_card(one.rig) for one in found if one.rig]
     if names:
         correct = action_button("correct", "Correct it", of=",".join(names))
         if not loaded:
@@ -68,6 +70,22 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
         back = action_button("uncorrect", "As measured", label="Take the corrections back")
         shown.append(html.P([f"Corrected: {', '.join(session.corrections)}. ", back]))
     return shown
+
+
+def rig_card(rows: Sequence[Row]) -> Component:
+    """Return the rig card as a table; bold values differ by more than three errors from what is stated."""
+    head = html.Tr([html.Th(name, scope="col") for name in ("Rig card", "Measured", "Stated", "Known from")])
+    cells = [
+        (
+            html.Th(row.quantity, scope="row"),
+            (html.B if row.differs else html.Span)(row.measured),
+            row.said,
+            row.known_from,
+        )
+        for row in rows
+    ]
+    body = [html.Tr([name, *(html.Td(one) for one in others)]) for name, *others in cells]
+    return html.Table([html.Thead(head), html.Tbody(body)])
 
 
 def model_title(session: Session) -> str:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from contactlearn.mechanics.apparatus import Row
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
@@ -30,6 +32,7 @@ class Finding:
         mistake: whether the data are wrong; False for a note.
         hypothesis: all corrections of the best hypothesis about units and axes, to which this finding belongs.
         alternatives: hypotheses that these data cannot distinguish from it.
+        rig: the rig card that it is about.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Finding:
     mistake: bool = True
     hypothesis: tuple[str, ...] = ()
     alternatives: tuple[tuple[str, ...], ...] = ()
+    rig: tuple[Row, ...] = ()
 
     def value(self, quantity: str) -> float | str:
         """The value of a quantity of the evidence.

@@ -6,31 +6,35 @@ holds whatever friction and restitution are.  `fit_balance` finds the changes of
 inertia and the centre of mass, with zero of θ, outline and its place as far as other measurements leave them open.  It
 is linear least squares with priors and Tukey's biweight, linearised again a few times.
 
-Three causes outside the card move contact points as well, and are fitted beside it to recordings:
+A contact that lasts moves contact points as well.  With m_c = P_n / Δv_n, the effective mass there as the impulse
+shows it, its duration goes with √(m_c/m), and these are fitted beside the card to recordings:
 
-    swing    s, turn of a body while a contact lasts, over Δω: flights meet in a kink, the body turns smoothly
-    late     s from the instant of a frame's angle to that of its position, over the mean of ω before and after
+    swing    s, turn over Δω √(m_c/m): flights meet in a kink, the body turns smoothly
+    yield    s, way of the centre of mass towards the contact over v_n √(m_c/m)
     depth    m by which contacts lie deeper: heights show only how this changes with θ
+
+Heights show v_n √(m_c/m) s_d, where flights meet below the floor.  A force that is half a sine in time has a swing of
+s_d/4 and a yield of s_d/2; with a dashpot the swing is up to 0.35 s_d.
 
 A moment at the contact, a spin or a speed that is lost after it do not close the balance either, and are physics.  Each
 is fitted alone in place of the rig; `physical` says how much of the imbalance the best of them removes.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.audit.moments import torque
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
-from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.bodies import AnyShape, contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.rigid_body import contact_velocity, rotate
 from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
@@ -41,13 +45,18 @@ _COMPARED, _NEARLY = 400, 1.1  # impacts on which combinations are compared, and
 _FEWEST = 5  # impacts for each change, at least
 _CLEARLY = 0.8  # of the spread that the best single physical cause leaves, below which the rig explains the balance
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
-_SWING = 3e-4  # s, standard deviation that is expected of `swing`: a tenth of the longest contact
-_LATE = 5e-4  # s, of `late`
+_LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
+_SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
+_LIGHTER = (0.05, 2.0)  # m_c/m: a rod at its end has 1/4, friction makes it larger
 _DEPTH = 0.005  # of `depth`, relative to the distance of contacts
+LONGEST = 3e-3
+"""Longest contact in s."""
+LATE = 5e-4
+"""Standard deviation in s that is expected of `late`."""
 
 
 def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
-    """Return impacts as they are after changes of what was stated: fields of `Apparatus`, `swing`, `late`, `depth`.
+    """Return impacts as they are after changes of what was stated: fields of `Apparatus`, `swing`, `yield`, `depth`.
 
     The floor becomes level, positions and velocities are those of the centre of mass.
     """
@@ -56,21 +65,27 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     tilt, theta = get("slope"), impacts.q[:, 2]
     turned = theta - tilt + get("orientation")
-    spins = impacts.v_pre[:, 2], impacts.v_post[:, 2]
-    turned = turned + get("swing") * (spins[1] - spins[0]) + get("late") * (spins[1] + spins[0]) / 2
+    before, after = impacts.v_pre, impacts.v_post
+    root = root_of_mass(impacts.r, before, after)
+    turned = turned + get("late") * (before + after)[:, 2] / 2 + get("swing") * root * (after - before)[:, 2]
     middle, centre = (torch.tensor([get(f"{name}_a"), get(f"{name}_b")]).to(theta) for name in ("middle", "centre"))
     level = torch.full_like(theta, -tilt)
     r, shape = rotate(impacts.r, level), impacts.shape
     if shape is not None:
-        before = contact_points(shape, impacts.body, theta)
+        stated = contact_points(shape, impacts.body, theta)
         shape = (
             {name: reshaped(one, change) for name, one in shape.items()}
             if isinstance(shape, Mapping)
             else reshaped(shape, change)
         )
-        r = r + contact_points(shape, impacts.body, turned) - rotate(before, level)
+        r = r + contact_points(shape, impacts.body, turned) - rotate(stated, level)
     d = rotate(centre.expand(len(theta), 2), turned)
-    r = r + rotate((middle - centre).expand(len(theta), 2), turned) - torch.tensor([0.0, get("depth")]).to(r)
+    nearer = -get("yield") * root * contact_velocity(impacts.r, before)[:, 1] - get("depth")
+    r = (
+        r
+        + rotate((middle - centre).expand(len(theta), 2), turned)
+        + torch.stack((torch.zeros_like(nearer), nearer), -1)
+    )
 
     def velocity(v: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
         across = v[:, 2:] * torch.stack((-d[:, 1], d[:, 0]), -1)
@@ -89,6 +104,27 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
         inertia=impacts.inertia * math.exp(get("inertia")),
         validate=False,
     )
+
+
+def root_of_mass(
+    r: Float[Tensor, "n 2"], v_pre: Float[Tensor, "n 3"], v_post: Float[Tensor, "n 3"]
+) -> Float[Tensor, " n"]:
+    """Return √(m_c/m), with the effective mass m_c at the contact as the impulse shows it."""
+    change = v_post - v_pre
+    return (change[:, 1] / contact_velocity(r, change)[:, 1].clamp_min(1e-9)).clamp(*_LIGHTER).sqrt()
+
+
+def one_point(
+    shape: AnyShape | None, theta: Float[Tensor, " n"], v_pre: Float[Tensor, "n 3"], v_post: Float[Tensor, "n 3"]
+) -> Bool[Tensor, " n"]:
+    """Return the contacts in which no second corner of a polygon can reach the floor while they last."""
+    if not isinstance(shape, Polygon):
+        return torch.ones_like(theta, dtype=torch.bool)
+    corners = rotate(torch.tensor(shape.vertices, dtype=theta.dtype)[:, None], theta)
+    heights, order = corners[..., 1].sort(0)
+    across = corners[..., 0].gather(0, order)[1]
+    approach = -torch.stack([v[:, 1] + v[:, 2] * across for v in (v_pre, v_post)]).amin(0)
+    return heights[1] - heights[0] > LONGEST * approach
 
 
 def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
@@ -142,23 +178,37 @@ def fit_balance(impacts: Impacts, free: Mapping[str, float], known: Mapping[str,
     """
     prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)
     at = {name: one.value for name, one in prior.items()}
-    at, error, left = _fitted(impacts, at, prior)
+    at, error, left = _fitted(impacts, at, prior, known)
     given = _spread(_imbalance(impacts, {}))
     estimates = {name: Estimate(value=at[name], error=error[name]) for name in prior}
     return BalanceFit(estimates=estimates, left=left, given=given, physical=_physical(impacts, known))
 
 
-def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
+def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
     The inertia is fitted with all that changes contact points, as far as that is known.  Systematic errors of the
     latter do not shrink with the number of impacts: they keep the errors of their own measurement.
+
+    Args:
+        impacts: as stated.
+        rig: card that heights and flights show.
+        meets_below: s_d, where it is known.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
+    theta = impacts.q[:, 2] + (rig.orientation.value if rig.orientation else 0.0)
+    impacts = impacts[one_point(impacts.shape, theta, impacts.v_pre, impacts.v_post)]
     if len(impacts) < _FEWEST * (len(known) + 1):
         return rig
     depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
-    fit = fit_balance(impacts, {"inertia": _INERTIA, "swing": _SWING, "late": _LATE, "depth": depth}, known)
+    free = {"inertia": _INERTIA, "late": LATE, "depth": depth, **_LASTING}
+    if meets_below is not None:
+        s, e = meets_below.value, meets_below.error
+        known |= {
+            name: Estimate(value=share * s, error=math.hypot(share * e, spread * s))
+            for name, (share, spread) in _SHARES.items()
+        }
+    fit = fit_balance(impacts, free, known)
     trusted = fit.left < _CLEARLY * min(fit.physical, fit.given)
     if not trusted:
         return rig
@@ -199,18 +249,44 @@ def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, "
     return terms.residual * math.exp(change.get("inertia", 0.0)) / (scale + scale.median())
 
 
+def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
+    """Standard deviation of the residual by errors of the velocities, in the same units; 0 where none are known."""
+    if impacts.v_pre_cov is None or impacts.v_post_cov is None:
+        return torch.zeros(len(impacts), dtype=torch.float64)
+    rig, scale = changed(impacts, change), torque(impacts).scale
+    arm = (rig.mass / impacts.inertia)[:, None] * rig.r
+    slope = torch.stack((arm[:, 1], -arm[:, 0], rig.inertia / impacts.inertia), -1)
+    variance = torch.einsum("ni,nij,nj->n", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
+    return variance.sqrt() / (scale + scale.median())
+
+
+def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Standard deviations: the noise, and so much more for all that the median of residuals agrees with both."""
+    low, high = 0.0, _spread(residual) + 1e-12
+    for _ in range(30):
+        middle = (low + high) / 2
+        more = _spread(residual / (noise**2 + middle**2).sqrt()) > 1
+        low, high = (middle, high) if more else (low, middle)
+    return (noise**2 + high**2).sqrt()
+
+
 def _spread(residual: Float[Tensor, " n"]) -> float:
     return (MAD_SCALE * residual.abs().median()).item()
 
 
 def _fitted(
-    impacts: Impacts, at: dict[str, float], prior: Mapping[str, Estimate]
+    impacts: Impacts, at: dict[str, float], prior: Mapping[str, Estimate], known: Collection[str]
 ) -> tuple[dict[str, float], dict[str, float], float]:
-    """Values, standard errors and the spread that is left."""
+    """Values, standard errors and the spread that is left.
+
+    Errors of what is known from other measurements may be systematic: no number of impacts reduces what they add to
+    the others (Schmidt's consider covariance, 1966).
+    """
     names = [*prior]
     wanted = torch.tensor([prior[name].value for name in names], dtype=torch.float64)
     errors = torch.tensor([max(prior[name].error, 1e-9) for name in names], dtype=torch.float64)
-    value, covariance, off = wanted.clone(), torch.zeros(0), _imbalance(impacts, at)
+    value, normal, off = wanted.clone(), torch.diag(errors**-2), _imbalance(impacts, at)
+    noise = _noise(impacts, at)
     for _ in range(_STEPS):
         off = _imbalance(impacts, dict(zip(names, value.tolist(), strict=True)))
         columns = []
@@ -221,14 +297,17 @@ def _fitted(
         X, step = torch.stack(columns, -1), torch.zeros_like(value)
         for _ in range(_ROUNDS):
             residual = off + X @ step
-            spread = max(_spread(residual), 1e-12)
-            weight = (1 - (residual / (_BIWEIGHT * spread)) ** 2).clamp_min(0) ** 2 / spread**2
+            sigma = _sigma(residual, noise)
+            weight = (1 - (residual / (_BIWEIGHT * sigma)) ** 2).clamp_min(0) ** 2 / sigma**2
             normal = X.mT @ (weight[:, None] * X) + torch.diag(errors**-2)
             step = torch.linalg.solve(normal, -X.mT @ (weight * off) + errors**-2 * (wanted - value))
-            covariance = torch.linalg.inv(normal)
         value = value + step
     at = dict(zip(names, value.tolist(), strict=True))
-    return at, dict(zip(names, covariance.diagonal().sqrt().tolist(), strict=True)), _spread(_imbalance(impacts, at))
+    fixed = torch.tensor([name in known for name in names])
+    inverse = torch.linalg.inv(normal[~fixed][:, ~fixed])
+    through = inverse @ normal[~fixed][:, fixed] * errors[fixed]
+    errors[~fixed] = (inverse + through @ through.mT).diagonal().sqrt()
+    return at, dict(zip(names, errors.tolist(), strict=True)), _spread(_imbalance(impacts, at))
 
 
 def _physical(impacts: Impacts, known: Mapping[str, Estimate]) -> float:

@@ -55,17 +55,7 @@ def rig_notes(impacts: Impacts) -> list[Finding]:
         names = ", ".join(row.quantity for row in rig.differing)
         sentence += f"; {names} differ from what is stated, which data.correct=[rig] corrects"
     sentence += "; effects are limited to three standard errors beyond these values"
-    evidence = evidence_of(
-        *(
-            (quantity, number, row.unit)
-            for row in rig.rows()
-            for quantity, number in (
-                (row.name, row.estimate.value + row.estimate.applied),
-                (f"{row.name}_error", row.estimate.error),
-            )
-        )
-    )
-    notes = [Finding(name="rig", sentence=sentence, evidence=evidence, mistake=False)]
+    notes = [Finding(name="rig", sentence=sentence, evidence=(), rig=rig.rows(), mistake=False)]
     if rig.applied:
         sentence = f"applied first, as measured without a law of contact: {', '.join(map(str, rig.applied))}"
         notes.append(Finding(name="rig_applied", sentence=sentence, evidence=(), mistake=False))

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from contactlearn.data.audit.rig import reshaped
+from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -124,11 +124,14 @@ def find_rests(
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
 _FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
+_ROUGH = {"late": 0.07, "corner": 0.15, "oblong": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
+_GAP = 3e-4  # s, standard deviation that is expected between the instants at which heights and angles meet
 _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
-_OUTLINE = ("corner", "oblong", "middle_a", "middle_b")
+_SIDES = ("v_pre", "v_post")
+_OUTLINE = ("late", "corner", "oblong", "middle_a", "middle_b")
 _CHANGE = 0.3  # standard deviation that is expected of a corner's radius, or of `oblong`, relative to the body
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
@@ -141,8 +144,8 @@ class Floor:
         height: in m at x = 0.
         slope: in rad; None where contacts are too few or in one place.
         orientation: in rad, to be added to θ; None where contacts and rests are too few or the body is round.
-        outline: changes of the stated outline and its place, by the fields of `Apparatus` from `corner` to `middle_b`.
-        sinking: s by which contacts lie lower in proportion to their velocity of approach and √mass there: they last.
+        outline: changes of the stated outline and its place, by the fields of `Apparatus` from `late` to `middle_b`.
+        sinking: s by which contacts lie lower over v_n √(m_c/m), with the effective mass m_c there: they last.
         scatter: of the heights about it in m.
         rests: bodies at rest that it is fitted to.
         above: height of each contact point above the floor in m, all of this allowed for.
@@ -185,7 +188,6 @@ def _raised(shape: Shape, name: str, theta: Array) -> Array:
 def find_floor(
     contacts: Sequence[Hit],
     shape: Shape,
-    gyration_squared: float,
     rests: Sequence[Rest] = (),
     *,
     lean: Estimate = _UPRIGHT,
@@ -201,7 +203,6 @@ def find_floor(
     Args:
         contacts: one or more.
         shape: of the body.
-        gyration_squared: of the body, m².
         rests: of the body.
         lean: angle in rad of gravity from straight down to the right.
         limits: that decide.
@@ -213,7 +214,6 @@ def find_floor(
             contacts=contacts,
             rests=sided,
             shape=shape,
-            gyration_squared=gyration_squared,
             lying=lying,
             lean=lean,
             limits=limits,
@@ -234,7 +234,6 @@ class _Problem:
     contacts: Sequence[Hit]
     rests: Sequence[Rest]
     shape: Shape
-    gyration_squared: float
     lying: Lying
     lean: Estimate
     limits: TrackThresholds
@@ -249,6 +248,7 @@ class _Problem:
         hits, rests = len(self.contacts), len(self.rests)
         design = np.stack([*columns.values()], 1)
         kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
+        every, kinds[0] = kinds[0], kinds[0][self._alone(turned)]
         _, lies, turns = np.sqrt(np.mean([r.error**2 for r in self.rests], axis=0)).tolist() if rests else (0.0,) * 3
         good = _near(design, value, kinds, turns)
         on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
@@ -257,7 +257,10 @@ class _Problem:
             name: Estimate(value=float(x), error=float(error))
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
-        slope, zero = found.get("slope"), found.get("orientation")
+        slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
+        for name in _ROUGH.keys() & found.keys() if sinking else ():
+            deep = abs(sinking.value) * (1.0 if name == "late" else float(np.median(-columns["sinking"][:hits])))
+            found[name] = replace(found[name], error=math.hypot(found[name].error, _ROUGH[name] * deep))
         floor = Floor(
             height=found["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
@@ -267,12 +270,18 @@ class _Problem:
                 for name in _OUTLINE
                 if name in found
             },
-            sinking=found.get("sinking"),
+            sinking=sinking,
             scatter=spread,
             rests=len(self.rests),
-            above=(value - design @ fit)[kinds[0]],
+            above=(value - design @ fit)[every],
         )
         return floor, on
+
+    def _alone(self, turned: float) -> Mask:
+        """Contacts of one point; all of them where these are too few to show the floor."""
+        pose, v, w = (torch.from_numpy(np.stack([getattr(hit, n) for hit in self.contacts])) for n in ("pose", *_SIDES))
+        alone = one_point(self.shape, pose[:, 2] + turned, v, w).numpy()
+        return alone if alone.sum() >= _FEW else np.ones_like(alone)
 
     def _rows(self, turned: float, change: Mapping[str, float]) -> tuple[dict[str, Array], Array, int]:
         """Columns of the design by name, its right-hand side, and the number of angles."""
@@ -302,12 +311,15 @@ class _Problem:
         if by_height:
             angles = np.append(theta, lies)
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
-            v = np.array([hit.v_pre for hit in self.contacts])
-            across = points[:, 0] - [hit.pose[0] for hit in self.contacts]
-            lighter = 1 + across**2 / self.gyration_squared  # at the contact than at the centre of mass
-            speeds = (v[:, 1] + v[:, 2] * across) / np.sqrt(lighter)  # contacts last in proportion to √mass
+            v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in self.contacts])) for name in _SIDES)
+            r = torch.from_numpy(points - [hit.pose[:2] for hit in self.contacts])
+            speeds = (root_of_mass(r, v, w) * contact_velocity(r, v)[:, 1]).numpy()
             if np.ptp(speeds) > 0:
                 parts["sinking"] = (np.append(speeds, none), 0.0)
+                known["sinking"] = Estimate(value=0.0, error=LONGEST)
+            spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
+            parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
+            known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
             changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
             parts |= {name: (column, 0.0) for name, column in changed.items()}
             known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
@@ -326,7 +338,8 @@ class _Problem:
 def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> Mask:
     """Rows that are near the fit of least absolute deviations; prior rows always are."""
     hits, rests, angles, _ = kinds
-    weight, good, off = np.ones(len(value)), np.ones(len(value), dtype=np.bool_), value.copy()
+    weight, good, off = np.zeros(len(value)), np.ones(len(value), dtype=np.bool_), value.copy()
+    weight[np.concatenate(kinds)] = 1.0
     for rows in (np.append(hits, rests), angles):
         off[rows] -= np.median(value[rows]) if len(rows) else 0.0
     for k in range(_ROUNDS + 1):

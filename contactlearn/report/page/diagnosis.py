@@ -69,6 +69,7 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     content = {
         "title": f"Diagnosis of {provenance.data.source}",
         "_measure": phrase("measure", "mass"),
+        "_rig": next((one.rig for one in found.findings if one.rig), ()),
         "verdict": {
             "key": str(found.verdict),
             "headline": phrase("verdict", found),

@@ -89,7 +89,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
         "block": compressed(packed.encode(errors="replace")),
         "_facts": tracks_facts(found),
-        "_rig": [(row.quantity, row.measured, row.said, row.known_from, row.differs) for row in found.rig.rows()],
+        "_rig": found.rig.rows(),
         "_limits": _limits(found, len(shown)),
         "_refusals": _reasons(found, shown),
         "_unread": [(r.recording, r.message) for r in found.survey.refusals if r.reason is Reason.NOT_READ],
