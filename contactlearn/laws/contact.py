@@ -162,7 +162,7 @@ def opposing(
             shift = torch.where((shift >= low) & (shift <= high), shift, 0.5 * (low + high))
     excess, slope, _ = _beyond(A, b, radius, pull, shift)
     q_1, q_2 = shifted(A, b, shift - excess / slope.detach())
-    length = torch.hypot(q_1, q_2).clamp_min(1e-300)
+    length = torch.hypot(q_1, q_2).clamp_min(1e-150)
     return -q_1 / length, -q_2 / length
 
 
@@ -187,7 +187,7 @@ def _beyond(
     """(radius + pull·q)/|q| − 1 of q = (A + shift)⁻¹ b, its derivative in the shift, and |q|."""
     q = shifted(A, b, shift)
     g = shifted(A, q, shift)
-    length = torch.hypot(*q).clamp_min(1e-300)
+    length = torch.hypot(*q).clamp_min(1e-150)
     reach = (radius + pull[0] * q[0] + pull[1] * q[1]) / length
     slope = reach * (q[0] * g[0] + q[1] * g[1]) / length**2 - (pull[0] * g[0] + pull[1] * g[1]) / length
     return reach - 1, slope, length

@@ -63,7 +63,7 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
             t = torch.where((t >= low) & (t <= high), t, middle)
     _, _, _, _, excess, slope = _secular(contact, rough, t)
     sigma, _, y, *_ = _secular(contact, rough, t - excess / slope.detach())
-    length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-300)
+    length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-150)
     u_1, u_2 = y[0] / length, y[1] / length
     form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
     n = (-v_n - mu * slip * u_1) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))
@@ -88,7 +88,7 @@ def _secular(
     d_sigma, d_nu = mu * (a[0] ** 2 + a[1] ** 2 - 1), -mu * (a[0] * e[0] + a[1] * e[1])
     b = shifted(A, y, t)
     dy = d_sigma * e[0] + d_nu * a[0] - b[0], d_sigma * e[1] + d_nu * a[1] - b[1]
-    length = torch.hypot(*y).clamp_min(1e-300)
+    length = torch.hypot(*y).clamp_min(1e-150)
     return sigma, nu, y, d_sigma, length - nu.abs(), (y[0] * dy[0] + y[1] * dy[1]) / length - nu.sign() * d_nu
 
 
