@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from contactlearn.mechanics.shapes import Cuboid, Polygon, contact_point
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel, resolve
-from contactlearn.models.export import source
+from contactlearn.models.export import onnx, source
 from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12
@@ -180,6 +181,24 @@ def test_effects_in_jax_compiled_mapped_and_derived(space):
     assert ((torch.tensor(np.asarray(found)) - expected).abs() / (1 + expected.abs())).max() < ROUNDING
 
 
+def test_graphs_of_onnx(tmp_path):
+    runtime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    for space in BOTH:
+        model, drops = with_effects(space)
+        lacking = {"incidence_dependent_friction", "parameter_drift", "spin_damping"}  # atan2 and expm1
+        has = {name: one for name, one in model.effects.items() if name not in lacking}
+        for one in (ContactModel(find("wang_mason").at(0.2, 0.5)), replace(model, effects=has)):
+            session = runtime.InferenceSession(onnx.graph(one, drops), providers=["CPUExecutionProvider"])
+            names = source.trace(one, drops.shape, space).arguments
+            given = {
+                name: x.reshape(len(drops), -1).numpy() for name, x in zip(names, arguments(drops, names), strict=True)
+            }
+            assert differs(session.run(None, given), one, drops) < ROUNDING
+    with pytest.raises(ContactLearnError, match="no atan2 in float64"):
+        onnx.graph(with_effects(SPACE)[0], drops)
+
+
 MAIN = """
 #define _GNU_SOURCE
 #include <fenv.h>
@@ -269,7 +288,6 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path, monkeypatch, capsys
     capsys.readouterr()
     refused = {
         (".", "--to", "c"): "needs the body's shape",
-        (".", "--to", "onnx"): "--to c is one file",
         (".", "--to", "nunpy"): "did you mean 'numpy'",
         ("base.pt", "--to", "c", "-o", "law.py"): "writes a .c file",
         ("nothing", "--to", "c"): "no such file",

@@ -13,11 +13,11 @@ from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
-from contactlearn.models.export import mujoco, source
+from contactlearn.models.export import mujoco, onnx, source
 from contactlearn.simulation import mujoco as mujoco_drops
 from contactlearn.simulation import synthetic
 
-TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "mujoco": ".xml", "json": ".json"}
+TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "onnx": ".onnx", "mujoco": ".xml", "json": ".json"}
 """Suffix of the file by what it is for."""
 
 _ROWS = 10  # of the self-test
@@ -37,8 +37,6 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
     Raises:
         ContactLearnError: the model has no such form, or the file cannot be written.
     """
-    if to == "onnx":
-        raise ContactLearnError("ONNX's runtime has no atan2 and cos in float64; --to c is one file without a library")
     if to not in TARGETS:
         raise UnknownNameError("target of --to", to, TARGETS)
     trained = load_model(run)
@@ -48,9 +46,11 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
         raise ContactLearnError(f"--to {to} writes a {TARGETS[to]} file, got {path}")
     known = data or impacts_of_run(run)
     said = ["without the Gaussian processes that correct it"] if model is not trained.model else []
-    texts = dict[Path, str]()
+    texts = dict[Path, str | bytes]()
     if to == "json":
         texts[path] = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
+    elif to == "onnx":
+        texts[path] = onnx.graph(model, known or _made_up(trained))
     elif to == "mujoco":
         judged = (known or _made_up(trained))[:_JUDGED]
         scene, hook = mujoco.export(model, judged)
@@ -64,7 +64,7 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
     for file, text in texts.items():
         try:
             with atomic_write(file) as part:
-                part.write_text(text, encoding="utf-8")
+                part.write_bytes(text if isinstance(text, bytes) else text.encode())
         except OSError as error:
             raise DataError(f"{file}: cannot be written: {error.strerror}") from None
     return "\n".join([str(model), *said, f"written to {' and '.join(map(str, texts))}"])

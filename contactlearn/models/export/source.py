@@ -227,12 +227,12 @@ _AXES = {
 
 def leaves(program: Program) -> set[str]:
     """Names of the inputs and parameters on which the results depend."""
-    needed = (program.operations[place] for place in _needed(program))
+    needed = (program.operations[place] for place in required(program))
     return {values[0] for kind, values in needed if kind in ("input", "parameter")}
 
 
-def _needed(program: Program) -> list[int]:
-    """Places of the operations on which the results depend, in order."""
+def required(program: Program) -> list[int]:
+    """Return the places of the operations on which the results depend, in order."""
     needed, left = set[int](), [*program.results.values()]
     while left:
         if (place := left.pop()) not in needed:
@@ -252,7 +252,7 @@ class Language(NamedTuple):
 
 def statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
     """Yield name, expression and whether it is a truth value, of each value that is used again, or is long."""
-    needed = _needed(program)
+    needed = required(program)
     uses = Counter(
         k for place in needed if program.operations[place][0] not in LEAVES for k in program.operations[place][1]
     )
