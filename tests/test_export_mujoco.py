@@ -102,13 +102,13 @@ def test_geometry_is_that_of_the_effect(name, shape):
     assert alone.median() > 2 * error.median(), "without the effect the outcome is another"
 
 
-@pytest.mark.parametrize("shape", [None, EGG], ids=str)
-def test_the_hook_sets_coefficients_that_depend_on_the_state(shape):
+@pytest.mark.parametrize(("shape", "eps_0"), [(None, 0.6), (EGG, 0.6), (EGG, 0.12)], ids=str)
+def test_the_hook_sets_coefficients_that_depend_on_the_state(shape, eps_0):
     drops = synthetic.load(12, velocity_noise=0, spin_noise=0) if shape is None else tosses(shape, 12)
     effect = find_effect("velocity_dependent_restitution", "linear")().prepare(drops)
     load = find_effect("load_dependent_friction")(p=0.5, v_ref=2.0)
-    law = find("spring_dashpot" if shape is None else "wang_mason_newton").at(0.15, 0.6)
-    model = ContactModel(law, effects={effect.name: effect.at([0.3]), load.name: load})
+    law = find("spring_dashpot" if shape is None else "wang_mason_newton").at(0.15, eps_0)
+    model = ContactModel(law, effects={effect.name: effect.at([0.3 * eps_0]), load.name: load})
     scene, text = export(model, drops)
     hook = {}
     exec(text, hook)
@@ -151,7 +151,7 @@ def test_what_mujoco_lacks_is_refused_by_name_and_size():
     model = ContactModel(find("mirtich").at(0.2, 0.6), effects={"tangential_restitution": rebound})
     with pytest.raises(ContactLearnError, match=r"tangential_restitution has no form in MuJoCo, .* by \d+\.\d%"):
         export(model, drops)
-    with pytest.raises(ContactLearnError, match=r"ε above 0\.135, and this law has 0\.100"):
-        export(ContactModel(find("mirtich").at(0.2, 0.1)), drops)
+    with pytest.raises(ContactLearnError, match=r"ε of at least 0\.05, and this law has 0\.040"):
+        export(ContactModel(find("mirtich").at(0.2, 0.04)), drops)
     with pytest.raises(DataError, match="needs the one shape"):
         export(ContactModel(find("mirtich").at(0.2, 0.5)), drops.replace(shape=None))

@@ -17,6 +17,7 @@ from contactlearn.data import cube_tosses, ellipse_drops
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.laws.spring_dashpot import LEAST
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.models.contact_model import actual_coefficients, actual_state
@@ -48,6 +49,8 @@ def judge(law: str, names: tuple[str, ...], pool: Impacts, test: Impacts) -> str
     """Fit, export, and compare one impact."""
     effects = {name: find_effect(name)().prepare(pool) for name in names}
     model = identify_jointly(law, effects, pool).model
+    if model.law.coefficients[1].item() < LEAST:
+        return f"| {'+'.join((law, *names))} | refused: ε = {model.law.coefficients[1].item():.3f} |"
     scene, hook = export(model, test)
     coefficients = None
     if hook is not None:
@@ -72,7 +75,7 @@ def main() -> None:
     given = parser.parse_args()
     drops = correct(ellipse_drops.load(root=given.data), ["mirrored_x"])
     drops = drops.replace(r=contact_point(drops.shape, drops.q[:, 2]), validate=False)
-    sources = {"ellipse drops": drops, "cube tosses": cube_tosses.load(given.data)}
+    sources = {"cube tosses": cube_tosses.load(given.data), "ellipse drops": drops}
     for name, impacts in sources.items():
         pool, test = halves(impacts[impacts.v_c[:, -1] < -0.05].replace(validate=True))
         print(f"{name}: {len(pool)} to fit, {len(test)} held out")

@@ -5,7 +5,7 @@ touches at one point.  Planar vectors (x, y) are (x, 0, y), and planar angles tu
 
 **The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
 spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
-ε = exp(−2β / tan β) > e⁻², the same for all poses and speeds but for the coupling with friction.  A soft
+ε = exp(−2β / tan β), the same for all poses and speeds but for the coupling with friction.  A soft
 constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's default impedance, 0.9 and
 above, would add to the normal force where there is slip.  So the law is `spring_dashpot`, whichever was fitted.
 
@@ -22,6 +22,7 @@ from torch import Tensor
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -51,14 +52,10 @@ def solref(eps: float, contact_time: float) -> tuple[float, float]:
     """Return stiffness k in 1/s² and damping c in 1/s of a spring and dashpot that only push.
 
     The penetration is x = −(v/ω_d) e^{−ζωt} sin ω_d t, and the force k x + c ẋ vanishes at ω_d t = 2β
-    for ζ = cos β; from there on the body flies freely with ε = exp(−ζω t) = exp(−2β / tan β).
+    for ζ = cos β; from there on it flies freely with ε = exp(−ζω t) = exp(−2β / tan β); β is imaginary for ζ > 1.
     """
-    beta, low, high = 0.0, 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
-    for _ in range(60):
-        beta = (low + high) / 2
-        low, high = (beta, high) if math.exp(-2 * beta / math.tan(beta)) < eps else (low, beta)
     omega = math.pi / contact_time
-    return omega**2, 2 * math.cos(beta) * omega
+    return omega**2, 2 * damping(torch.tensor(eps, dtype=torch.float64)).ratio.item() * omega
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +67,7 @@ class Scene:
         mass: in kg.
         inertia: about the mass centre in kg m²; in space the principal moments, about the axes of the shape.
         mu: coefficient of friction.
-        eps: coefficient of restitution, more than e⁻².
+        eps: coefficient of restitution, at least `spring_dashpot.LEAST`.
         contact_time: in s.
         tilt: rotation vector of the floor in rad.
         mass_centre: from the tracked point, along the body's axes in m.
@@ -179,8 +176,8 @@ def export(model: ContactModel, impacts: Impacts) -> Exported:
                 f"{name} has no form in MuJoCo, and without it outcomes change by {share:.1%} (mass norm, mean of "
                 f"{len(impacts)} impacts); use --to c or numpy, or fit a model without it"
             )
-    if model.law.coefficients[1].item() <= math.exp(-2):
-        raise ContactLearnError(f"MuJoCo's contact has ε above 0.135, and this law has {model.law.eps:.3f}")
+    if model.law.coefficients[1].item() < LEAST:
+        raise ContactLearnError(f"MuJoCo's contact has ε of at least {LEAST}, and this law has {model.law.eps:.3f}")
     scene = _scene(model, impacts, impacts.shape)
     depends = any(effect.place == "law" for effect in model.effects.values())
     return Exported(scene, _hook(model, scene, impacts.shape) if depends else None)
