@@ -74,11 +74,12 @@ class Run:
             train_size: number of training trials, which the configuration may leave open.
         """
         packages = {name: version(name) for name in ("torch", "gpytorch", "numpy")}
+        space = next(data.read()).space
         config = dict(self.config)
         if train_size is not None:
             config["train"] = {**config["train"], "size": train_size}
         return Provenance(
-            data=DataSource(source=data.source, trials=data.trials, sha256=data.sha256),
+            data=DataSource(source=data.source, trials=data.trials, sha256=data.sha256, space=space.name),
             versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
             config=config,
             command=shlex.join([*invocation(self.command), *self.overrides]),

@@ -162,7 +162,7 @@ def opposing(
             shift = torch.where((shift >= low) & (shift <= high), shift, 0.5 * (low + high))
     excess, slope = _beyond(A, b, radius, pull, shift)
     q_1, q_2 = shifted(A, b, shift - excess / slope.detach())
-    length = torch.hypot(q_1, q_2).clamp_min(1e-300)
+    length = torch.hypot(q_1, q_2).clamp_min(1e-150)
     return -q_1 / length, -q_2 / length
 
 

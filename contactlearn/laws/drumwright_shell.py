@@ -64,7 +64,7 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
                 break
     _, _, excess, slope, _ = _secular(contact, rough, t)
     sigma, y, *_ = _secular(contact, rough, t - excess / slope.detach())
-    length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-300)
+    length = -sigma.sign() * torch.hypot(*y).clamp_min(1e-150)
     u_1, u_2 = y[0] / length, y[1] / length
     form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
     n = (-v_n - mu * slip * u_1) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))

@@ -106,8 +106,9 @@ class Hodograph:
         return Slide(slip + none, none, self.contact.v_n + none, none, none, none, none, slip + none == 0)
 
     def compressed(self) -> Slide:
-        """Return the point at which compression ends."""
-        return self.followed(self.start(), until(torch.zeros_like(self.q_1)))
+        """Return the point at which compression ends, v_n = 0 without rounding: restitution with ε = 0 ends there."""
+        rest = torch.zeros_like(self.q_1)
+        return self.followed(self.start(), until(rest))._replace(v_n=rest)
 
     def restored(self, at: Slide, elastic: Left, left: Left) -> Impulse:
         """Return the impulse at which a phase of restitution ends on the path of an elastic one."""

@@ -45,6 +45,7 @@ class DataSource:
         sha256: of all their numbers and names.
         mass: least and largest in kg; stated by a training alone.
         inertia: as `mass`, in kg m².
+        space: plane or space.
     """
 
     source: str
@@ -52,6 +53,7 @@ class DataSource:
     sha256: str
     mass: "Pair | None" = None
     inertia: "Pair | None" = None
+    space: str = "plane"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ would report, on a flat floor, of a uniform body, with the velocity of its geome
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,9 +29,10 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError, install_hint
 from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity, rotate
+from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity, matvec, rotate, rotation
 from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
-from contactlearn.models.export.mujoco import STEPS, Scene
+from contactlearn.mechanics.space import SPACE
+from contactlearn.models.export.mujoco import STEPS, Scene, solref
 
 KINDS = ("ellipse", "box")
 
@@ -116,8 +118,8 @@ class Bench:
             mu=self.mu,
             eps=self.eps,
             contact_time=self.contact_time,
-            tilt=hidden.tilt,
-            mass_centre=(hidden.com_offset[0], hidden.com_offset[1]),
+            tilt=(0.0, -hidden.tilt, 0.0),
+            mass_centre=(hidden.com_offset[0], 0.0, hidden.com_offset[1]),
             damping=hidden.damping,
         ).xml()
 
@@ -212,6 +214,47 @@ def simulated(runner: Any, model: Any, data: Any, q: Tensor, v: Tensor, steps: i
     start = torch.cat((torch.zeros_like(q[:, :1]), q, v), -1)  # the time comes first
     states, contacts = runner.rollout(model, data, start.numpy(), nstep=steps)
     return torch.from_numpy(states)[..., 1:], torch.from_numpy(contacts)[..., 0]
+
+
+def outcomes(
+    scene: Scene, impacts: Impacts, coefficients: tuple[Tensor, Tensor] | None = None, *, xml: str | None = None
+) -> Float[Tensor, "n D"]:
+    """Return the velocities [N, D] after contacts of the body of a scene, nan where a contact does not end at once.
+
+    Args:
+        scene: of one body.
+        impacts: poses and velocities before contact; the body is moved along z until it touches the floor.
+        coefficients: μ and ε of each impact [N], those of the scene if None.
+        xml: of a scene that was changed by hand.
+
+    Raises:
+        ContactLearnError: MuJoCo is not installed.
+    """
+    mujoco, rollout = engine()
+    models = [mujoco.MjModel.from_xml_string(xml or scene.xml())]
+    data, q, v = mujoco.MjData(models[0]), impacts.q.clone(), impacts.v_pre.clone()
+    if coefficients is not None:
+        models = [copy(models[0]) for _ in range(len(q))]
+        for model, mu, eps in zip(models, *(x.expand(len(q)).tolist() for x in coefficients), strict=True):
+            k, c = solref(eps, scene.contact_time)
+            model.pair_friction[:, :2], model.pair_solref[:] = mu, (-k, -c)
+    up = scene.space.d - 1
+    floor, *parts = range(models[0].ngeom)
+    for row in q:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(models[0], data)
+        gap = min(mujoco.mj_geomDistance(models[0], data, floor, part, 1e3, None) for part in parts)
+        row[up] -= gap / data.geom_xmat[floor, 8]
+    q[:, : up + 1] -= v[:, : up + 1] * scene.step / 2  # see `_drop`
+    if scene.space is SPACE:  # the engine's spin is in the axes of the body
+        v[:, 3:] = matvec(rotation(q[:, 3:]).mT, v[:, 3:])
+    with rollout.Rollout(nthread=0) as runner:
+        states, contacts = simulated(runner, models, data, q, v, WINDOW * STEPS)
+    last = torch.where(contacts > 0, torch.arange(contacts.shape[1]), -1).amax(1)
+    q, v = states[torch.arange(len(q)), last].split((q.shape[1], v.shape[1]), -1)
+    if scene.space is SPACE:
+        v = torch.cat((v[:, :3], matvec(rotation(q[:, 3:]), v[:, 3:])), -1)
+    return torch.where(((last >= 0) & (last < contacts.shape[1] - 1))[:, None], v, torch.nan)
 
 
 def engine() -> tuple[Any, Any]:

@@ -8,15 +8,20 @@ from contactlearn.cli.checkpoints import TrainedModel, load_model
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.diagnosis.record import Record
+from contactlearn.effects import State
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.export import mujoco, source
+from contactlearn.mechanics.space import PLANE
+from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
+from contactlearn.models.export import mujoco, onnx, source
+from contactlearn.simulation import mujoco as mujoco_drops
 from contactlearn.simulation import synthetic
 
-TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "mujoco": ".xml", "json": ".json"}
+TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "onnx": ".onnx", "mujoco": ".xml", "json": ".json"}
 """Suffix of the file by what it is for."""
 
 _ROWS = 10  # of the self-test
+_JUDGED = 300  # impacts at most by which a scene is judged
 
 
 def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, without_residual: bool) -> str:
@@ -32,8 +37,6 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
     Raises:
         ContactLearnError: the model has no such form, or the file cannot be written.
     """
-    if to == "onnx":
-        raise ContactLearnError("ONNX's runtime has no atan2 and cos in float64; --to c is one file without a library")
     if to not in TARGETS:
         raise UnknownNameError("target of --to", to, TARGETS)
     trained = load_model(run)
@@ -43,25 +46,45 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
         raise ContactLearnError(f"--to {to} writes a {TARGETS[to]} file, got {path}")
     known = data or impacts_of_run(run)
     said = ["without the Gaussian processes that correct it"] if model is not trained.model else []
-    texts = dict[Path, str]()
+    texts = dict[Path, str | bytes]()
     if to == "json":
         texts[path] = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
+    elif to == "onnx":
+        texts[path] = onnx.graph(model, known or _made_up(trained))
     elif to == "mujoco":
-        scene, hook, lost = mujoco.export(model, known or _made_up(trained))
+        judged = (known or _made_up(trained))[:_JUDGED]
+        scene, hook = mujoco.export(model, judged)
         texts[path] = scene.xml()
         if hook is not None:
             texts[path.with_name(f"{path.stem}_hook.py")] = hook
             said.append("coefficients depend on the state: call set_contact(model, data) of the hook before each step")
-        said.append(f"MuJoCo's contact is a spring and a dashpot; outcomes differ from {model.law.name} by {lost:.1%}")
+        said.append(_differs(model, scene, judged))
     else:
         texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
     for file, text in texts.items():
         try:
             with atomic_write(file) as part:
-                part.write_text(text, encoding="utf-8")
+                part.write_bytes(text if isinstance(text, bytes) else text.encode())
         except OSError as error:
             raise DataError(f"{file}: cannot be written: {error.strerror}") from None
     return "\n".join([str(model), *said, f"written to {' and '.join(map(str, texts))}"])
+
+
+def _differs(model: ContactModel, scene: mujoco.Scene, impacts: Impacts) -> str:
+    """By how much MuJoCo's outcomes differ from the model's, if the engine is here."""
+    state = actual_state(model.effects, State.of(impacts))
+    try:
+        found = mujoco_drops.outcomes(
+            scene, impacts, actual_coefficients(model.effects, state, *model.law.coefficients)
+        )
+    except ContactLearnError as missing:
+        return f"by how much a spring and a dashpot differ from {model.law.name} is not known: {missing}"
+    ended = found.isfinite().all(-1)
+    share = mujoco.difference(model.predict(impacts).v_post[ended], found[ended], impacts[ended])
+    return (
+        f"MuJoCo's contact is a spring and a dashpot; its outcomes differ from those of {model.law.name} by "
+        f"{share:.1%} ({int(ended.sum())} impacts)"
+    )
 
 
 def impacts_of_run(run: str) -> Impacts | None:
@@ -72,6 +95,8 @@ def impacts_of_run(run: str) -> Impacts | None:
 
 def _made_up(trained: TrainedModel) -> Impacts:
     """Simulated drops of a body of the shape that the settings of the training's data state, or of none."""
+    if trained.provenance is not None and trained.provenance.data.space != PLANE.name:
+        raise DataError(f"the impacts that {trained.path} was fitted to are in space; give its data: data=…")
     data = {} if trained.provenance is None else trained.provenance.config.get("data")
     shape = make_shapes(data.get("shape")) if isinstance(data, dict) else None
     body = next(iter(shape)) if isinstance(shape, Mapping) else "body"

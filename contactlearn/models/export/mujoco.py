@@ -1,8 +1,11 @@
 """A law with its effects in MuJoCo: a scene, and where coefficients depend on the state a function that sets them.
 
+**The body.** It has a free joint, in the plane two slides and a hinge.  Corners are spheres, sharp ones tiny: each
+touches at one point.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
+
 **The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
 spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
-ε = exp(−2β / tan β) > e⁻², the same for all poses and speeds but for the coupling with friction.  A soft
+ε = exp(−2β / tan β), the same for all poses and speeds but for the coupling with friction.  A soft
 constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's default impedance, 0.9 and
 above, would add to the normal force where there is slip.  So the law is `spring_dashpot`, whichever was fitted.
 
@@ -10,17 +13,21 @@ Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computat
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.laws.spring_dashpot import SpringDashpot
-from contactlearn.mechanics.impacts import Impacts, Prediction
+from contactlearn.laws.spring_dashpot import LEAST, damping
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
-from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, Shape
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Ellipsoid, Polygon, Shape, Sphere
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.export import source
 
@@ -32,51 +39,55 @@ CONTACT_TIME = 2e-4
 
 _SOFT = 0.005  # impedance of the constraint; what slip adds to the normal force is in proportion to it
 _GRIP = 50  # times that slip would decay by a factor e in one contact time, if friction could
-_GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error")
+_SHARP = 1e-6  # m, radius of a sharp corner
+_GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error", "corner_radius")
+
+Body = Ellipse | Disc | Polygon | Ellipsoid | Sphere | Cuboid
+"""Shapes that a scene can have."""
+Vector = tuple[float, ...]
+"""(x, y, z) in axes of MuJoCo, z up."""
 
 
 def solref(eps: float, contact_time: float) -> tuple[float, float]:
     """Return stiffness k in 1/s² and damping c in 1/s of a spring and dashpot that only push.
 
     The penetration is x = −(v/ω_d) e^{−ζωt} sin ω_d t, and the force k x + c ẋ vanishes at ω_d t = 2β
-    for ζ = cos β; from there on the body flies freely with ε = exp(−ζω t) = exp(−2β / tan β).
+    for ζ = cos β; from there on it flies freely with ε = exp(−ζω t) = exp(−2β / tan β); β is imaginary for ζ > 1.
     """
-    beta, low, high = 0.0, 0.0, math.pi / 2  # ε grows with β from e⁻² to 1
-    for _ in range(60):
-        beta = (low + high) / 2
-        low, high = (beta, high) if math.exp(-2 * beta / math.tan(beta)) < eps else (low, beta)
     omega = math.pi / contact_time
-    return omega**2, 2 * math.cos(beta) * omega
+    return omega**2, 2 * damping(torch.tensor(eps, dtype=torch.float64)).ratio.item() * omega
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """One body above a floor in the plane, held by two slides and a hinge at the tracked point.
+    """One body above a floor.
 
     Args:
-        shape: ellipse, disc or polygon.
+        shape: of the body.
         mass: in kg.
-        inertia: about the mass centre in kg m².
+        inertia: about the mass centre in kg m²; in space the principal moments, about the axes of the shape.
         mu: coefficient of friction.
-        eps: coefficient of restitution, more than e⁻².
+        eps: coefficient of restitution, at least `spring_dashpot.LEAST`.
         contact_time: in s.
-        tilt: of the floor, counter-clockwise in rad.
+        tilt: rotation vector of the floor in rad.
         mass_centre: from the tracked point, along the body's axes in m.
         centre: of the shape, likewise.
-        turn: of the shape against the zero of θ in rad.
-        damping: drag at this rate in 1/s.
+        turn: rotation vector of the shape in rad.
+        torsion: friction about the normal over P_n in m.
+        damping: drag at this rate in 1/s, in the plane.
     """
 
-    shape: Shape
+    shape: Body
     mass: float
-    inertia: float
+    inertia: float | Vector
     mu: float
     eps: float
     contact_time: float = CONTACT_TIME
-    tilt: float = 0.0
-    mass_centre: tuple[float, float] = (0.0, 0.0)
-    centre: tuple[float, float] = (0.0, 0.0)
-    turn: float = 0.0
+    tilt: Vector = (0.0, 0.0, 0.0)
+    mass_centre: Vector = (0.0, 0.0, 0.0)
+    centre: Vector = (0.0, 0.0, 0.0)
+    turn: Vector = (0.0, 0.0, 0.0)
+    torsion: float = 0.0
     damping: float = 0.0
 
     @property
@@ -84,31 +95,60 @@ class Scene:
         """Largest step in s."""
         return self.contact_time / STEPS
 
+    @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return SPACE if isinstance(self.inertia, tuple) else PLANE
+
+    def geoms(self) -> list[str]:
+        """Return what touches the floor: an ellipsoid, or a sphere for each corner."""
+        if isinstance(self.shape, Polygon | Cuboid):
+            sharp = replace(self.shape, corner=0.0)
+            radius = self.shape.corner or _SHARP
+            if isinstance(sharp, Polygon):
+                corners = torch.tensor(sharp.vertices, dtype=torch.float64) + radius * sharp.arc_centres()
+            else:
+                signs = torch.cartesian_prod(*[torch.tensor((-1.0, 1.0), dtype=torch.float64)] * 3)
+                corners = signs * (torch.tensor(sharp.half, dtype=torch.float64) - radius)
+            return [f'type="sphere" size="{radius}" pos="{_text(_embedded(one))}"' for one in corners.tolist()]
+        axes = (self.shape.radius,) * 3 if isinstance(self.shape, Disc | Sphere) else self.shape.semi_axes
+        return [f'type="ellipsoid" size="{_text(_embedded(axes, axes[-1]))}"']
+
     def xml(self) -> str:
         """Return the scene in MuJoCo's own language."""
-        geom, vertices, outline = "", "", self.shape.outline()
-        a, b = outline.amax(0).tolist()
-        if isinstance(self.shape, Polygon):  # a double pyramid: a corner touches at one point, not two
-            corners = " ".join(f"{x} 0 {z}" for x, z in self.shape.vertices)
-            geom, vertices = 'type="mesh" mesh="outline"', f"{corners} 0 {b} 0 0 {-b} 0"
-        else:
-            geom = f'type="ellipsoid" size="{a} {b} {b}"'
         k, c = solref(self.eps, self.contact_time)
+        moments = self.inertia if isinstance(self.inertia, tuple) else (self.inertia,) * 3
         return source.TEMPLATES.get_template("scene.xml.j2").render(
-            **{name: getattr(self, name) for name in ("contact_time", "step", "mass", "inertia", "mu", "mass_centre")},
-            gravity=-GRAVITY, unstable=self.contact_time / (_SOFT * _GRIP), vertices=vertices, geom=geom,
-            centre=self.centre, floor_quat=_about_y(self.tilt), body_quat=_about_y(self.turn),
-            drag=self.damping * self.mass, spin_drag=self.damping * self.inertia,
+            **{name: getattr(self, name) for name in ("contact_time", "step", "mass", "mu", "torsion", "space")},
+            gravity=-GRAVITY, unstable=self.contact_time / (_SOFT * _GRIP), geoms=self.geoms(),
+            moments=_text(moments), mass_centre=_text(self.mass_centre), centre=_text(self.centre),
+            floor=_text(_quaternion(self.tilt).tolist()), turn=_text(_quaternion(self.turn).tolist()),
+            drag=self.damping * self.mass, spin_drag=self.damping * moments[1],
             soft=_SOFT, spring=(-k, -c), grip=(-1.0, -_SOFT * _GRIP / self.contact_time),
         )  # fmt: skip
 
 
+def _quaternion(vector: Vector) -> Tensor:
+    """Unit quaternion [4] of a rotation vector."""
+    none = torch.tensor((1.0, 0.0, 0.0, 0.0), dtype=torch.float64)
+    return rigid_body.turn_quaternion(none, torch.tensor(vector, dtype=torch.float64))
+
+
+def _embedded(vector: Iterable[float], across: float = 0.0) -> Vector:
+    """A vector of the plane or of space in space."""
+    x, *between, z = vector
+    return x, *(between or (across,)), z
+
+
+def _text(vector: Iterable[float]) -> str:
+    return " ".join(map(str, vector))
+
+
 class Exported(NamedTuple):
-    """The scene, the function that sets its coefficients or None, and the share of the outcome that is lost."""
+    """The scene, and the function that sets its coefficients or None."""
 
     scene: Scene
     hook: str | None
-    lost: float
 
 
 def export(model: ContactModel, impacts: Impacts) -> Exported:
@@ -124,72 +164,84 @@ def export(model: ContactModel, impacts: Impacts) -> Exported:
         DataError: the impacts state no shape, or several.
     """
     source.require_exportable(model, impacts.shape)
-    if not isinstance(impacts.shape, Ellipse | Disc | Polygon):
+    if not isinstance(impacts.shape, Body):
         raise DataError(f"a scene needs the one shape of the body, such as data.shape=…; got {impacts.shape}")
     for name, effect in model.effects.items():
-        if name not in _GEOMETRY and effect.place != "law":
+        own = name in _GEOMETRY or (name == "torsional_friction" and effect.form == "sliding")
+        if not own and effect.place != "law":
             rest = {other: one for other, one in model.effects.items() if other != name}
-            share = difference(model.predict(impacts), replace(model, effects=rest).predict(impacts), impacts)
+            with_it, without = (one.predict(impacts).v_post for one in (model, replace(model, effects=rest)))
+            share = difference(with_it, without, impacts)
             raise ContactLearnError(
                 f"{name} has no form in MuJoCo, and without it outcomes change by {share:.1%} (mass norm, mean of "
                 f"{len(impacts)} impacts); use --to c or numpy, or fit a model without it"
             )
-    if model.law.coefficients[1].item() <= math.exp(-2):
-        raise ContactLearnError(f"MuJoCo's contact has ε above 0.135, and this law has {model.law.eps:.3f}")
-    soft = replace(model, base=SpringDashpot(*model.law.coefficients))
+    if model.law.coefficients[1].item() < LEAST:
+        raise ContactLearnError(f"MuJoCo's contact has ε of at least {LEAST}, and this law has {model.law.eps:.3f}")
     scene = _scene(model, impacts, impacts.shape)
     depends = any(effect.place == "law" for effect in model.effects.values())
-    hook = _hook(model, scene, impacts.shape) if depends else None
-    return Exported(scene, hook, difference(model.predict(impacts), soft.predict(impacts), impacts))
+    return Exported(scene, _hook(model, scene, impacts.shape) if depends else None)
 
 
-def difference(one: Prediction, other: Prediction, impacts: Impacts) -> float:
-    """Return the mean of √(eᵀMe)/√(vᵀMv), e between two outcomes and v the first."""
-    M = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
-    e, v = (((x.square() * M).sum(-1)).sqrt() for x in (other.v_post - one.v_post, one.v_post))
-    return (e / v).mean().item()
+def difference(one: Tensor, other: Tensor, impacts: Impacts) -> float:
+    """Return the mean of √(eᵀMe)/√(vᵀMv), e between two outcomes [N, D] and v the first."""
+    body = impacts.mass, impacts.world_inertia
+    square = rigid_body.squared_mass_norm(*body, other - one) / rigid_body.squared_mass_norm(*body, one)
+    return square.sqrt().mean().item()
 
 
-def _scene(model: ContactModel, impacts: Impacts, shape: Ellipse | Disc | Polygon) -> Scene:
-    mu, eps = (x.item() for x in model.law.coefficients)
+def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
     values = {
         f"{name}.{p.name}": value.item()
         for name, effect in model.effects.items()
         for p, value in zip(effect.parameters, effect.values, strict=True)
     }
-    known = values.get
-    offset = known("com_offset.delta_a", 0.0), known("com_offset.delta_b", 0.0)
+
+    def known(effect: str, *names: str) -> list[float]:
+        return [values.get(f"{effect}.{name}", 0.0) for name in names]
+
+    axes = "abc"[: impacts.space.d]
+    mu, eps = (x.item() for x in model.law.coefficients)
+    phi, psi = known("surface_tilt", "phi", "psi")
+    delta_a, delta, delta_c = known("orientation_offset", "delta_a", "delta", "delta_c")
+    turn = delta_a, -delta, delta_c
+    offset = torch.tensor(_embedded(known("com_offset", *(f"delta_{one}" for one in axes))), dtype=torch.float64)
+    offset = rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), offset)
     tracked = "com_offset" in model.effects and model.effects["com_offset"].form == "tracked"
-    stretch = 1 + known("shape_error.s_a", 0.0), 1 + known("shape_error.s_b", 0.0)
+    inertia = impacts.inertia.median(0).values * math.exp(known("inertia_error", "kappa")[0])
     return Scene(
-        shape=_stretched(shape, *stretch),
+        shape=_changed(shape, known("shape_error", *(f"s_{one}" for one in axes)), *known("corner_radius", "rho_c")),
         mass=impacts.mass.median().item(),
-        inertia=impacts.inertia.median().item() * math.exp(known("inertia_error.kappa", 0.0)),
+        inertia=inertia.item() if impacts.space is PLANE else tuple(inertia.tolist()),
         mu=mu,
         eps=eps,
-        tilt=known("surface_tilt.phi", 0.0),
-        mass_centre=offset if tracked else (0.0, 0.0),
-        centre=(0.0, 0.0) if tracked else (-offset[0], -offset[1]),
-        turn=known("orientation_offset.delta", 0.0),
+        tilt=(psi, -phi, 0.0),
+        mass_centre=tuple(offset.tolist()) if tracked else (0.0, 0.0, 0.0),
+        centre=(0.0, 0.0, 0.0) if tracked else tuple((-offset).tolist()),
+        turn=turn,
+        torsion=known("torsional_friction", "c")[0],
     )
 
 
-def _stretched(shape: Ellipse | Disc | Polygon, s_a: float, s_b: float) -> Ellipse | Polygon:
+def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
+    """A shape that is stretched along its axes, and has rounder corners."""
+    by = [1 + s for s in stretch]
     if isinstance(shape, Polygon):
-        return Polygon(tuple((s_a * x, s_b * y) for x, y in shape.vertices))
-    a, b = shape.semi_axes if isinstance(shape, Ellipse) else (shape.radius, shape.radius)
-    return Ellipse((s_a * a, s_b * b))
+        stretched = tuple((by[0] * x, by[1] * y) for x, y in shape.vertices)
+        return Polygon(stretched, corner=shape.corner + corner)
+    if isinstance(shape, Cuboid):
+        a, b, c = (k * x for k, x in zip(by, shape.half, strict=True))
+        return Cuboid((a, b, c), corner=shape.corner + corner)
+    axes = (shape.radius,) * len(by) if isinstance(shape, Disc | Sphere) else shape.semi_axes
+    a, b, *c = (k * x for k, x in zip(by, axes, strict=True))
+    return Ellipsoid((a, b, *c)) if c else Ellipse((a, b))
 
 
 def _hook(model: ContactModel, scene: Scene, shape: Shape) -> str:
-    traced = source.trace(model, shape, coefficients=True)
+    traced = source.trace(model, shape, scene.space, coefficients=True)
     return source.TEMPLATES.get_template("hook.py.j2").render(
         version=__version__, equation=str(model).splitlines(), constants=traced.constants,
         used=source.leaves(traced.program), extra=[name for name in ("order", "body") if name in traced.arguments],
         statements=list(source.statements(traced.program, source.LANGUAGES["numpy"].spelled)),
-        **{name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia")},
+        **{name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")},
     )  # fmt: skip
-
-
-def _about_y(angle: float) -> str:
-    return f"{math.cos(angle / 2)} 0 {-math.sin(angle / 2)} 0"

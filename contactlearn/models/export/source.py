@@ -20,21 +20,9 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.effects import State
 from contactlearn.mechanics.bodies import AnyShape
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state, resolve
 from contactlearn.models.export.tracing import LEAVES, Program, Tracer
-
-_INPUTS = {
-    "mass": ("mass",),
-    "inertia": ("inertia",),
-    "r": ("r_x", "r_y"),
-    "pose": ("x", "y", "theta"),
-    "velocity": ("v_x", "v_y", "omega"),
-    "order": ("order",),
-    "body": ("body",),
-}
-"""Arguments of the function by their components; the last two only where the model depends on them."""
-
-_RESULTS = ("v_x_after", "v_y_after", "omega_after", "P_t", "P_n", "tau")
 
 TEMPLATES = Environment(loader=PackageLoader("contactlearn.models.export"), trim_blocks=True, lstrip_blocks=True)
 """Of the exported files."""
@@ -74,12 +62,15 @@ class Traced:
     arguments: Mapping[str, tuple[str, ...]]
 
 
-def trace(model: ContactModel, shape: AnyShape | None = None, *, coefficients: bool = False) -> Traced:
+def trace(
+    model: ContactModel, shape: AnyShape | None = None, space: Space = PLANE, *, coefficients: bool = False
+) -> Traced:
     """Record the arithmetic of a law with its effects.
 
     Args:
         model: without processes, see `without_residual`, and of one value for each parameter.
         shape: of the body, if an effect needs it.
+        space: in which bodies move.
         coefficients: whether the results are μ and ε alone, of a body whose contact point is that of its shape.
 
     Raises:
@@ -88,39 +79,51 @@ def trace(model: ContactModel, shape: AnyShape | None = None, *, coefficients: b
     require_exportable(model, shape)
     constants = tuple(_constants(model))
     tracer = Tracer()
-    with torch.no_grad(), tracer:
+    names = {
+        **{"mass": ("mass",), "inertia": space.inertia, "r": space.position, "pose": space.pose},
+        **{"velocity": space.velocity, "order": ("order",), "body": ("body",)},
+    }
+    example = iter(_EXAMPLE[space.name])
+    with torch.enable_grad(), tracer:
         given = {
-            argument: [tracer.value("input", name, _EXAMPLE[name]) for name in names]
-            for argument, names in _INPUTS.items()
+            argument: torch.stack([tracer.value("input", name, next(example)) for name in parts], -1)
+            for argument, parts in names.items()
         }
+        single = {argument: value[..., 0] for argument, value in given.items()}
         moved = model.at([tracer.value("parameter", one.name, one.value) for one in constants])
-        vectors = {name: torch.stack(given[name], -1) for name in ("r", "pose", "velocity")}
         state = State(
-            mass=given["mass"][0],
-            inertia=given["inertia"][0],
-            r=vectors["r"],
-            q=vectors["pose"],
-            v_pre=vectors["velocity"],
-            order=given["order"][0],
+            mass=single["mass"],
+            inertia=(single if space is PLANE else given)["inertia"],
+            r=given["r"],
+            q=given["pose"],
+            v_pre=given["velocity"],
+            order=single["order"],
             shape=shape,
-            body=given["body"][0],
+            body=single["body"],
         )
         if coefficients:
-            state = actual_state(moved.effects, state.replace(r=state.contact_points(state.theta)))
-            names, numbers = ("mu", "eps"), actual_coefficients(moved.effects, state, *moved.law.coefficients)
+            state = actual_state(moved.effects, state.replace(r=state.contact_points(state.orientation)))
+            values = dict(
+                zip(("mu", "eps"), actual_coefficients(moved.effects, state, *moved.law.coefficients), strict=True)
+            )
         else:
             found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
-            names, numbers = _RESULTS, (*found.v_post.unbind(-1), *found.wrench.unbind(-1))
-        program = tracer.finish(dict(zip(names, numbers, strict=True)))
+            results = *(f"{name}_after" for name in space.velocity), *space.wrench
+            values = dict(zip(results, (*found.v_post.unbind(-1), *found.wrench.unbind(-1)), strict=True))
+        program = tracer.finish(values)
     optional = {"order", "body"} - leaves(program)
-    arguments = {name: parts for name, parts in _INPUTS.items() if name not in optional}
+    arguments = {name: parts for name, parts in names.items() if name not in optional}
     return Traced(program=program, constants=constants, arguments=arguments)
 
 
 _EXAMPLE = {
-    **{"mass": 0.05, "inertia": 1e-5, "r_x": 0.01, "r_y": -0.02, "x": 0.1, "y": 0.02, "theta": 0.3},
-    **{"v_x": 1.0, "v_y": -2.0, "omega": 5.0, "order": 1.0, "body": 0.0},
+    "plane": (0.05, 1e-5, 0.01, -0.02, 0.1, 0.02, 0.3, 1.0, -2.0, 5.0, 1.0, 0.0),
+    "space": (
+        *(0.05, 1e-5, 2e-5, 3e-5, 0.01, 0.005, -0.02, 0.1, 0.2, 0.02, 0.5, 0.4, 0.6, 0.48),
+        *(1.0, 0.5, -2.0, 5.0, 1.0, 2.0, 1.0, 0.0),
+    ),
 }
+"""An impact by the name of its space, whose values matter no more than those of any other."""
 
 
 def require_exportable(model: ContactModel, shape: AnyShape | None) -> None:
@@ -179,7 +182,7 @@ def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
     """
     if to not in LANGUAGES:
         raise UnknownNameError("language", to, LANGUAGES)
-    traced, found = trace(model, rows.shape), model.predict(rows)
+    traced, found = trace(model, rows.shape, rows.space), model.predict(rows)
     columns = {"mass": rows.mass, "inertia": rows.inertia, "r": rows.r, "pose": rows.q, "velocity": rows.v_pre}
     columns |= {"order": rows.order, "body": rows.body.double()}
     table = torch.cat([columns[name].reshape(len(rows), -1) for name in traced.arguments], 1)
@@ -192,19 +195,44 @@ def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
         used=leaves(traced.program),
         arguments=traced.arguments,
         statements=list(statements(traced.program, spelled)),
-        results=_RESULTS,
+        results=[*traced.program.results],
+        size=rows.space.D,
+        axes=_AXES[rows.space.name],
+        described={name: _described(name, parts) for name, parts in traced.arguments.items()},
         rows=list(zip(table.tolist(), torch.cat((found.v_post, found.wrench), 1).tolist(), strict=True)),
     )
 
 
+def _described(argument: str, parts: tuple[str, ...]) -> str:
+    """The meaning of an argument in words, with its components and their units."""
+    components = f"({', '.join(parts)})"
+    axes = f", about the axes of the body {components}" if parts[1:] else ""
+    return {
+        "mass": "in kg",
+        "inertia": f"about the mass centre in kg m^2{axes}",
+        "r": f"from the tracked point to the contact point {components} in m",
+        "pose": f"of the tracked point {components} in m" + (", unit quaternion" if parts[3:] else " and rad"),
+        "velocity": f"of the tracked point {components} in m/s and rad/s; the contact point approaches the floor",
+        "order": "number of impacts of these surfaces so far, and this one",
+        "body": "number of the body, zlib.crc32 of its name in Python",
+    }[argument]
+
+
+_AXES = {
+    "plane": "Axes: x right, y up, theta counter-clockwise.",
+    "space": "Axes of the world, z up, also for the spin; quaternions take the body to the world, the scalar first.",
+}
+"""By the name of a space."""
+
+
 def leaves(program: Program) -> set[str]:
     """Names of the inputs and parameters on which the results depend."""
-    needed = (program.operations[place] for place in _needed(program))
+    needed = (program.operations[place] for place in required(program))
     return {values[0] for kind, values in needed if kind in ("input", "parameter")}
 
 
-def _needed(program: Program) -> list[int]:
-    """Places of the operations on which the results depend, in order."""
+def required(program: Program) -> list[int]:
+    """Return the places of the operations on which the results depend, in order."""
     needed, left = set[int](), [*program.results.values()]
     while left:
         if (place := left.pop()) not in needed:
@@ -224,7 +252,7 @@ class Language(NamedTuple):
 
 def statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
     """Yield name, expression and whether it is a truth value, of each value that is used again, or is long."""
-    needed = _needed(program)
+    needed = required(program)
     uses = Counter(
         k for place in needed if program.operations[place][0] not in LEAVES for k in program.operations[place][1]
     )
@@ -238,8 +266,8 @@ def statements(program: Program, spelled: Callable[[str, list[str]], str]) -> It
                 text[place] = spelled(kind, [text[place]])
             continue
         text[place] = spelled(kind, [text[k] for k in operands])
-        truth[place] = kind in _TRUTH or (kind == "where" and truth[operands[1]])
-        if uses[place] > 1 or len(text[place]) > _LONGEST:
+        truth[place] = kind in _TRUTH or (kind in ("where", "stop") and truth[operands[-1]])
+        if (uses[place] > 1 or len(text[place]) > _LONGEST) and text[place] != text[operands[0]]:
             yield (name := f"k{place}"), text[place], truth[place]
             text[place] = name
     for name, place in program.results.items():
@@ -252,6 +280,8 @@ def _infix(kind: str, operands: list[str], names: Mapping[str, str], prefix: str
         return f"({operands[0]})" if operands[0].startswith("-") else operands[0]
     if kind in _INFIX:
         return f"({operands[0]} {_INFIX[kind]} {operands[1]})"
+    if kind == "stop":
+        return operands[0] if kind not in names else f"{names[kind]}({operands[0]})"
     if kind == "neg":
         return f"(-{operands[0]})"
     return f"{prefix}{names.get(kind, kind)}({', '.join(operands)})"
@@ -283,10 +313,12 @@ def _python(module: str, names: Mapping[str, str]) -> Language:
     return Language("module.py.j2", partial(_python_expression, module, names), module)
 
 
+_INVERSE = {"atan2": "arctan2", "atanh": "arctanh"}
+_FOR_TENSORS = {name: f"_{name}" for name in ("minimum", "maximum", "hypot", "where")}
 LANGUAGES = {
-    "numpy": _python("np", {"atan2": "arctan2", "atanh": "arctanh"}),
-    "jax": _python("jnp", {"atan2": "arctan2", "atanh": "arctanh"}),
-    "torch": _python("torch", {"minimum": "_minimum", "maximum": "_maximum", "where": "_where"}),
+    "numpy": _python("np", _INVERSE),
+    "jax": _python("jnp", _INVERSE | {"stop": "jax.lax.stop_gradient"}),
+    "torch": _python("torch", _FOR_TENSORS | {"stop": "torch.Tensor.detach"}),
     "c": Language("impact.c.j2", _c_expression, ""),
 }
 """Languages by name."""

@@ -31,6 +31,7 @@ _ELEMENTS = {
 
 _MOVES = (
     *("view", "_unsafe_view", "reshape", "select", "slice", "unsqueeze", "squeeze", "cat", "stack", "unbind", "split"),
+    "split_with_sizes",
     *("permute", "t", "transpose", "expand", "clone", "alias", "detach", "lift_fresh", "roll", "index_select"),
     *("_to_copy", "diagonal"),
 )
@@ -57,6 +58,8 @@ class Program:
             values = [values[0] for kind, values in (self.operations[k] for k in operands) if kind == "constant"]
             if name in _KNOWN and len(values) == 2:
                 return self.add("constant", _KNOWN[name](*values))
+            if name == "stop" and values:
+                return operands[0]
             if name == "where" and self.operations[operands[0]][0] == "constant":
                 return operands[1] if values[0] else operands[2]
             if name == "mul" and self.operations[operands[1]] == ("constant", (1.0,)):
@@ -74,12 +77,13 @@ def _bits(value: Any) -> Any:
 
 
 class Tracer(TorchDispatchMode):
-    """Context in which operations on its inputs are recorded in `program`."""
+    """Context in which operations on its inputs are recorded in `program`; `stop` is where derivatives end."""
 
     def __init__(self) -> None:
         super().__init__()
         self.program = Program()
         self._known: dict[int, Tensor] = {}
+        self._still = set[int]()  # tensors without derivatives
         self._alive: list[Tensor] = []  # or another tensor might get the identity of one that is gone
 
     def value(self, kind: str, name: str, example: float) -> Tensor:
@@ -100,16 +104,16 @@ class Tracer(TorchDispatchMode):
         if not any(id(x) in self._known for x in tree_leaves((args, kwargs))):
             return result
         name = func.overloadpacket.__name__.removesuffix("_")  # an operation in place is one like another
+        still = name == "detach" or not torch.is_grad_enabled()
         if name == "any":  # what some trials need is computed for all
             return torch.ones_like(result)
         if name in _CONSTANT:
             return result
         places = self._recorded(name, func, args, kwargs, result)
-        if isinstance(result, Tensor):
-            self._remember(result, places)
-        else:
-            for part, one in zip(result, places, strict=True):
-                self._remember(part, one)
+        for part, one in [(result, places)] if isinstance(result, Tensor) else zip(result, places, strict=True):
+            self._remember(part, one)
+            if still:
+                self._still.add(id(part))
         return result
 
     def _remember(self, tensor: Tensor, places: Tensor) -> None:
@@ -119,7 +123,8 @@ class Tracer(TorchDispatchMode):
     def _places(self, value: Any) -> Tensor:
         """The places of the elements of a tensor or number; constants are added."""
         if isinstance(value, Tensor) and id(value) in self._known:
-            return self._known[id(value)]
+            places = self._known[id(value)]
+            return self._each("stop", places) if id(value) in self._still and torch.is_grad_enabled() else places
         tensor = value if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64)
         flat = [self.program.add("constant", x if isinstance(x, bool) else float(x)) for x in tensor.flatten().tolist()]
         return torch.tensor(flat, dtype=torch.int64).reshape(tensor.shape)
@@ -149,6 +154,11 @@ class Tracer(TorchDispatchMode):
             return each("div", one, first)
         if name == "sigmoid":
             return each("div", one, each("add", one, each("exp", each("neg", first))))
+        if name == "sinc":
+            angle = each("mul", first, self._places(math.pi))
+            none = each("eq", angle, self._places(0.0))
+            angle = each("where", none, one, angle)
+            return each("where", none, one, each("div", each("sin", angle), angle))
         if name == "addcmul":
             return each("add", first, each("mul", each("mul", *others), self._places(kwargs.get("value", 1.0))))
         if name.startswith("clamp"):
@@ -165,6 +175,9 @@ class Tracer(TorchDispatchMode):
             flat = name in ("mv", "dot")
             products = each("mul", first.unsqueeze(-1), others[0].unsqueeze(-1) if flat else others[0].unsqueeze(-3))
             return self._reduced("sum", products, (None, [-2]), result)
+        if name == "linalg_cross":
+            (a, b), (c, d) = ([x.roll(-1, -1), x.roll(1, -1)] for x in (first, others[0]))
+            return each("sub", each("mul", a, d), each("mul", b, c))
         if name == "argmax":
             return self._greatest(first.movedim(args[1], -1) if len(args) > 1 else first.flatten(), result)
         if name == "index" and len(args[1]) == 1:
