@@ -27,12 +27,13 @@ from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompa
 from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.report.page.trials import map_variables
 from contactlearn.report.text import brief_interval, names_by_level
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
 from contactlearn.workbench import background, commands, content, lines
-from contactlearn.workbench.arrays import inside, map_variables, of_model
+from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.background import BackgroundRuns, RunStatus, learned_steps
 from contactlearn.workbench.background_callbacks import diagnosis_progress
 from contactlearn.workbench.files import FileCallbacks, SavedRuns, diagnosed_session

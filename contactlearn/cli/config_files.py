@@ -260,6 +260,18 @@ def _content(path: Path) -> dict[str, Any]:
     return {str(key): value for key, value in found.items()}
 
 
+def leaf_values(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield all that is neither a mapping nor a list, each with the names on the way; a list has no names."""
+    if isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from leaf_values(value, (*path, str(name)))
+    elif isinstance(content, list):
+        for value in content:
+            yield from leaf_values(value, path)
+    else:
+        yield path, content
+
+
 def _keys(content: Any, path: str = "") -> Iterator[str]:
     """Dotted keys of settings and of what holds them; an open part counts as one."""
     for name, value in content.items():

@@ -24,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from contactlearn.cli.config_files import leaf_values
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.signals import defer_interrupts
 
@@ -120,9 +121,10 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
             raise ContactLearnError(f"{key} comes from a file; it is only taken from the command line")
     for key in _LOGGING:
         logs = OmegaConf.select(cfg, key)
-        for path, value in _leaves({} if logs is None else OmegaConf.to_container(logs), key):
-            if not _is_of_a_log(path.rpartition(".")[2], value):
-                raise ContactLearnError(f"{path}={value} is more than a log; take it out of the configuration")
+        for path, value in leaf_values({} if logs is None else OmegaConf.to_container(logs), tuple(key.split("."))):
+            if value is not None and not _is_of_a_log(path[-1], str(value)):
+                name = ".".join(path)
+                raise ContactLearnError(f"{name}={value} is more than a log; take it out of the configuration")
 
 
 def _resolved(cfg: DictConfig, name: Any) -> Any:
@@ -139,19 +141,9 @@ def _resolved(cfg: DictConfig, name: Any) -> Any:
 
 def _targets(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Dotted keys and values of every `_target_`."""
-    return ((key, value) for key, value in _leaves(content) if key.rpartition(".")[2] == "_target_")
-
-
-def _leaves(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted keys and values of everything that is neither a mapping nor a list, as text."""
-    if isinstance(content, Mapping):
-        for name, value in content.items():
-            yield from _leaves(value, f"{path}.{name}" if path else str(name))
-    elif isinstance(content, list):
-        for value in content:
-            yield from _leaves(value, path)
-    elif content is not None:
-        yield path, str(content)
+    return (
+        (".".join(path), str(one)) for path, one in leaf_values(content) if path[-1] == "_target_" and one is not None
+    )
 
 
 def _is_of_a_log(name: str, value: str) -> bool:

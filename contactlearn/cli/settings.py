@@ -10,7 +10,7 @@ passes may still break a rule, and `contactlearn.testing` has the whole contract
 
 import inspect
 import traceback
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -24,7 +24,7 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
-from contactlearn.cli.config_files import BEST, NAME, required_settings
+from contactlearn.cli.config_files import BEST, NAME, leaf_values, required_settings
 from contactlearn.cli.job import reason
 from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
@@ -85,7 +85,7 @@ class SourceSettings:
             target=target,
             options={key: value for key, value in values.items() if key not in ("_target_", "correct")},
             corrections=tuple(names),
-            missing=tuple(_missing(values, name)),
+            missing=tuple(".".join((name, *path)) for path, value in leaf_values(values) if value == MISSING),
         )
 
     @classmethod
@@ -108,15 +108,6 @@ class SourceSettings:
                 f"{', '.join(self.missing)} must be given: {self.missing[0]}=…, or in the file NAME.yaml of data=NAME, "
                 "which contactlearn init writes"
             )
-
-
-def _missing(values: Mapping[str, Any], name: str) -> Iterator[str]:
-    """Dotted names of values that must be given and are not."""
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _missing(value, f"{name}.{key}")
-        elif value == MISSING:
-            yield f"{name}.{key}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -592,18 +583,10 @@ def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
         if not isinstance(value, bool if key == "prior" else dict):
             wanted = "true or false" if key == "prior" else "a class by _target_ and its arguments"
             raise ContactLearnError(f"{key} must be {wanted}, got {value!r}")
-        for target in _named_classes(value):
-            if not target.startswith(("gpytorch.", "torch.")):
+        for path, target in leaf_values(value):
+            if path[-1:] == ("_target_",) and not str(target).startswith(("gpytorch.", "torch.")):
                 _subclass(target, torch.nn.Module)
     return ProcessOptions(**settings)
-
-
-def _named_classes(part: Any) -> Iterator[str]:
-    """Every `_target_` in a part of the configuration."""
-    for name, value in part.items() if isinstance(part, dict) else enumerate(part if isinstance(part, list) else ()):
-        if name == "_target_":
-            yield str(value)
-        yield from _named_classes(value)
 
 
 def _effects(config: Mapping[str, Any], part: str) -> dict[str, Effect]:

@@ -23,17 +23,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures.effects import along
 from contactlearn.report.figures.style import array
 from contactlearn.report.page.effects import curve_content
-from contactlearn.report.page.trials import (
-    axis_content,
-    axis_values,
-    digits,
-    map_variables,
-    of_laws,
-    of_outcomes,
-    of_space,
-    outlines,
-    trial_columns,
-)
+from contactlearn.report.page.trials import axis_values, digits, of_laws, of_outcomes, of_trials
 from contactlearn.report.text import label
 from contactlearn.workbench.session import Window
 
@@ -43,17 +33,7 @@ _CURVE_TRIALS = 5000  # up to which curves are drawn
 
 def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
     """Return the trials of the page; the prediction decides which of them stick."""
-    return {
-        "count": len(impacts),
-        "name": list(impacts.trial),
-        "object": list(impacts.object),
-        "columns": {name: floats(values) for name, values in trial_columns(impacts).items()},
-        "outlines": outlines(impacts),
-        "space": of_space(impacts.space),
-        "variables": [
-            axis_content(one) | {"values": floats(axis_values(one))} for one in map_variables(impacts, prediction)
-        ],
-    }
+    return of_trials(impacts, prediction, lambda values, _: floats(values))
 
 
 def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactModel) -> dict[str, Any]:

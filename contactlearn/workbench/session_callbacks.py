@@ -31,7 +31,7 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.space import PLANE
-from contactlearn.report.page.trials import impulse_figure
+from contactlearn.report.page.trials import impulse_figure, map_variables
 from contactlearn.report.text import law_label, sentence
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
@@ -293,7 +293,7 @@ class SessionCallbacks:
         session = Session.read(address)
         impacts = self.models.split(session).impacts
         known = {name: self.models.law_alone(session, name).model.law for name in self.models.laws(session)}
-        among = arrays.map_variables(impacts, self.models.fitted(session).model.predict(impacts))
+        among = map_variables(impacts, self.models.fitted(session).model.predict(impacts))
         rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
         windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
         trial = arrays.of_trial(impacts, self.actions.trial(session), known)

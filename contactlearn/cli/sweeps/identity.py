@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
@@ -19,7 +19,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_files import own_data
+from contactlearn.cli.config_files import leaf_values, own_data
 from contactlearn.core import __version__
 from contactlearn.results.state import Done
 
@@ -105,16 +105,9 @@ def _module(name: str) -> str:
     return _file(origin)[:DIGITS] if origin is not None and origin.is_file() else "unknown"
 
 
-def _named(content: Any, key: str) -> Iterator[str]:
+def _named(content: Any, key: str) -> list[str]:
     """Texts under a key, alone or in a list, anywhere in a configuration."""
-    if isinstance(content, dict):
-        for name, value in content.items():
-            several = value if isinstance(value, list) else [value]
-            yield from (one for one in several if name == key and isinstance(one, str))
-            yield from _named(value, key)
-    elif isinstance(content, list):
-        for value in content:
-            yield from _named(value, key)
+    return [value for path, value in leaf_values(content) if path[-1:] == (key,) and isinstance(value, str)]
 
 
 def _file(path: Path) -> str:

@@ -1,6 +1,6 @@
 """Every trial on a page: its state and outcome, the variables of the map, the impulses of the laws and their reach."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -32,22 +32,38 @@ _PATH = 12  # steps of a path of the slip
 _JUMP = 0.15  # of the momentum, between neighbours of the finer grid
 
 
-def of_trials(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
+def digits(x: Any, count: int = 5) -> Any:
+    """Round numbers to significant digits, as JSON holds them; those that are not finite become None."""
+    if isinstance(x, Tensor):
+        x = x.tolist()
+    if isinstance(x, Mapping):
+        return {key: digits(value, count) for key, value in x.items()}
+    if isinstance(x, Sequence) and not isinstance(x, str):
+        return [digits(value, count) for value in x]
+    if isinstance(x, float):
+        return float(f"{x:.{count}g}") if abs(x) < float("inf") else None
+    return x
+
+
+def of_trials(
+    impacts: Impacts, prediction: Prediction, written: Callable[[Tensor, int], Any] = digits
+) -> dict[str, Any]:
     """Return names, states, outcomes with their wrench, the outlines of bodies, and the variables of the map.
 
     Args:
         impacts: of the page.
         prediction: of the law; it decides which trials stick.
+        written: writes the numbers of all trials, which need so many significant digits.
     """
     return {
         "count": len(impacts),
         "name": list(impacts.trial),
         "object": list(impacts.object),
-        **{name: digits(values, 6) for name, values in trial_columns(impacts).items()},
+        **{name: written(values, 6) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
         "space": of_space(impacts.space),
         "variables": [
-            axis_content(one) | {"values": digits(axis_values(one), 4)} for one in map_variables(impacts, prediction)
+            axis_content(one) | {"values": written(axis_values(one), 4)} for one in map_variables(impacts, prediction)
         ],
     }
 
@@ -141,19 +157,6 @@ def _reach(
     jumps = along[:, :, 1:] | across[:, 1:]
     cells = jumps.unflatten(2, (_NODES[1] - 1, _FINER)).unflatten(1, (_NODES[0] - 1, _FINER))
     return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
-
-
-def digits(x: Any, count: int = 5) -> Any:
-    """Round numbers to significant digits, as JSON holds them; those that are not finite become None."""
-    if isinstance(x, Tensor):
-        x = x.tolist()
-    if isinstance(x, Mapping):
-        return {key: digits(value, count) for key, value in x.items()}
-    if isinstance(x, Sequence) and not isinstance(x, str):
-        return [digits(value, count) for value in x]
-    if isinstance(x, float):
-        return float(f"{x:.{count}g}") if abs(x) < float("inf") else None
-    return x
 
 
 def bounded(x: Interval) -> dict[str, float]:

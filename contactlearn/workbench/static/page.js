@@ -121,9 +121,9 @@ function showWindow() {
 window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   data(sent) {
     if (!sent) return "";
-    const {columns, variables, ...rest} = sent;
-    trials = {...rest, ...Object.fromEntries(Object.entries(columns).map(([name, text]) => [name, floats(text)])),
-      variables: variables.map(one => ({...one, values: floats(one.values)}))};
+    const names = [...Object.values(sent.space.columns).flat(), ...sent.space.wrench];
+    trials = {...sent, ...Object.fromEntries(names.map(name => [name, floats(sent[name])])),
+      variables: sent.variables.map(one => ({...one, values: floats(one.values)}))};
     arrays.v_post = null;
     const place = name => Math.max(0, trials.variables.findIndex(one => one.name === name));
     [state.across, state.up] = [place("slip_speed"), place(trials.space.planar ? "theta" : "approach_speed")];
