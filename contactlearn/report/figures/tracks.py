@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.result import Found, Hit
-from contactlearn.data.recordings.track import Array, turn
+from contactlearn.data.recordings.poses import Array, turn
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
 from contactlearn.report.figures import style as st

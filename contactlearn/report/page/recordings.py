@@ -22,7 +22,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.flights import Flight, Indices
 from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
-from contactlearn.data.recordings.track import Array, Track, turn
+from contactlearn.data.recordings.poses import Array, turn
+from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import Tracked
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.tracks import residuals_figure, standardised

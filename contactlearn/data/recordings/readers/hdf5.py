@@ -14,7 +14,8 @@ import numpy as np
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.readers import Layout
-from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.track import Recording
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
