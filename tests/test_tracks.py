@@ -86,8 +86,8 @@ def test_a_flight_is_fitted_with_its_covariance(drag):
     rng, scores = np.random.default_rng(0), []
     for _ in range(300):
         flight = fit(time, exact + SIGMA * rng.standard_normal(exact.shape), np.arange(30), SIGMA, air)
-        found, covariance = flight.at(0.0)
-        difference = found - state
+        pose, velocity, covariance = flight.at(0.0)
+        difference = np.append(pose, velocity) - state
         difference[2] = turn(difference[2])
         scores.append(difference @ np.linalg.solve(covariance, difference))
     assert np.mean(scores) == pytest.approx(6, abs=0.7)  # χ² with 6 degrees of freedom; 4 standard errors

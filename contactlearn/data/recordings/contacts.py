@@ -186,8 +186,14 @@ def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
     return after.first - before.last - 1 <= 2 * options.most_missing + 2
 
 
-def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[Meeting, int]:
-    """Find where two flights of a track meet, and how many frames are in neither though the contact does not last."""
+def meet(
+    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: TrackThresholds
+) -> tuple[Meeting, int]:
+    """Find where two flights of a track meet, and how many frames are in neither though the contact does not last.
+
+    In space a contact without a frame in neither flight may last as well: six coordinates show by how much flights miss
+    each other, and a body that turns during contact moves its other coordinates.
+    """
     window = (float(track.time[before.last]), float(track.time[after.first]))
     between = np.arange(before.last + 1, after.first)
     times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
@@ -195,6 +201,8 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     away = np.minimum(np.abs(times - met.time), np.abs(times + met.missing * track.step - met.time))
     within = away <= options.contact_time
     lasting = float(away[within].max(initial=brief))
+    if lasting == brief and track.d == 3 and met.apart > limits.meets_in(track.k):
+        lasting = options.contact_time
     if lasting > brief:
         met = meeting(before, after, window, track.step, options.most_missing, lasting)
     return met, int((~within).sum())
@@ -299,7 +307,7 @@ def _one_contact(
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    met, neither = meet(track, before, after, options)
+    met, neither = meet(track, before, after, options, limits)
     return met if met.apart <= limits.meets_in(track.k) and neither <= 1 else None
 
 
@@ -316,7 +324,7 @@ def _between(
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
-    met, neither = meet(track, before, after, options)
+    met, neither = meet(track, before, after, options, limits)
     change, errors = apart(before, after, met.time)
     k, d = track.k, track.d
     changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
