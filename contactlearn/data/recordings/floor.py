@@ -255,7 +255,7 @@ def _under_solid(
             name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
-        done = {name: found[name].value for name in _changes(shape) if name in found}
+        done = {name: max(found[name].value, 0.0) for name in _changes(shape) if name in found}
         floor = Floor(
             height=found["height"],
             slope=found.get("slope"),
