@@ -468,7 +468,9 @@ def find_flights(
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
-    good &= ~sliding_window_view(_touches(track), width)[:, 1:-1].any(-1)
+    touches = _touches(track)
+    good &= ~sliding_window_view(touches, width)[:, 1:-1].any(-1)
+    pose[touches] = np.nan  # `_extended` decides on them
     found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
     found = _joined(time, track.pose, [flight for flight in found if flight is not None], width)
     found = [_extended(track, flight, sigma, width) for flight in found]
