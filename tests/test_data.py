@@ -18,8 +18,8 @@ from pyarrow import parquet
 from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data import cube_tosses, table, tracks
 from contactlearn.data import ellipse_drops as published
+from contactlearn.data import table, tracks
 from contactlearn.laws import find, names
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
@@ -613,7 +613,7 @@ def test_synthetic_refuses(options, fragments):
 
 
 SOURCES = {
-    "cube_tosses": cube_tosses, "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects,
+    "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects,
     "synthetic": synthetic, "table": table, "tracks": tracks, "tracks_mujoco": recordings_mujoco,
     "tracks_synthetic": recordings,
 }  # fmt: skip

@@ -10,8 +10,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import find_frame
 from contactlearn.data.recordings.flights import STEADY, Air, FlightOptions, find_flights, fit
-from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.poses import turn
+from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import simulate

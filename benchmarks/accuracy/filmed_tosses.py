@@ -2,8 +2,8 @@
 
     python benchmarks/accuracy/filmed_tosses.py [--size 60] [--seed 1]
 
-The engine's contacts are soft and last about 1 ms; its cube has sharp corners.  A touch is a run of steps with a contact
-force, and begins with the corners that carry it.  It is clean if one corner carries it throughout, and the flights
+The engine's contacts are soft and last about 1 ms; its cube has sharp corners.  A touch is a run of steps with a
+contact, and begins with the corners that carry it.  It is clean if one corner carries it throughout, and the flights
 before and after have at least six frames.  An accepted impact is false if no touch of a single corner is within a frame
 of it, or another touch begins within a frame.
 """
@@ -49,7 +49,9 @@ def toss(rng: np.random.Generator, seconds: float, half: tuple[float, ...] = HAL
 
     stiff = MASS * (np.pi / _LASTS) ** 2 / 3
     damp = 0.5 * np.sqrt(stiff * MASS)
-    scene = SCENE.format(step=STEP, size=" ".join(map(str, half)), mass=MASS, mu=rng.uniform(0.1, 0.5), stiff=-stiff, damp=-damp)
+    scene = SCENE.format(
+        step=STEP, size=" ".join(map(str, half)), mass=MASS, mu=rng.uniform(0.1, 0.5), stiff=-stiff, damp=-damp
+    )
     model = mujoco.MjModel.from_xml_string(scene)
     data = mujoco.MjData(model)
     q = rng.standard_normal(4)
@@ -92,9 +94,20 @@ def film(size: int, seed: int, folder: Path, noise: tuple[float, float] = (5e-5,
     rng, rows, truth = np.random.default_rng(seed), [], []
     for number in range(size):
         frames, touches = toss(rng, 0.9)
-        turned = Rotation.from_rotvec(rng.normal(0, noise[1], (len(frames), 3))) * Rotation.from_quat(frames[:, 4:], scalar_first=True)
+        turned = Rotation.from_rotvec(rng.normal(0, noise[1], (len(frames), 3))) * Rotation.from_quat(
+            frames[:, 4:], scalar_first=True
+        )
         position = frames[:, 1:4] + rng.normal(0, noise[0], (len(frames), 3))
-        rows.append(np.column_stack((np.full(len(frames), number), np.arange(len(frames)) / RATE, position, turned.as_quat(scalar_first=True))))
+        rows.append(
+            np.column_stack(
+                (
+                    np.full(len(frames), number),
+                    np.arange(len(frames)) / RATE,
+                    position,
+                    turned.as_quat(scalar_first=True),
+                )
+            )
+        )
         start = frames[0, 0]
         truth.append([Touch(**{**vars(one), "start": one.start - start, "end": one.end - start}) for one in touches])
     table = pd.DataFrame(np.concatenate(rows), columns=["recording", "time", "x", "y", "z", "qw", "qx", "qy", "qz"])
@@ -111,7 +124,10 @@ def judged(found: Tracked, truth: list[list[Touch]]) -> dict[str, object]:
     for number, touches in enumerate(truth):
         known = contacts.get(number, [])
         for k, one in enumerate(touches):
-            gaps = (one.start - (touches[k - 1].end if k else 0), (touches[k + 1].start if k + 1 < len(touches) else 0.9) - one.end)
+            gaps = (
+                one.start - (touches[k - 1].end if k else 0),
+                (touches[k + 1].start if k + 1 < len(touches) else 0.9) - one.end,
+            )
             if one.single and min(gaps) > 6 * step and one.start > 6 * step:
                 clean += 1
                 hit += any(abs(c.time - one.start) < step for _, c in known)
@@ -127,7 +143,14 @@ def judged(found: Tracked, truth: list[list[Touch]]) -> dict[str, object]:
                     error = getattr(found.impacts, f"v_{side}")[row].numpy() - v + (0, 0, 9.81 * t, 0, 0, 0)
                     deviation = getattr(found.impacts, f"v_{side}_cov")[row].diagonal().sqrt().numpy()
                     inside.append(np.abs(error) < 1.96 * deviation)
-    return {"clean": clean, "found": hit, "accepted": len(found.survey.contacts), "false": false, "inside": np.array(inside), "apart": apart}
+    return {
+        "clean": clean,
+        "found": hit,
+        "accepted": len(found.survey.contacts),
+        "false": false,
+        "inside": np.array(inside),
+        "apart": apart,
+    }
 
 
 def main() -> None:

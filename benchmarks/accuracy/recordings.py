@@ -32,8 +32,8 @@ from blind.report import wilson
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.flights import FlightOptions, find_flights
-from contactlearn.data.recordings.result import Hit
 from contactlearn.data.recordings.poses import turn
+from contactlearn.data.recordings.result import Hit
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect

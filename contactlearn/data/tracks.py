@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
@@ -30,16 +31,16 @@ from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
+from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
-from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import moment
+from contactlearn.mechanics.rigid_body import matvec, moment, rotation
 from contactlearn.mechanics.shapes import Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
@@ -204,11 +205,12 @@ def find_impacts(
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)
+    if isinstance(known, Solid):
+        _check_handedness(path, contacts, known, gyration, limits.reading)
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
-    if not isinstance(known, Solid):
-        impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
+    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )
@@ -283,9 +285,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     )
 
 
-def _with_flights(
-    outline: Mapping[str, Estimate], centre: tuple[Estimate, ...] | None
-) -> dict[str, Estimate | None]:
+def _with_flights(outline: Mapping[str, Estimate], centre: tuple[Estimate, ...] | None) -> dict[str, Estimate | None]:
     """Outline and centre of mass; a tracked point that wobbles flies on no parabola, which moves both a little."""
     if centre is None:
         return {**outline}
@@ -306,7 +306,9 @@ def _find_angles(
         DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
     """
     stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
-    setting, named = ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
+    setting, named = (
+        ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
+    )
     known = [*ORDERS] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
     units = [named] if named else known
     left = _imbalances(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
@@ -322,8 +324,9 @@ def _find_angles(
             )
     if others and not left[best] <= limit * left[others[0]]:
         needed = _settings(setting, "…" if len(units) > 1 else None, None if stated.sense else "…")
+        which = "unit" if setting == "angle" else "order"
         raise DataError(
-            f"{source}: the {'unit' if setting == 'angle' else 'order'} and sense of angles are not clear: {_evidence(shape)} is "
+            f"{source}: the {which} and sense of angles are not clear: {_evidence(shape)} is "
             f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {needed}"
         )
     clue = Clue(
@@ -395,13 +398,45 @@ def _misread(pose: Array, change: Array, shape: Solid, gyration_squared: Any, se
     if sense < 0:
         turned = conjugate(turned)
         spin = -rotated(turned, spin)
-    q, spun = torch.from_numpy(turned), torch.from_numpy(spin)
+    q = torch.from_numpy(turned)
     r = contact_point(shape, q)
     if not isinstance(shape, Sphere):
         own, floor = ((x - x.median()).abs().median().item() for x in (r[:, 2], r[:, 2] + torch.from_numpy(pose[:, 2])))
         return floor / max(own, 1e-12)
-    spun, moved = gyration_squared.mean() * spun, moment(r, torch.from_numpy(change[:, :3]))
+    return _unbalanced(q, torch.from_numpy(np.column_stack((change[:, :3], spin))), r, gyration_squared)
+
+
+def _unbalanced(
+    q: Float[Tensor, "n 4"], change: Float[Tensor, "n 6"], r: Float[Tensor, "n 3"], gyration_squared: Any
+) -> float:
+    """Median residual of the moment balance in space relative to its terms, in [0, 1]."""
+    R = rotation(q)
+    spun, moved = matvec((R * gyration_squared) @ R.mT, change[:, 3:]), moment(r, change[:, :3])
     return ((spun - moved).norm(dim=-1) / (spun.norm(dim=-1) + moved.norm(dim=-1)).clamp_min(1e-12)).median().item()
+
+
+def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyration_squared: Any, limit: float) -> None:
+    """Refuse positions in left-handed axes: the moment balance then closes with one of them mirrored.
+
+    Raises:
+        DataError: naming the axis.
+    """
+    q = torch.from_numpy(np.stack([contact.pose[3:] for contact in contacts]))
+    change, r = (
+        torch.from_numpy(np.stack([contact.v_post - contact.v_pre for contact in contacts])),
+        contact_point(shape, q),
+    )
+    mirrors = {"": (1.0, 1.0), "x": (-1.0, 1.0), "y": (1.0, -1.0)}
+    left = {
+        axis: _unbalanced(q, change * change.new_tensor((*signs, *(1.0,) * 4)), r, gyration_squared)
+        for axis, signs in mirrors.items()
+    }
+    best = min(left, key=lambda axis: left[axis])
+    if best and len(contacts) >= _READABLE and left[best] <= limit * left[""]:
+        raise DataError(
+            f"{path}: axes must be right-handed: the moment balance of impacts leaves {left['']:.2g}, and "
+            f"{left[best]:.2g} with {best} of the positions mirrored; mirror that column"
+        )
 
 
 def _impacts(
@@ -417,7 +452,9 @@ def _impacts(
     pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
     return Impacts(
         mass=torch.full((n,), mass, dtype=torch.float64),
-        inertia=torch.as_tensor(inertia, dtype=torch.float64).expand(n, 3) if in_space else torch.full((n,), inertia, dtype=torch.float64),
+        inertia=torch.as_tensor(inertia, dtype=torch.float64).expand(n, 3)
+        if in_space
+        else torch.full((n,), inertia, dtype=torch.float64),
         r=contact_point(shape, orientation(pose)),
         q=pose,
         v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),

@@ -3,7 +3,8 @@
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
     delay         of the states at contact, which are those of the instant at which two flights meet
-    slope         of the floor along x, in space slope_b along y, against the upward axis, from the heights of contacts and of bodies at rest
+    slope         of the floor along x against the upward axis, in space slope_b along y, from the heights of contacts
+                  and of bodies at rest
     orientation   offset of the body's zero of θ, from the same heights, and from θ of bodies at rest
     corner        radius of a polygon's corners, from the heights of contacts against θ
     oblong        change of an ellipse's longer semi-axis, the shorter one as stated: heights tell their difference

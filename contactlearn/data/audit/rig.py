@@ -30,8 +30,9 @@ from contactlearn.data.audit.moments import torque
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import rotate
-from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape
+from contactlearn.mechanics.rigid_body import matvec, moment, rotate, rotation, spin_momentum, swept, turn_quaternion
+from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid
+from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
@@ -53,6 +54,8 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     """
     if not any(change.values()):
         return impacts.replace(validate=False)
+    if impacts.space is SPACE:
+        return _changed_in_space(impacts, change)
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     tilt, theta = get("slope"), impacts.q[:, 2]
     turned = theta - tilt + get("orientation")
@@ -157,6 +160,8 @@ def with_balance(impacts: Impacts, rig: Apparatus) -> Apparatus:
     latter do not shrink with the number of impacts: they keep the errors of their own measurement.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
+    if impacts.space is SPACE:
+        return _with_balance_in_space(impacts, rig, known)
     if len(impacts) < _FEWEST * (len(known) + 1):
         return rig
     depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
@@ -196,9 +201,68 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
-    """Residual of the balance, in units of the spin that |Δv| makes at the stated radius of gyration."""
+    """Residual of the balance, in units of the spin that |Δv| makes at the stated radius of gyration; 3 n in space."""
+    if impacts.space is SPACE:
+        return _balance_in_space(changed(impacts, change), impacts).flatten()
     terms, scale = torque(changed(impacts, change)), torque(impacts).scale
     return terms.residual * math.exp(change.get("inertia", 0.0)) / (scale + scale.median())
+
+
+def _changed_in_space(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
+    """Return impacts in space after changes of slopes, outline and its place, mass centre and inertia."""
+    get = lambda name: change.get(name, 0.0)  # noqa: E731
+    q, shape = impacts.q[:, 3:], impacts.shape
+    level = torch.tensor((1.0, -get("slope_b") / 2, get("slope") / 2, 0.0)).to(q)
+    middle, centre = (torch.tensor([get(f"{name}_{axis}") for axis in "abc"]).to(q) for name in ("middle", "centre"))
+    tilt = rotation(level)
+    turned = turn_quaternion(q, torch.tensor((-get("slope_b"), get("slope"), 0.0)).to(q))
+    r, d = matvec(tilt, impacts.r), matvec(rotation(turned), centre.expand(len(q), 3))
+    if isinstance(shape, Solid):
+        now = reshaped(shape, change)
+        r = r + contact_points(now, impacts.body, turned) - matvec(tilt, contact_points(shape, impacts.body, q))
+        shape = now
+    r = r + matvec(rotation(turned), middle.expand(len(q), 3)) - d
+
+    def velocity(v: Float[Tensor, "n 6"]) -> Float[Tensor, "n 6"]:
+        linear, spin = matvec(tilt, v[:, :3]), matvec(tilt, v[:, 3:])
+        return torch.cat((linear + swept(d, spin), spin), -1)
+
+    return impacts.replace(
+        shape=shape,
+        r=r,
+        q=torch.cat((matvec(tilt, impacts.q[:, :3]) + d, turned), -1),
+        q_post=None,
+        v_pre=velocity(impacts.v_pre),
+        v_post=velocity(impacts.v_post),
+        inertia=impacts.inertia * math.exp(get("inertia")),
+        validate=False,
+    )
+
+
+def _balance_in_space(impacts: Impacts, stated: Impacts) -> Float[Tensor, "n 3"]:
+    """I Δω − r × m Δv about the stated m |Δv| at the radius of gyration, with half the median of that added to it."""
+    dv, mass = impacts.v_post - impacts.v_pre, impacts.mass[:, None]
+    scale = (stated.mass_diagonal[:, 3] * stated.mass).sqrt() * dv[:, :3].norm(dim=-1)
+    off = spin_momentum(impacts.world_inertia, dv[:, 3:]) - moment(impacts.r, mass * dv[:, :3])
+    return off / (scale + scale.median())[:, None]
+
+
+def _with_balance_in_space(impacts: Impacts, rig: Apparatus, known: Mapping[str, Estimate]) -> Apparatus:
+    """Return a rig card with the inertia and the mass centre as the balance of bodies in space shows them.
+
+    Three numbers of each impact show both; what wobble says of the centre takes part with its error.  The card stays
+    where they do not close the balance clearly better than nothing does.
+    """
+    wobbling = {f"centre_{axis}": _SHARE * impacts.r.norm(dim=-1).median().item() for axis in "abc"}
+    free = {"inertia": _INERTIA, **{name: error for name, error in wobbling.items() if name not in known}}
+    if len(impacts) < _FEWEST * (len(known) + len(free)):
+        return rig
+    prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)
+    at, error, left = _fitted(impacts, {name: one.value for name, one in prior.items()}, prior)
+    if left >= _CLEARLY * _spread(_imbalance(impacts, {})):
+        return rig
+    shown = ("inertia", *wobbling)
+    return replace(rig, **{name: Estimate(value=at[name], error=error[name]) for name in shown})
 
 
 def _spread(residual: Float[Tensor, " n"]) -> float:

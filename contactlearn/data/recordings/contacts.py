@@ -1,12 +1,13 @@
 """Contacts of a track between two free flights, with their covariance; everything else is refused with its number.
 
-At contact the flights before and after meet in all k coordinates, three in the plane and six in space.  About an instant t they are apart by
+At contact the flights before and after meet in all k coordinates, three in the plane and six in space.  About an
+instant t they are apart by
 
     d(δ) = p⁻ − p⁺ + (v⁻ − v⁺) δ        δ̂ = −(Δvᵀ S⁻¹ d) / (Δvᵀ S⁻¹ Δv)        S = cov p⁻ + cov p⁺
 
-which gives the instant between frames; the k − 1 degrees of freedom that are left test whether they meet at all.  If the
-recording skips m frames at contact without a gap in its time stamps, whatever follows contact happened m frame times
-later than it states: each m is tried, and its probability follows from how well the flights then meet.
+which gives the instant between frames; the k − 1 degrees of freedom that are left test whether they meet at all.  If
+the recording skips m frames at contact without a gap in its time stamps, whatever follows contact happened m frame
+times later than it states: each m is tried, and its probability follows from how well the flights then meet.
 
 The history of the impulse is not resolved: where friction and normal force act at different times the flights miss each
 other by the difference of their velocities in a part of the contact's duration, which is allowed for.  A contact lasts
@@ -39,9 +40,9 @@ from contactlearn.data.recordings.flights import (
     mended,
     same_flight,
 )
+from contactlearn.data.recordings.poses import Array, arms, away, levers, moved, orientation
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.poses import Array, arms, away, levers, moved, orientation
 from contactlearn.data.recordings.track import Track, about_centre
 
 _SKIPS = 0.02  # prior probability that one more frame is missing

@@ -35,8 +35,8 @@ from contactlearn.data.recordings.flights import (
     windows,
 )
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
-from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
 from contactlearn.mechanics.rigid_body import GRAVITY
 
@@ -318,9 +318,7 @@ def find_frame(
         of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
         own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
     steady, (*level, falling), turning = own[0], own[1][: frame.air.d], own[1][frame.air.d :]
-    return replace(
-        frame, own=(steady, (*level, math.hypot(falling, GRAVITY * min(frame.drag_error, 1.0)), *turning))
-    )
+    return replace(frame, own=(steady, (*level, math.hypot(falling, GRAVITY * min(frame.drag_error, 1.0)), *turning)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

@@ -30,7 +30,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from contactlearn.core.numerics import MAD_SCALE
-from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.poses import (
     Array,
     arms,
@@ -45,6 +44,7 @@ from contactlearn.data.recordings.poses import (
     rotation_vector,
     turn,
 )
+from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track, finite
 from contactlearn.mechanics.rigid_body import GRAVITY
 
@@ -200,7 +200,8 @@ class Flight:
         """Quaternions and spins."""
         assert self.turning is not None
         turned, rate = (
-            np.einsum("...kj,jk->...k", move(tau.ravel()), self.state)[:, 3:] for move in (self.air.slopes, self.air.rates)
+            np.einsum("...kj,jk->...k", move(tau.ravel()), self.state)[:, 3:]
+            for move in (self.air.slopes, self.air.rates)
         )
         q, spin = self.turning.placed(turned, rate, tau.ravel())
         return q.reshape(*tau.shape, 4), spin.reshape(*tau.shape, 3)
@@ -404,12 +405,17 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
 
 _TURNS = 3  # of a flight in space, whose difference from free turning falls by orders of magnitude in each
 _WIDEST = 80  # frames
-_REST_POWER = {2: 300.0, 3: 100.0}  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
+_REST_POWER = {
+    2: 300.0,
+    3: 100.0,
+}  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL = 0.1  # of the way of a fast window
 _SIDE = 3  # frames before and after a skip
-_ROUND = 0.006  # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
+_ROUND = (
+    0.006  # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
+)
 _MARGIN = 3  # frames of a window on each side of a bad one
 
 
@@ -508,15 +514,17 @@ def own_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
     return sigma * np.repeat(np.sqrt((share + 24) / (3 * len(flight.residual) + 18)), 3)
 
 
-_OWN = ((0.5, 30.0), (10.0, 300.0))  # of position and rotation, at most: more of it, and a body at rest would fly
+_OWN = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
+"""Of position and rotation, at most: with more of it a body at rest would be in flight.  No plates brake one in space,
+and short flights would not show that their accelerations are steady."""
 _SHOWN = 8  # flights that show the own accelerations of all
 _OFF = 0.01  # m, standard deviation that is expected of a centre of mass about the tracked point
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
 def _most_own(k: int) -> Own:
-    (a, a_turn), (j, j_turn) = _OWN
     d = k // 3 + 1
+    (a, a_turn), (j, j_turn) = _OWN[d]
     return (a,) * d + (a_turn,) * (k - d), (j,) * d + (j_turn,) * (k - d)
 
 
@@ -609,9 +617,7 @@ def mended(track: Track, options: FlightOptions, excess: float) -> Track:
     return replace(track, time=time)
 
 
-def frame_noise(
-    time: Float[Array, " t"], pose: Float[Array, "t m"], width: int, air: Air = Air()
-) -> Float[Array, "k"]:
+def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t m"], width: int, air: Air = Air()) -> Float[Array, "k"]:
     """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas.
 
     Windows in which the body is still do not count: a tracker is better there.

@@ -30,9 +30,9 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import reshaped
 from contactlearn.data.recordings.flights import Indices
+from contactlearn.data.recordings.poses import Array, away, moved, orientation, rotated, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.poses import Array, away, moved, orientation, rotated, turn
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity, inertia_in_world, inverse_inertia, rotation
@@ -255,7 +255,9 @@ def _under_solid(
             name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
-        done = {name: max(found[name].value, 0.0) for name in _changes(shape) if name in found}
+        if isinstance(shape, Cuboid) and "corner" in found:  # no radius is less than 0
+            found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
+        done = {name: found[name].value for name in _changes(shape) if name in found}
         floor = Floor(
             height=found["height"],
             slope=found.get("slope"),
@@ -498,7 +500,12 @@ def off_the_floor(
             ),
             (v_n >= 0, "normal velocity of the contact point", float(v_n), "m/s"),
             (push <= 0, "change of the upward velocity", push, "m/s"),
-            (gap <= 0, "height of another corner over what its error and the contact's duration allow", 1e3 * gap, "mm"),
+            (
+                gap <= 0,
+                "height of another corner over what its error and the contact's duration allow",
+                1e3 * gap,
+                "mm",
+            ),
         ):
             if holds:
                 refusal = Refusal(

@@ -125,9 +125,7 @@ class Frame:
     def air(self) -> Air:
         """Free flight with 9.81 m/s² in the measured direction."""
         size = math.hypot(*self.gravity) / GRAVITY
-        return Air(
-            gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments
-        )
+        return Air(gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments)
 
     @property
     def lean(self) -> Estimate:

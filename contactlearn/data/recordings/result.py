@@ -106,7 +106,8 @@ class Rest:
     Args:
         recording: name of its recording.
         pose: mean (x, y, θ), θ in [−π, π); in space a position and a quaternion.
-        error: standard errors of the mean (x, y, θ), six in space, from the scatter of its parts, without the error that all of them share.
+        error: standard errors of the mean (x, y, θ), six in space, from the scatter of its parts, without the error
+            that all of them share.
     """
 
     recording: str

@@ -1,7 +1,8 @@
 """The centre of mass about the tracked point, from the wobble of bodies that spin in free flight.
 
-The centre of mass, c from the tracked point, flies on a parabola, and the tracked point about that.  The parts of its position
-and of the turned axes that no polynomial of the time makes are compared flight by flight.  Flights whose accelerations
+The centre of mass, c from the tracked point, flies on a parabola, and the tracked point about that.  The parts of its
+position and of the turned axes that no polynomial of the time makes are compared flight by flight.  Flights whose
+accelerations
 change are cubics: both are fitted, and half their difference is part of the error, as is the scatter between flights.
 """
 

@@ -24,8 +24,8 @@ from torch.nn.utils.rnn import pad_sequence
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.recordings.poses import Array, arms
+from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
-from contactlearn.data.recordings.result import Found, Hit
 from contactlearn.data.recordings.poses import Array, away, rotated, turn
+from contactlearn.data.recordings.result import Found, Hit
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -50,7 +50,9 @@ def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
         st.name_axes(upper, "", f"{name} ({unit})")
         st.name_axes(lower, "Time (s)", f"Residual ({'mm' if k < d else '°'})")
     body, upwards = panels[0, -1], d - 1
-    outline = shape.outline().numpy() if d == 3 else rotate(shape.outline(), torch.tensor(float(contact.pose[2]))).numpy()
+    outline = (
+        shape.outline().numpy() if d == 3 else rotate(shape.outline(), torch.tensor(float(contact.pose[2]))).numpy()
+    )
     outline = contact.pose[:d] + (rotated(contact.pose[3:], outline) if d == 3 else outline)
     body.plot(outline[:, 0], outline[:, upwards], color=_BLUE)
     body.axhline(float(np.nanmin(outline[:, upwards])), color="0.3", linewidth=0.8)
@@ -77,7 +79,11 @@ def residuals_figure(founds: Sequence[Found]) -> Figure:
     for k, axes in enumerate(figure.subplots(1, len(names), sharey=True)):
         axes.hist(scores[:, k], bins=50, range=(-5, 5), density=len(scores) > 0, color=st.tint(_BLUE, 0.5))
         axes.plot(grid, np.exp(-(grid**2) / 2) / math.sqrt(2 * math.pi), color=_RED)
-        st.name_axes(axes, f"Residual of {names[k]} in standard deviations" if len(names) == 3 else f"{names[k]} (σ)", "Density" if k == 0 else "")
+        st.name_axes(
+            axes,
+            f"Residual of {names[k]} in standard deviations" if len(names) == 3 else f"{names[k]} (σ)",
+            "Density" if k == 0 else "",
+        )
     return figure
 
 

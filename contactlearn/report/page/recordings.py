@@ -22,8 +22,8 @@ from jaxtyping import Float, Int
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.flights import Flight, Indices
-from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.poses import Array, away, turn
+from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.space import PLANE
