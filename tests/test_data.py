@@ -645,7 +645,13 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     assert not config
     lines = (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     assert all("#" in line for line in lines if not line.startswith("_target_"))
-    assert {path.stem for path in CONFIGS.glob("*.yaml")} == set(SOURCES)
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {*SOURCES, "cube_tosses"}
+
+
+def test_the_published_tosses_are_settings_of_tracks():
+    config, tracked = (OmegaConf.load(CONFIGS / f"{name}.yaml") for name in ("cube_tosses", "tracks"))
+    assert {*config} < {*tracked}
+    assert (config._target_, config.correct) == (tracked._target_, tracked.correct)
 
 
 @pytest.mark.parametrize("convert", ["none", "all"])

@@ -61,7 +61,7 @@ def test_a_flight_in_space_is_fitted_with_its_covariance(moments):
     position = np.outer(time, v) - np.outer(time**2 / 2, (0, 0, GRAVITY))
     exact = np.column_stack((position, turned))
     for _ in range(200):
-        noisy = poses.moved(exact, sigma * rng.standard_normal((24, 6)))
+        noisy = poses.displaced(exact, sigma * rng.standard_normal((24, 6)))
         pose, velocity, covariance = fit(time, noisy, np.arange(24), sigma, air).at(0.0)
         error = np.append(poses.away(pose, exact[0]), velocity - np.append(v, spin))
         scores.append(error @ np.linalg.solve(covariance, error))

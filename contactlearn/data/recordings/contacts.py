@@ -40,7 +40,7 @@ from contactlearn.data.recordings.flights import (
     mended,
     same_flight,
 )
-from contactlearn.data.recordings.poses import Array, arms, away, levers, moved, orientation
+from contactlearn.data.recordings.poses import Array, arms, away, displaced, levers, orientation
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Track, about_centre
@@ -229,7 +229,7 @@ def hit_of(
     errors[: 2 * k, : 2 * k], errors[2 * k :, 2 * k :] = A, B
     instant = np.concatenate((found.gain, np.zeros(k), -found.gain, np.zeros(k)))
     trust = np.diag(A)[:k] / (np.diag(A)[:k] + np.diag(B)[:k])  # of the pose after contact
-    pose = moved(p, trust * away(q, p))
+    pose = displaced(p, trust * away(q, p))
     jacobian, pre, post, at = np.zeros((3 * k + 1, 4 * k)), np.s_[:k], np.s_[k : 2 * k], np.s_[2 * k : 3 * k]
     jacobian[pre, k : 2 * k] = jacobian[post, 3 * k :] = np.eye(k)
     jacobian[pre] += np.outer(before.acceleration(found.time), instant)

@@ -30,7 +30,7 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import reshaped
 from contactlearn.data.recordings.flights import Indices
-from contactlearn.data.recordings.poses import Array, away, moved, orientation, rotated, turn
+from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
@@ -123,7 +123,7 @@ def find_rests(
         run = means[edges[longest] : edges[longest + 1]]
         if len(run) >= fewest:
             error, mean = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
-            pose = moved(0 * mean if track.d == 2 else last, mean)
+            pose = displaced(0 * mean if track.d == 2 else last, mean)
             found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, own / size)))
     return tuple(found)
 

@@ -4,7 +4,7 @@
     space   pose (x, y, z, unit quaternion) [..., 7]      difference (x, y, z, rotation vector) [..., 6]
 
 Quaternions turn the body's axes into the world's, the scalar first; rotation vectors are in world axes.  A pose in
-space moves by `moved(pose, d)`: the position by the first half of d, and the body is turned by exp of the second.
+space moves by `displaced(pose, d)`: the position by the first half of d, and the body is turned by exp of the second.
 
 A body that nothing touches turns as Euler's equations say.  If its moments are equal, its spin is constant and its
 quaternion runs along a great circle of the unit sphere: small differences across that circle are a cos(ωt/2) +
@@ -46,7 +46,7 @@ def away(pose: Float[Array, "*#batch m"], other: Float[Array, "*#batch m"]) -> F
     return np.concatenate((pose[..., :3] - other[..., :3], turned), -1)
 
 
-def moved(pose: Float[Array, "*#batch m"], d: Float[Array, "*#batch k"]) -> Float[Array, "*batch m"]:
+def displaced(pose: Float[Array, "*#batch m"], d: Float[Array, "*#batch k"]) -> Float[Array, "*batch m"]:
     """The pose that differs by d."""
     if pose.shape[-1] == 3:
         there = pose + d

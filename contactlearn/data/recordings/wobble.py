@@ -2,8 +2,8 @@
 
 The centre of mass, c from the tracked point, flies on a parabola, and the tracked point about that.  The parts of its
 position and of the turned axes that no polynomial of the time makes are compared flight by flight.  Flights whose
-accelerations
-change are cubics: both are fitted, and half their difference is part of the error, as is the scatter between flights.
+accelerations change are cubics: both are fitted, and half their difference is part of the error, as is the scatter
+between flights.
 """
 
 from collections.abc import Iterable, Sequence
