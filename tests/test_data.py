@@ -18,8 +18,8 @@ from pyarrow import parquet
 from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data import cube_tosses, table, tracks
 from contactlearn.data import ellipse_drops as published
+from contactlearn.data import table, tracks
 from contactlearn.laws import find, names
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
@@ -613,7 +613,7 @@ def test_synthetic_refuses(options, fragments):
 
 
 SOURCES = {
-    "cube_tosses": cube_tosses, "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects,
+    "ellipse_drops": published, "mujoco": mujoco, "mystery": hidden_effects,
     "synthetic": synthetic, "table": table, "tracks": tracks, "tracks_mujoco": recordings_mujoco,
     "tracks_synthetic": recordings,
 }  # fmt: skip
@@ -645,7 +645,13 @@ def test_config_holds_every_argument_with_its_default_and_a_comment(name, monkey
     assert not config
     lines = (CONFIGS / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     assert all("#" in line for line in lines if not line.startswith("_target_"))
-    assert {path.stem for path in CONFIGS.glob("*.yaml")} == set(SOURCES)
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == {*SOURCES, "cube_tosses"}
+
+
+def test_the_published_tosses_are_settings_of_tracks():
+    config, tracked = (OmegaConf.load(CONFIGS / f"{name}.yaml") for name in ("cube_tosses", "tracks"))
+    assert {*config} < {*tracked}
+    assert (config._target_, config.correct) == (tracked._target_, tracked.correct)
 
 
 @pytest.mark.parametrize("convert", ["none", "all"])

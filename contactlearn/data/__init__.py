@@ -3,7 +3,6 @@
 table          the user's own CSV or Parquet file (and `save`, the exporter)
 tracks         recordings of tracked poses: impacts with covariances, and refusals with reasons
 ellipse_drops  the published drops of Fazeli et al. (2017)
-cube_tosses    the published tosses of a cube, in space
 headers        settings of a source from the names of a file's columns
 blocks         measurements that need not fit in memory
 recordings     how recordings become impacts: readers, conventions, flights, contacts

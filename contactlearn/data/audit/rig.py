@@ -34,8 +34,18 @@ from contactlearn.data.audit.moments import torque
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import AnyShape, contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity, rotate
-from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape
+from contactlearn.mechanics.rigid_body import (
+    contact_velocity,
+    matvec,
+    moment,
+    rotate,
+    rotation,
+    spin_momentum,
+    swept,
+    turn_quaternion,
+)
+from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid
+from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
@@ -62,6 +72,8 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     """
     if not any(change.values()):
         return impacts.replace(validate=False)
+    if impacts.space is SPACE:
+        return _changed_in_space(impacts, change)
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     tilt, theta = get("slope"), impacts.q[:, 2]
     turned = theta - tilt + get("orientation")
@@ -107,11 +119,11 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
 
 
 def root_of_mass(
-    r: Float[Tensor, "n 2"], v_pre: Float[Tensor, "n 3"], v_post: Float[Tensor, "n 3"]
+    r: Float[Tensor, "n d"], v_pre: Float[Tensor, "n D"], v_post: Float[Tensor, "n D"]
 ) -> Float[Tensor, " n"]:
     """Return √(m_c/m), with the effective mass m_c at the contact as the impulse shows it."""
-    change = v_post - v_pre
-    return (change[:, 1] / contact_velocity(r, change)[:, 1].clamp_min(1e-9)).clamp(*_LIGHTER).sqrt()
+    change, n = v_post - v_pre, r.shape[1] - 1
+    return (change[:, n] / contact_velocity(r, change)[:, n].clamp_min(1e-9)).clamp(*_LIGHTER).sqrt()
 
 
 def one_point(
@@ -134,6 +146,8 @@ def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
             return replace(
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
+        case Cuboid():
+            return replace(shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), min(shape.half)))
         case Ellipse(semi_axes=(a, b)):
             longer = change.get("oblong", 0.0)
             return Ellipse((a + longer * (a > b), b + longer * (a <= b)))
@@ -196,6 +210,8 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
         meets_below: s_d, where it is known.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
+    if impacts.space is SPACE:
+        return _with_balance_in_space(impacts, rig, known)
     theta = impacts.q[:, 2] + (rig.orientation.value if rig.orientation else 0.0)
     impacts = impacts[one_point(impacts.shape, theta, impacts.v_pre, impacts.v_post)]
     if len(impacts) < _FEWEST * (len(known) + 1):
@@ -244,23 +260,31 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
-    """Residual of the balance, in units of the spin that |Δv| makes at the stated radius of gyration."""
+    """Residual of the balance, in units of the spin that |Δv| makes at the stated radius of gyration; 3 n in space."""
+    if impacts.space is SPACE:
+        rig = changed(impacts, change)
+        return (_open_in_space(rig, rig.v_post - rig.v_pre) / _usual_in_space(rig, impacts)).flatten()
     terms, scale = torque(changed(impacts, change)), torque(impacts).scale
     return terms.residual * math.exp(change.get("inertia", 0.0)) / (scale + scale.median())
 
 
-def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
+def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, "..."]:
     """Standard deviation of the residual by errors of the velocities, in the same units; 0 where none are known."""
     if impacts.v_pre_cov is None or impacts.v_post_cov is None:
-        return torch.zeros(len(impacts), dtype=torch.float64)
-    rig, scale = changed(impacts, change), torque(impacts).scale
+        return torch.zeros((), dtype=torch.float64)
+    rig = changed(impacts, change)
+    if impacts.space is SPACE:
+        slope = torch.stack([_open_in_space(rig, one.expand(len(rig), 6)) for one in torch.eye(6).to(rig.r)], -1)
+        variance = torch.einsum("nki,nij,nkj->nk", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
+        return (variance.sqrt() / _usual_in_space(rig, impacts)).flatten()
+    scale = torque(impacts).scale
     arm = (rig.mass / impacts.inertia)[:, None] * rig.r
     slope = torch.stack((arm[:, 1], -arm[:, 0], rig.inertia / impacts.inertia), -1)
     variance = torch.einsum("ni,nij,nj->n", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
     return variance.sqrt() / (scale + scale.median())
 
 
-def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, "..."]) -> Float[Tensor, " n"]:
     """Standard deviations: the noise, and so much more for all that the median of residuals agrees with both."""
     low, high = 0.0, _spread(residual) + 1e-12
     for _ in range(30):
@@ -268,6 +292,68 @@ def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, " n"]) -> Float[T
         more = _spread(residual / (noise**2 + middle**2).sqrt()) > 1
         low, high = (middle, high) if more else (low, middle)
     return (noise**2 + high**2).sqrt()
+
+
+def _changed_in_space(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
+    """Return impacts in space after changes of slopes, outline and its place, mass centre and inertia."""
+    get = lambda name: change.get(name, 0.0)  # noqa: E731
+    q, shape = impacts.q[:, 3:], impacts.shape
+    level = torch.tensor((1.0, -get("slope_b") / 2, get("slope") / 2, 0.0)).to(q)
+    middle, centre = (torch.tensor([get(f"{name}_{axis}") for axis in "abc"]).to(q) for name in ("middle", "centre"))
+    tilt = rotation(level)
+    turned = turn_quaternion(q, torch.tensor((-get("slope_b"), get("slope"), 0.0)).to(q))
+    r, d = matvec(tilt, impacts.r), matvec(rotation(turned), centre.expand(len(q), 3))
+    if isinstance(shape, Solid):
+        now = reshaped(shape, change)
+        r = r + contact_points(now, impacts.body, turned) - matvec(tilt, contact_points(shape, impacts.body, q))
+        shape = now
+    r = r + matvec(rotation(turned), middle.expand(len(q), 3)) - d
+
+    def velocity(v: Float[Tensor, "n 6"]) -> Float[Tensor, "n 6"]:
+        linear, spin = matvec(tilt, v[:, :3]), matvec(tilt, v[:, 3:])
+        return torch.cat((linear + swept(d, spin), spin), -1)
+
+    return impacts.replace(
+        shape=shape,
+        r=r,
+        q=torch.cat((matvec(tilt, impacts.q[:, :3]) + d, turned), -1),
+        q_post=None,
+        v_pre=velocity(impacts.v_pre),
+        v_post=velocity(impacts.v_post),
+        inertia=impacts.inertia * math.exp(get("inertia")),
+        validate=False,
+    )
+
+
+def _open_in_space(impacts: Impacts, dv: Float[Tensor, "n 6"]) -> Float[Tensor, "n 3"]:
+    """I Δω − r × m Δv of a change of velocity."""
+    return spin_momentum(impacts.world_inertia, dv[:, 3:]) - moment(impacts.r, impacts.mass[:, None] * dv[:, :3])
+
+
+def _usual_in_space(impacts: Impacts, stated: Impacts) -> Float[Tensor, "n 1"]:
+    """The stated m |Δv| at the radius of gyration, with the median of that added to it."""
+    speed = (impacts.v_post - impacts.v_pre)[:, :3].norm(dim=-1)
+    scale = (stated.mass_diagonal[:, 3] * stated.mass).sqrt() * speed
+    return (scale + scale.median())[:, None]
+
+
+def _with_balance_in_space(impacts: Impacts, rig: Apparatus, known: Mapping[str, Estimate]) -> Apparatus:
+    """Return a rig card with the inertia and the mass centre as the balance of bodies in space shows them.
+
+    Three numbers of each impact show both; what wobble says of the centre takes part with its error.  The card stays
+    where they do not close the balance clearly better than nothing does.
+    """
+    wobbling = {f"centre_{axis}": _SHARE * impacts.r.norm(dim=-1).median().item() for axis in "abc"}
+    free = {"inertia": _INERTIA, **{name: error for name, error in wobbling.items() if name not in known}}
+    if len(impacts) < _FEWEST * (len(known) + len(free)):
+        return rig
+    prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)
+    fixed = known.keys() - wobbling.keys()
+    at, error, left = _fitted(impacts, {name: one.value for name, one in prior.items()}, prior, fixed)
+    if left >= _CLEARLY * _spread(_imbalance(impacts, {})):
+        return rig
+    shown = ("inertia", *wobbling)
+    return replace(rig, **{name: Estimate(value=at[name], error=error[name]) for name in shown})
 
 
 def _spread(residual: Float[Tensor, " n"]) -> float:

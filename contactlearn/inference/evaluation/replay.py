@@ -24,8 +24,8 @@ from torch.nn.utils.rnn import pad_sequence
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.recordings.poses import Array, arms
 from contactlearn.data.recordings.result import Found, Hit, Reason
-from contactlearn.data.recordings.track import Array, arms
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
@@ -204,7 +204,7 @@ class _Take:
     bounces: Int[np.ndarray, "t"]
 
     @classmethod
-    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], centre: tuple[float, float]) -> Self:
+    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], centre: tuple[float, ...]) -> Self:
         """Return the frames from the flight before the first accepted contact until the body rests."""
         (row, first), track = hits[0], found.track
         flight = found.flights[first.flight]
@@ -216,10 +216,10 @@ class _Take:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= rest))
         time = track.time[frames]
         late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
-        state, _ = flight.at(begin)
-        pose = np.vstack((state[:3], track.pose[frames]))
+        first_pose, first_velocity, _ = flight.at(begin)
+        pose = np.vstack((first_pose, track.pose[frames]))
         velocity = np.zeros_like(pose)
-        velocity[0] = state[3:]
+        velocity[0] = first_velocity
         d = arms(centre, pose[:, 2])  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :2] -= d
         velocity[:, :2] += velocity[:, 2:] * np.column_stack((d[:, 1], -d[:, 0]))

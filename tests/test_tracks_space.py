@@ -1,0 +1,216 @@
+"""Recordings of bodies in space: free turning, flights, and impacts of tosses whose truth is known."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.recordings import poses
+from contactlearn.data.recordings.flights import Air, fit
+from contactlearn.data.recordings.floor import find_floor
+from contactlearn.data.recordings.result import Reason
+from contactlearn.data.tracks import find_impacts, track_options
+from contactlearn.laws import find
+from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.rigid_body import GRAVITY
+from contactlearn.mechanics.shapes import Cuboid, contact_point
+
+RATE, MASS, NOISE = 148.0, 0.4, (5e-5, 5e-4)  # 1/s, kg, m and rad
+BOX = Cuboid((0.05, 0.05, 0.05))
+GYRATION = BOX.gyration_squared()
+LAW = find("wang_mason").at(0.18, 0.5)
+MOMENTS = {"equal": None, "a box": (1.0, 1.3, 1.6), "a rod": (1.0, 9.0, 9.5)}
+
+
+@pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
+def test_free_turning_obeys_euler(moments):
+    """An independent integration of Euler's equations in the body's axes, and the angular momentum of the world's."""
+    rng, I = np.random.default_rng(0), np.array(moments or (1.0,) * 3)  # noqa: E741
+    q, spin, tau = rng.standard_normal(4), rng.normal(0, 12, 3), np.array((-0.2, 0.05, 0.3))
+    q /= np.linalg.norm(q)
+    found, spins = poses.free_turn(q, spin, tau, moments)
+    start = Rotation.from_quat(q, scalar_first=True)
+
+    def rates(_, state):
+        a, v, w = state[0], state[1:4], state[4:]
+        return np.concatenate(([-(v @ w) / 2], (a * w + np.cross(v, w)) / 2, np.cross(I * w, w) / I))
+
+    for k, t in enumerate(tau):
+        exact = solve_ivp(rates, (0, t), np.concatenate((q, start.inv().apply(spin))), rtol=1e-11, atol=1e-12).y[:, -1]
+        apart = Rotation.from_quat(found[k], scalar_first=True) * Rotation.from_quat(exact[:4], scalar_first=True).inv()
+        assert apart.magnitude() < 1e-4
+        end = Rotation.from_quat(found[k], scalar_first=True)
+        first, last = (R.apply(I * R.inv().apply(w)) for R, w in ((start, spin), (end, spins[k].copy())))
+        assert last == pytest.approx(first, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
+def test_a_flight_in_space_is_fitted_with_its_covariance(moments):
+    air, scores = Air(gravity=(0.0, 0.0, -GRAVITY), own=((0.0,) * 6,) * 2, moments=moments), []
+    time, rng, sigma = np.arange(24) / RATE, np.random.default_rng(1), np.repeat(NOISE, 3)
+    q, spin, v = np.array((1.0, 0, 0, 0)), np.array((4.0, -2.5, 3.0)), np.array((0.4, -0.3, 1.0))
+    turned, _ = poses.free_turn(q, spin, time, moments)
+    position = np.outer(time, v) - np.outer(time**2 / 2, (0, 0, GRAVITY))
+    exact = np.column_stack((position, turned))
+    for _ in range(200):
+        noisy = poses.displaced(exact, sigma * rng.standard_normal((24, 6)))
+        pose, velocity, covariance = fit(time, noisy, np.arange(24), sigma, air).at(0.0)
+        error = np.append(poses.away(pose, exact[0]), velocity - np.append(v, spin))
+        scores.append(error @ np.linalg.solve(covariance, error))
+    assert np.mean(scores) == pytest.approx(12, abs=1.6)  # χ² with 12 degrees of freedom; 4 standard errors, and 3 %
+
+
+def toss(rng, number, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
+    """Rows of frames about one impact, the velocities before and after it of the tracked point, and the instant."""
+    shape, I = replace(BOX, corner=corner), MASS * heavier * torch.diag(GYRATION)  # noqa: E741
+    while True:
+        turn = Rotation.random(random_state=rng)
+        R = torch.tensor(turn.as_matrix())
+        q = torch.tensor(turn.as_quat(scalar_first=True))
+        d = turn.apply(centre)
+        r = contact_point(shape, q).numpy()
+        corners = turn.apply(np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * BOX.half)
+        heights = np.sort(corners[:, 2])
+        before = np.concatenate((rng.normal(0, 0.7, 2), (-rng.uniform(0.8, 1.5),), rng.normal(0, 6, 3)))
+        body = torch.tensor(MASS)[None].double(), (R @ I @ R.mT)[None], torch.tensor(r - d)[None]
+        v_c = rigid_body.contact_velocity(body[2], torch.tensor(before)[None])
+        if v_c[0, 2] > -0.5 or heights[1] - heights[0] < 0.02:
+            continue
+        P = LAW.impulse(rigid_body.inverse_inertia(*body), v_c)
+        wrench = torch.cat((P, torch.zeros(1, 3, dtype=torch.float64)), -1)
+        after = rigid_body.apply_wrench(*body, torch.tensor(before)[None], wrench)[0].numpy()
+        if after[2] + np.cross(after[3:], r)[2] > 0.3:
+            break
+    place, rows = rng.uniform(0, 1), []
+    for count in range(-14, 13):
+        t = (count + place) / RATE
+        v = before if t < 0 else after
+        turned, _ = poses.free_turn(q.numpy(), v[3:], np.array(t), tuple(GYRATION.tolist()))
+        position = np.array((0, 0, -r[2])) + d + v[:3] * t - (0, 0, 0.5 * GRAVITY * t**2)
+        position = position - Rotation.from_quat(turned, scalar_first=True).apply(centre) + rng.normal(0, NOISE[0], 3)
+        noisy = poses.product(poses.quaternion(rng.normal(0, NOISE[1], 3)), turned)
+        rows.append((number, (count + 14) / RATE, *position, *noisy))
+    states = [np.append(v[:3] - np.cross(v[3:], d), v[3:]) for v in (before, after)]
+    return rows, *states, (14 - place) / RATE
+
+
+NAMES = ["recording", "time", "x", "y", "z", "qw", "qx", "qy", "qz"]
+
+
+def written(folder, count, seed, **rig):
+    rng = np.random.default_rng(seed)
+    made = [toss(rng, number, **rig) for number in range(count)]
+    table = pd.DataFrame([row for rows, *_ in made for row in rows], columns=NAMES).astype({"recording": int})
+    table.to_parquet(folder / "tosses.parquet")
+    return made, table
+
+
+@pytest.fixture(scope="module")
+def tosses(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tosses")
+    return folder, *written(folder, 60, 5)
+
+
+def impacts_in(folder, shape=BOX, inertia=None, **settings):
+    return find_impacts(folder, mass=MASS, shape=shape, inertia=inertia, options=track_options(**settings))
+
+
+def test_velocities_are_within_their_errors(tosses):
+    folder, made, _ = tosses
+    found = impacts_in(folder, contact_time=1e-5)
+    impacts = found.impacts
+    assert len(impacts) >= 57
+    rows, inside = [int(name) for name in impacts.recording], []
+    for side, truth in (("pre", 1), ("post", 2)):
+        known = torch.tensor(np.array([made[row][truth] for row in rows]))
+        error = getattr(impacts, f"v_{side}") - known
+        deviation = getattr(impacts, f"v_{side}_cov").diagonal(dim1=-2, dim2=-1).sqrt()
+        inside.append((error.abs() < 1.96 * deviation).double().mean().item())
+    assert 0.93 < np.mean(inside) < 0.975
+    apart = np.array([contact.apart for contact in found.survey.contacts])
+    assert np.mean(apart) == pytest.approx(5, abs=1.7)  # χ² with 5 degrees of freedom; 4 standard errors
+    assert (impacts.time - torch.tensor([made[row][3] for row in rows])).abs().max() < 5e-4
+    ratio = impacts.wrench[:, :2].norm(dim=-1) / impacts.wrench[:, 2]
+    assert ratio.quantile(0.9) < 0.2  # μ is 0.18
+
+
+def test_the_rig_card_finds_corners_centre_and_inertia_without_a_law(tmp_path):
+    centre = (0.003, -0.002, 0.004)
+    made, _ = written(tmp_path, 90, 8, centre=centre, heavier=1.2, corner=0.004)
+    impacts = impacts_in(tmp_path, sense="as_read").impacts
+    rig = impacts.apparatus
+    known = {f"centre_{axis}": x for axis, x in zip("abc", centre, strict=True)}
+    for name, truth in {**known, "inertia": np.log(1.2), "corner": 0.004}.items():
+        one = getattr(rig, name)
+        assert abs(one.value - truth) < 4 * one.error < abs(truth)
+    assert {row.name for row in rig.differing} >= {*known, "inertia", "corner"}
+    right = correct(impacts, ["rig"])
+    rows = [int(name) for name in right.recording]
+    turn = rigid_body.rotation(right.q[:, 3:])
+    d = rigid_body.matvec(turn, torch.tensor(centre).double().expand(len(rows), 3))
+    tracked = torch.tensor(np.array([made[row][1] for row in rows]))
+    assert (right.v_pre[:, :3] - tracked[:, :3] - rigid_body.swept(d, tracked[:, 3:])).abs().median() < 4e-3
+    assert right.wrench[:, 3:].norm(dim=-1).median() < 0.3 * impacts.wrench[:, 3:].norm(dim=-1).median()
+
+
+def turned_back(table):
+    return table.assign(qx=-table.qx, qy=-table.qy, qz=-table.qz)
+
+
+MISTAKES = {
+    "not unit": (lambda t: t.assign(qw=2.0), {}, r"frame 1: a quaternion must be of length 1, got 2\."),
+    "scalar last": (
+        lambda t: t.rename(columns={"qw": "a", "qx": "qw", "qy": "qx", "qz": "qy"}).rename(columns={"a": "qz"}),
+        {"sense": "as_read"}, r"contradict data\.order=wxyz and data\.sense=as_read.* data\.order=xyzw",
+    ),
+    "world to body": (turned_back, {"sense": "as_read"}, r"contradict .*data\.sense=as_read.* data\.sense=mirrored"),
+    "left-handed": (lambda t: t.assign(x=-t.x), {}, "axes must be right-handed"),
+    "up is y": (lambda t: t, {"up": "y"}, "bodies fall 90° off the axis y that data.up calls up; is up z"),
+    "no body": (lambda t: t, {"inertia": (1e-4, 1e-4, 3e-4)}, r"at most the sum of the two others, got \[.*0\.0003\]"),
+    "in a plane": (
+        lambda t: t.assign(theta=np.arctan2(t.qy, t.qw)),
+        {"columns": {"position": ["x", "z"], "angle": "theta"}},
+        r"data\.shape is a body in space, which needs positions x, y, z and quaternions",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("mistake", "settings", "message"), MISTAKES.values(), ids=MISTAKES)
+def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, message):
+    mistake(tosses[2]).to_parquet(tmp_path / "tosses.parquet")
+    with pytest.raises(DataError, match=message) as refused:
+        impacts_in(tmp_path, **settings)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(tosses):
+    from contactlearn.data.recordings.floor import off_the_floor
+
+    found = impacts_in(tosses[0])
+    edge = torch.tensor(Rotation.from_euler("x", 30, degrees=True).as_quat(scalar_first=True))
+    pose = np.append((0.0, 0.0, -contact_point(BOX, edge)[2].item() + found.floor.height.value), edge.numpy())
+    contacts = [*found.survey.contacts, replace(found.survey.contacts[0], pose=pose, number=9)]
+    floor = find_floor(contacts, BOX)
+    kept, refusals = off_the_floor(contacts, BOX, floor)
+    assert len(kept) == len(contacts) - 1
+    assert [(one.reason, one.unit) for one in refusals] == [(Reason.DOUBLE_HIT, "mm")]
+    assert "another corner" in refusals[0].quantity
+
+
+@pytest.mark.nightly  # a minute
+def test_the_published_tosses():
+    folder = Path(os.environ.get("CONTACTLEARN_DATA", "")) / "cube_tosses"
+    if not (folder / "tosses.parquet").is_file():
+        pytest.skip("the published tosses are not here")
+    impacts = find_impacts(folder, mass=0.37, inertia=8.1e-4, shape=Cuboid((0.0524,) * 3)).impacts
+    assert len(impacts) >= 460
+    ratio = impacts.wrench[:, :2].norm(dim=-1) / impacts.wrench[:, 2]
+    assert 0.1 < ratio.median() < 0.25  # the board was tilted to 0.18
