@@ -320,7 +320,9 @@ def _solid_rows(
 
 def _approach(contacts: Sequence[Hit], r: Float[Array, "n 3"], gyration_squared: Any) -> Float[Array, " n"]:
     """Velocity of approach of contact points in space times √mass there, of a body of mass 1."""
-    arm, v, pose = (torch.from_numpy(np.stack(x)) for x in (r, [c.v_pre for c in contacts], [c.pose for c in contacts]))
+    arm, v, pose = (
+        torch.from_numpy(np.stack(x)) for x in ([*r], [c.v_pre for c in contacts], [c.pose for c in contacts])
+    )
     inertia = inertia_in_world(torch.as_tensor(gyration_squared).expand(len(pose), 3), pose)
     lighter = inverse_inertia(torch.ones(len(pose), dtype=torch.float64), inertia, arm)[:, 2, 2]
     return (contact_velocity(arm, v)[:, 2] / lighter.sqrt()).numpy()
