@@ -449,14 +449,14 @@ def _impacts(
         raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
     n, k, in_space = len(contacts), len(contacts[0].v_pre), isinstance(shape, Solid)
     covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
-    pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
+    pose = np.stack([contact.pose for contact in contacts])
     return Impacts(
         mass=torch.full((n,), mass, dtype=torch.float64),
         inertia=torch.as_tensor(inertia, dtype=torch.float64).expand(n, 3)
         if in_space
         else torch.full((n,), inertia, dtype=torch.float64),
-        r=contact_point(shape, orientation(pose)),
-        q=pose,
+        r=contact_point(shape, torch.from_numpy(orientation(pose))),
+        q=torch.from_numpy(pose),
         v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),
         v_post=torch.from_numpy(np.stack([contact.v_post for contact in contacts])),
         v_pre_cov=covariance[:, :k, :k],

@@ -58,6 +58,7 @@ _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a s
 _LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
 _SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
 _LIGHTER = (0.05, 2.0)  # m_c/m: a rod at its end has 1/4, friction makes it larger
+_TURNS = 3e-4  # s, of `swing` in space
 _DEPTH = 0.005  # of `depth`, relative to the distance of contacts
 LONGEST = 3e-3
 """Longest contact in s."""
@@ -295,17 +296,19 @@ def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, "..."]) -> Float[
 
 
 def _changed_in_space(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
-    """Return impacts in space after changes of slopes, outline and its place, mass centre and inertia."""
+    """Return impacts in space after changes of the rig, and of `swing` and `depth`."""
     get = lambda name: change.get(name, 0.0)  # noqa: E731
     q, shape = impacts.q[:, 3:], impacts.shape
     level = torch.tensor((1.0, -get("slope_b") / 2, get("slope") / 2, 0.0)).to(q)
     middle, centre = (torch.tensor([get(f"{name}_{axis}") for axis in "abc"]).to(q) for name in ("middle", "centre"))
     tilt = rotation(level)
     turned = turn_quaternion(q, torch.tensor((-get("slope_b"), get("slope"), 0.0)).to(q))
+    touching = turn_quaternion(turned, get("swing") * (impacts.v_post - impacts.v_pre)[:, 3:])
     r, d = matvec(tilt, impacts.r), matvec(rotation(turned), centre.expand(len(q), 3))
+    r = r - r.new_tensor((0.0, 0.0, get("depth")))
     if isinstance(shape, Solid):
         now = reshaped(shape, change)
-        r = r + contact_points(now, impacts.body, turned) - matvec(tilt, contact_points(shape, impacts.body, q))
+        r = r + contact_points(now, impacts.body, touching) - matvec(tilt, contact_points(shape, impacts.body, q))
         shape = now
     r = r + matvec(rotation(turned), middle.expand(len(q), 3)) - d
 
@@ -344,7 +347,9 @@ def _with_balance_in_space(impacts: Impacts, rig: Apparatus, known: Mapping[str,
     where they do not close the balance clearly better than nothing does.
     """
     wobbling = {f"centre_{axis}": _SHARE * impacts.r.norm(dim=-1).median().item() for axis in "abc"}
-    free = {"inertia": _INERTIA, **{name: error for name, error in wobbling.items() if name not in known}}
+    depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
+    free = {"inertia": _INERTIA, "swing": _TURNS, "depth": depth}
+    free |= {name: error for name, error in wobbling.items() if name not in known}
     if len(impacts) < _FEWEST * (len(known) + len(free)):
         return rig
     prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)

@@ -445,7 +445,7 @@ def _in_space(
         )
     level = np.eye(3)[int(np.argmax(np.abs(up) < _HALF))]
     right = (level - (level @ up) * up) / np.linalg.norm(level - (level @ up) * up)
-    axes, still = np.stack((right, np.cross(up, right), up)), (0.0,) * 6
+    axes, still = np.stack((right, np.cross(up, right), up)).astype(np.float64), (0.0,) * 6
     return Frame(
         scale=scale, axes=axes, order=order, gravity=(0.0, 0.0, -GRAVITY), centre=(0.0, 0.0, 0.0),
         own=(still, still), moments=moments,

@@ -396,7 +396,9 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
     """Rotations of quaternions [S, w, 4] of windows, about their middle frame at the mean spin between frames."""
     last = np.maximum.accumulate(np.where(seen, np.arange(seen.shape[1]), -1), axis=1)
     last = np.where(last < 0, seen.argmax(1)[:, None], last)  # the frame before a lost one
-    q = np.where(seen.any(1)[:, None, None], np.take_along_axis(q, last[..., None], 1), (1.0, 0.0, 0.0, 0.0))
+    q = np.where(
+        np.asarray(seen.any(1))[:, None, None], np.take_along_axis(q, last[..., None], 1), (1.0, 0.0, 0.0, 0.0)
+    )
     when, tau = np.take_along_axis(when, last, 1), when - when[:, seen.shape[1] // 2, None]
     steps = rotation_vector(product(q[:, 1:], conjugate(q[:, :-1]))).sum(1)
     spin = steps / np.maximum(when[:, -1] - when[:, 0], _NOTHING)[:, None]

@@ -76,7 +76,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         founds.setdefault(one.track.name, one)
     shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
     scores, floor, space = standardised([*founds.values()]), found.floor, found.impacts.space
-    outline = found.shape.outline(91).T.numpy()
+    outline = found.shape.outline(91).T.tolist()
     packed = json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return {
         "title": tracks_headline(found),
@@ -86,7 +86,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
         ],
         "reasons": dict(REASONS),
         "coordinates": _PLANE if space is PLANE else _SPACE,
-        "outline": digits(np.where(np.isnan(outline), None, outline).tolist(), 5),
+        "outline": digits([[None if math.isnan(x) else x for x in row] for row in outline], 5),
         "floor": {
             "height": digits(floor.height.value, 6),
             "slope": digits(floor.slope.value if floor.slope else 0.0, 4),
