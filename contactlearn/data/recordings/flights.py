@@ -414,6 +414,7 @@ _REST_POWER = {
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL = 0.1  # of the way of a fast window
+_UNEVEN = {2: 1.0, 3: 5.0}  # noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
 _SIDE = 3  # frames before and after a skip
 _ROUND = (
     0.006  # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
@@ -470,7 +471,7 @@ def find_flights(
         return Flights(flights=(), sigma=sigma, width=options.narrowest)
     if width > options.narrowest:
         sigma = frame_noise(time, pose, max(width, 5), options.air)
-    good, uneven = np.zeros(0, dtype=np.bool_), limits.uneven if options.air.d == 3 else 1.0
+    good, uneven = np.zeros(0, dtype=np.bool_), _UNEVEN[options.air.d]
     for _ in range(3):
         good, bad_frames = _judged(time, pose, width, options.air, sigma, limits.excess, uneven)
         if not bad_frames.any():

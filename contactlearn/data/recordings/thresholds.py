@@ -18,9 +18,6 @@ class TrackThresholds:
     """Tilt in rad of the body out of it (row tracks.plane_tilt)."""
     excess: float = 6.0
     """Standard deviations of χ² above its mean up to which a window is a flight (row tracks.excess)."""
-    uneven: float = 5.0
-    """Noise of a flight's frames in space over that of the recording, at most: cameras see other sides of a body that
-    turns (row tracks.uneven)."""
     meets: float = 18.0
     """Squared distance in standard deviations, with two degrees of freedom, up to which two flights meet: one of 8000
     by chance (row tracks.meets)."""
