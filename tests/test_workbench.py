@@ -27,6 +27,7 @@ from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompa
 from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.report.page.trials import map_variables
 from contactlearn.report.text import brief_interval, names_by_level
 from contactlearn.report.text.numbers import error
@@ -277,6 +278,13 @@ def test_windows_hold_trials_also_around_the_circle(session, models, monkeypatch
     assert act(first, "worse").trial == order[1]
     assert act(replace(session, trial=len(order) - 1), "next").trial == 0
     assert page.actions.trial(replace(session, trial=10**8)) == len(order) - 1
+
+
+def test_the_rig_card_is_a_table_with_differences_in_bold():
+    rows = Apparatus(gravity=Estimate(value=9.81, error=0.01), delay=Estimate(value=2e-3, error=1e-4)).rows()
+    shown = str(content.rig_card(rows))
+    assert "B('2 ± 0.1 ms')" in shown
+    assert "Span('9.81 ± 0.01 m/s²')" in shown
 
 
 def test_a_correction_of_the_audit_is_applied_and_taken_back(models, page, tmp_path):

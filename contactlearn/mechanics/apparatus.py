@@ -125,7 +125,7 @@ _LISTED = (
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("slope_b", "slope of the floor along y", "ψ", "rad", 0.0, "heights of contacts and rests"),
     ("orientation", "zero of θ", "δ", "rad", 0.0, f"rests and {_HEIGHTS}"),
-    ("late", "positions later than angles by", "Δt_θ", "s", 0.0, _HEIGHTS),
+    ("late", "positions after angles by", "Δt_θ", "s", 0.0, _HEIGHTS),
     ("corner", "radius of the corners", "ρ_c", "m", 0.0, _HEIGHTS),
     ("oblong", "change of the longer semi-axis", "a", "m", 0.0, _HEIGHTS),
     ("middle_a", "middle of the outline along x", "m_a", "m", 0.0, _HEIGHTS),

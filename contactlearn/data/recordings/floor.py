@@ -347,9 +347,10 @@ class _Problem:
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
         slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
-        for name in _ROUGH.keys() & found.keys() if sinking else ():
-            deep = abs(sinking.value) * (1.0 if name == "late" else float(np.median(-columns["sinking"][:hits])))
-            found[name] = replace(found[name], error=math.hypot(found[name].error, _ROUGH[name] * deep))
+        deep = abs(sinking.value) if sinking else 0.0
+        for name in _ROUGH.keys() & found.keys():
+            speed = 1.0 if name == "late" else abs(float(np.median(columns["sinking"][:hits]))) if deep else 0.0
+            found[name] = replace(found[name], error=math.hypot(found[name].error, _ROUGH[name] * deep * speed))
         floor = Floor(
             height=found["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
