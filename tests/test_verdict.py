@@ -26,7 +26,7 @@ from contactlearn.diagnosis.stages import trust_balance
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.text import effect_label, headline, phrase, support
+from contactlearn.report.text import effect_label, headline, phrase
 
 MUCH = Thresholds().form_error
 FRICTION = StateDependence(
@@ -122,9 +122,10 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         if physics is Verdict.UNKNOWN and not better:
             assert ("depends on v_x" in text) == (left.state_dependence is not None and left.state_dependence.large)
             assert "no effect" not in text or " 0\u00a0% is unexplained" not in size or "unnamed" in size, (text, size)
-        assert ("noise floor is unknown" in support(shown)) == (budget.noise is None)
+        support = phrase("support", shown)
+        assert ("noise floor is unknown" in support) == (budget.noise is None)
         assert ("rest is noise or unexplained" in size) == (budget.noise is None)
-        assert not re.search(r"(?<!\d)−|(?:nan|inf)\b", f"{size} {support(shown)}")
+        assert not re.search(r"(?<!\d)−|(?:nan|inf)\b", f"{size} {support}")
     assert seen == {Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, Verdict.UNFINISHED}
 
 
