@@ -5,7 +5,8 @@ and the true effect may not be one of them: where an effect removes little error
 residual is still predictable or depends on something unknown, the named effect may be a proxy for what another
 effect's form leaves.  A logistic regression turns these quantities into the probability that the name is right.  It is
 fitted to tables of `benchmarks/blind` by several authors, with known and unknown physics and soft contacts; a fit to
-names by this catalogue and by a poorer one is its prior.  It is tested on other tables.
+names by this catalogue and by a poorer one is its prior.  It is tested on other tables, and on tosses in space
+(`benchmarks/tosses`), to which nothing is fitted.
 Source: Platt 1999, for the calibration.
 """
 
