@@ -24,7 +24,7 @@ from contactlearn.laws.contact import Impulse, SpatialContact, opposing
 STEPS = 6
 """Midpoint steps of a phase."""
 _ROUNDS = 2  # of the speed in the middle of a step
-_LEAST = 1e-100  # N s: a shorter step is none
+_LEAST, _MOST = 1e-100, 1e100  # N s: a shorter step is none, and a longer one has no end
 
 
 class Slide(NamedTuple):
@@ -116,7 +116,7 @@ class Hodograph:
         taken = torch.ones_like(P_n)
         for first, last in pairwise(self.points(at, elastic)):
             step, before = (last.P_n - first.P_n).clamp_min(_LEAST), taken
-            taken = (left(first, (last.v_n - first.v_n) / step) / step).clamp(0, 1)
+            taken = (left(first, (last.v_n - first.v_n) / step).clamp_max(_MOST) / step).clamp(0, 1)
             taken = torch.where(before < 1, 0.0, taken)
             P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
             P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)

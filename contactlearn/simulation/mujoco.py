@@ -30,7 +30,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity, matvec, rotate, rotation
-from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
+from contactlearn.mechanics.shapes import Ellipse, Polygon, contact_point
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.export.mujoco import STEPS, Scene, solref
 
@@ -88,7 +88,7 @@ class Bench:
             object.__setattr__(self, name, value)
 
     @cached_property
-    def body(self) -> Shape:
+    def body(self) -> Ellipse | Polygon:
         """The body as drawn, of uniform density."""
         a, b = self.semi_axes
         return Ellipse((a, b)) if self.kind == "ellipse" else Polygon(((a, b), (-a, b), (-a, -b), (a, -b)))

@@ -233,8 +233,8 @@ def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
         a, b, c = (k * x for k, x in zip(by, shape.half, strict=True))
         return Cuboid((a, b, c), corner=shape.corner + corner)
     axes = (shape.radius,) * len(by) if isinstance(shape, Disc | Sphere) else shape.semi_axes
-    a, b, *c = (k * x for k, x in zip(by, axes, strict=True))
-    return Ellipsoid((a, b, *c)) if c else Ellipse((a, b))
+    a, b, c = (*(k * x for k, x in zip(by, axes, strict=True)), 0.0)[:3]
+    return Ellipsoid((a, b, c)) if len(by) == 3 else Ellipse((a, b))
 
 
 def _hook(model: ContactModel, scene: Scene, shape: Shape) -> str:

@@ -3,8 +3,8 @@
     inputs     the arguments of `source`, [N, k] each, single numbers as columns [N, 1]
     outputs    velocity_after and wrench [N, D]
 
-Fitted parameters are initialisers by name.  Arcus and hyperbolic functions are refused by name: as of 1.32 ONNX Runtime
-computes them in float32 alone.
+Fitted parameters are initialisers by name.  Operations that ONNX Runtime 1.32 lacks in float64, such as atan2, expm1
+and sinh, are refused by name.
 """
 
 from importlib import import_module

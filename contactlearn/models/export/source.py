@@ -84,6 +84,7 @@ def trace(
         **{"velocity": space.velocity, "order": ("order",), "body": ("body",)},
     }
     example = iter(_EXAMPLE[space.name])
+    values = dict[str, torch.Tensor]()
     with torch.enable_grad(), tracer:
         given = {
             argument: torch.stack([tracer.value("input", name, next(example)) for name in parts], -1)
@@ -103,13 +104,11 @@ def trace(
         )
         if coefficients:
             state = actual_state(moved.effects, state.replace(r=state.contact_points(state.orientation)))
-            values = dict(
-                zip(("mu", "eps"), actual_coefficients(moved.effects, state, *moved.law.coefficients), strict=True)
-            )
+            values["mu"], values["eps"] = actual_coefficients(moved.effects, state, *moved.law.coefficients)
         else:
             found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
             results = *(f"{name}_after" for name in space.velocity), *space.wrench
-            values = dict(zip(results, (*found.v_post.unbind(-1), *found.wrench.unbind(-1)), strict=True))
+            values |= zip(results, (*found.v_post.unbind(-1), *found.wrench.unbind(-1)), strict=True)
         program = tracer.finish(values)
     optional = {"order", "body"} - leaves(program)
     arguments = {name: parts for name, parts in names.items() if name not in optional}
