@@ -108,7 +108,7 @@ class ContactModel:
             pose=impacts.q.expand_as(predicted.v_post),
             velocity=predicted.v_post,
             wrench=predicted.wrench,
-            mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], 2),
+            mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], -1),
             covariance=self._covariance(impacts, predicted) if uncertainty else None,
         )
         return outcome.reshaped(state.batch)
@@ -149,8 +149,14 @@ class ContactModel:
         def at(rows: Tensor) -> ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
+        def steady(rows: Tensor) -> ContactModel:
+            own = at(rows).under
+            acting = {name: effect for name, effect in own.effects.items() if effect.place in ("state", "law")}
+            return ContactModel(own.base, effects=acting)
+
         found = follow(
             lambda impacts, rows: at(rows).predict(impacts),
+            None if self.under.base is None else lambda impacts, rows: steady(rows).predict(impacts),
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
             *(state, shape, until, gravity, drag),
         )
