@@ -106,7 +106,7 @@ def test_contact_times_are_those_of_a_fine_reference(shape, offset):
     ids=["disc", "ellipse", "square", "sphere", "ellipsoid", "cube"],
 )
 def test_energy_never_rises(body, start, shape):
-    state = start(60)
+    state = start(40)
     found = MODEL.roll_out(state, shape)
     bounces = [energy(body, found.poses, v) for v in (found.before, found.after)]
     change = torch.cat((energy(body, state.pose, state.velocity)[:, None], torch.stack(bounces, -1).flatten(1)), 1)
@@ -119,7 +119,7 @@ def test_energy_never_rises(body, start, shape):
     ("flat", "deep", "moments"),
     [
         (Disc(0.02), Sphere(0.02), 1e-5),
-        (SQUARE, Cuboid((0.02, 0.02, 0.02)), (2e-5, 1e-5, 2e-5)),
+        (SQUARE, Cuboid((0.02, 1e-15, 0.02)), (1e-5, 1e-5, 2e-5)),  # all of it in one plane
         (Ellipse((0.03, 0.015)), Ellipsoid((0.03, 0.02, 0.015)), (3e-5, 1e-5, 2.5e-5)),
     ],
     ids=["ball", "box", "egg"],
@@ -137,7 +137,9 @@ def test_a_planar_body_in_space_flies_as_in_the_plane(flat, deep, moments, law, 
     assert torch.allclose(plane.times, space.times, atol=EXACT, rtol=0, equal_nan=True)
     assert torch.allclose(plane.poses[..., :2], space.poses[..., (0, 2)], atol=EXACT, rtol=0, equal_nan=True)
     expected = (0, 2, 4), torch.tensor((1, 1, -1))
-    assert torch.allclose(plane.after, space.after[..., expected[0]] * expected[1], atol=1e-8, rtol=0, equal_nan=True)
+    assert torch.allclose(
+        plane.after, space.after[..., expected[0]] * expected[1], atol=1e-8, rtol=1e-8, equal_nan=True
+    )
 
 
 def test_a_free_body_turns_as_eulers_equations_say():
@@ -167,21 +169,21 @@ def test_a_free_body_turns_as_eulers_equations_say():
 
 
 def test_contact_times_in_space_are_those_of_a_fine_reference():
-    half, radius, state = np.array((0.02, 0.03, 0.01)), 2e-3, tossed(20)
+    half, radius, state = np.array((0.02, 0.03, 0.01)), 2e-3, tossed(6)
     signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
     found = MODEL.roll_out(state, Cuboid(tuple(half), corner=radius), until=Until(bounces=1))
     for k, time in enumerate(found.times[:, 0].tolist()):
 
         def gap(t, k=k):
-            row = torch.tensor([k])
-            q, _ = turned(state.pose[row, 3:], state.velocity[row, 3:], state.inertia[row], torch.tensor([t]).double())
-            up = rotation(q)[0, 2].numpy()
+            times = torch.as_tensor(np.atleast_1d(t))
+            one = [x.expand(len(times), -1) for x in (state.pose[k, 3:], state.velocity[k, 3:], state.inertia[k])]
+            up = rotation(turned(*one, times)[0])[:, 2].numpy()
             centre = state.pose[k, 2].item() + state.velocity[k, 2].item() * t - GRAVITY * t**2 / 2
-            return centre + (signs * (half - radius) @ up).min() - radius
+            return centre + (up @ (signs * (half - radius)).T).min(-1) - radius
 
         grid = np.arange(0, time + 2e-3, 1e-3)
-        first = next(i for i, t in enumerate(grid) if gap(t) < 0)
-        assert abs(time - brentq(gap, grid[first - 1], grid[first], xtol=1e-13)) < EXACT
+        first = np.flatnonzero(gap(grid) < 0)[0]
+        assert abs(time - brentq(lambda t: gap(t)[0], grid[first - 1], grid[first], xtol=1e-12)) < EXACT
 
 
 def test_drag_takes_the_speed_of_the_closed_form():
@@ -212,12 +214,12 @@ def test_it_ends_as_asked_and_says_why():
     [
         (BODY, SQUARE, (0, 0.0285, 0.7), 0.02),
         (SOLID, Cuboid((0.02, 0.02, 0.02), corner=1e-3), (0, 0, 0.035, 0.88, 0.3, 0.36, 0.05), 0.02),
-        (SOLID, Cuboid((0.02, 0.03, 0.01)), (0, 0, 0.036, 0.7, 0.5, 0.5, 0.1), 0.01),
+        (SOLID, Cuboid((0.02, 0.03, 0.01)), (0, 0, 0.036, 0.7, 0.5, 0.5, 0.1), 0.02),
     ],
     ids=["square", "cube", "brick"],
 )
 def test_a_body_that_piles_up_on_a_corner_falls_over(body, shape, pose, height):
-    model, pose = ContactModel(find("wang_mason").at(0.3, 0.0)), torch.tensor(pose, dtype=torch.float64)
+    model, pose = ContactModel(find("anitescu_potra_poisson").at(0.3, 0.0)), torch.tensor(pose, dtype=torch.float64)
     pose[3:] /= pose[3:].norm()
     state = BodyState(pose=pose, velocity=torch.zeros(3 if len(pose) == 3 else 6), **body)
     assert ENDS[model.roll_out(state, shape).ended] == "piled up"
@@ -234,9 +236,9 @@ def test_a_body_that_piles_up_on_a_corner_falls_over(body, shape, pose, height):
 
 def test_a_ball_on_the_floor_rolls_on():
     ball = BodyState(pose=(0, 0, 0.02, 1, 0, 0, 0), velocity=(0.5, 0, 0, 0, 0, 0), mass=0.05, inertia=8e-6)
-    found = MODEL.roll_out(ball, Sphere(0.02), until=Until(time=1.0))
+    found = ContactModel(find("anitescu_potra_poisson").at(0.2, 0.6)).roll_out(ball, Sphere(0.02), until=Until(time=0.4))
     assert ENDS[found.ended] == "time"
-    speed = found.at(torch.tensor((0.9, 1.0))).diff(dim=0)[0, 0] / 0.1
+    speed = found.at(torch.tensor((0.25, 0.35))).diff(dim=0)[0, 0] / 0.1
     assert speed.item() == pytest.approx(5 / 7 * 0.5, rel=1e-3)  # slides until it rolls: 5/7 of the speed
 
 

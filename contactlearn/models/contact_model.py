@@ -105,7 +105,7 @@ class ContactModel:
         predicted = self.predict(impacts)
         offset = actual_state(self.under.effects, State.of(impacts)).mass_centre
         outcome = BodyOutcome(
-            pose=impacts.q.expand_as(predicted.v_post),
+            pose=impacts.q.expand(*predicted.v_post.shape[:-1], -1),
             velocity=predicted.v_post,
             wrench=predicted.wrench,
             mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], -1),
@@ -149,14 +149,15 @@ class ContactModel:
         def at(rows: Tensor) -> ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
-        def steady(rows: Tensor) -> ContactModel:
-            own = at(rows).under
-            acting = {name: effect for name, effect in own.effects.items() if effect.place in ("state", "law")}
-            return ContactModel(own.base, effects=acting)
+        def steady(impacts: Impacts, rows: Tensor, least: Tensor) -> Prediction:
+            own, measured = at(rows).under, State.of(impacts)
+            placed = {name: effect for name, effect in own.effects.items() if effect.place == "state"}
+            mu, eps = actual_coefficients(own.effects, actual_state(placed, measured), *own.law.coefficients)
+            return resolve(own.law, placed, measured, mu, torch.maximum(eps, least))
 
         found = follow(
             lambda impacts, rows: at(rows).predict(impacts),
-            None if self.under.base is None else lambda impacts, rows: steady(rows).predict(impacts),
+            None if self.under.base is None else steady,
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
             *(state, shape, until, gravity, drag),
         )

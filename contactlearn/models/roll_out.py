@@ -8,8 +8,8 @@ is where the lowest point of the body reaches the floor, y = 0 or in space z = 0
 
 Contacts pile up where the next one comes within `SHORTEST`.  A trajectory ends there, unless a time is given until
 which it lasts: it then goes on in steps of `STEP` with an impact at the lowest point at the end of each, so that a body
-slides, rolls, topples and comes to rest by the same law.  After such an impact the contact leaves the floor just fast
-enough to be back after a step, as far as the energy lets it that the impact took: energy never rises.
+slides, rolls, topples and comes to rest by the same law.  The restitution of such an impact is as large as it must be
+for the contact to be back after a step, and at most 1: the law keeps the energy from rising.
 """
 
 import math
@@ -31,7 +31,7 @@ from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept
+from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, swept
 from contactlearn.mechanics.shapes import Shape, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -49,6 +49,7 @@ _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
 _INSIDE = 1e-9  # m by which rounding may put a body into the floor
 _FAINT = 2.0  # falls within a step, of the speed of a contact that is no bounce and of a body that may be at rest
+_SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
 _REST = 0.1  # s for which a body at rest is that slow
 RECORDING = ("sampling_delay", "gravity_impulse")
 """Effects of a recording, which a body in free flight does not have."""
@@ -58,6 +59,8 @@ Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""
 Predict = Callable[[Impacts, Tensor], Prediction]
 """The outcome of impacts of the bodies at rows [n]."""
+Steady = Callable[[Impacts, Tensor, Tensor], Prediction]
+"""The same of contacts that are no bounces, by law and friction alone, with a restitution [n] at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,7 +189,7 @@ class RollOut:
 
 def follow(
     predict: Predict,
-    steady: Predict | None,
+    steady: Steady | None,
     actual: Callable[[State, Tensor], State],
     state: BodyState,
     shape: Shape | None,
@@ -198,7 +201,7 @@ def follow(
 
     Args:
         predict: the outcome of impacts of the bodies at rows [n].
-        steady: the same for contacts of bodies that rest on the floor, slide or roll; None where no law is known.
+        steady: that of contacts of bodies that rest on the floor, slide or roll; None where no law is known.
         actual: the state as it really is, of the bodies at rows [n].
         state: at the start, above the floor.
         shape: of the body; that of the state if None.
@@ -236,9 +239,7 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
     ended, contacts, resting = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.int64), rows < 0
     while len(rows):
         gap = partial(bodies.gap_of, rows)
-        at, piled = _contact_times(
-            flight, gap, lever, first=len(flights) == 1, resting=resting[rows] if goes_on else None
-        )
+        at, piled = _contact_times(flight, gap, lever, resting[rows], first=len(flights) == 1, goes_on=goes_on)
         now = flight.start + at
         late = now > until.time
         ended[rows[piled]], ended[rows[late & ~piled]] = ENDS.index("piled up"), ENDS.index("time")
@@ -246,11 +247,13 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
         if not bool(hits.any()):
             break
         rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(at[hits])
-        v_post, bounced = bodies.impact(rows, q, v, every=not goes_on)
         if goes_on:
-            v_post, resting[rows] = bodies.lifted(rows, q, v, v_post)
+            v_post, bounced = bodies.touch(rows, q, v)
+            resting[rows] = bodies.gap(rows, q, v_post)[1] < bodies.gravity * STEP
             fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
             ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
+        else:
+            v_post, bounced = bodies.predict(bodies.impacts(rows, q, v), rows).v_post, torch.ones_like(hits[hits])
         some = rows[bounced], contacts[rows[bounced]]
         times[some], poses[some], before[some], after[some] = now[bounced], q[bounced], v[bounced], v_post[bounced]
         contacts[some[0]] += 1
@@ -275,7 +278,7 @@ class _Bodies:
     name: str
     space: Space
     predict: Predict
-    steady: Predict | None
+    steady: Steady | None
     actual: Callable[[State, Tensor], State]
     gravity: float
     drag: float
@@ -286,32 +289,19 @@ class _Bodies:
         touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **own)
         return touching.as_impacts(validate=False)
 
-    def impact(self, rows: Tensor, pose: Tensor, velocity: Tensor, *, every: bool) -> tuple[Tensor, Tensor]:
-        """Return velocities after contact, and whether each contact is a bounce: all are, or those that are fast."""
-        speed = self.gap(rows, pose, velocity)[1]
-        bounced = torch.full_like(rows, every, dtype=torch.bool) | (speed < -_FAINT * self.gravity * STEP)
-        after = velocity.clone()
-        for which, predict in ((bounced, self.predict), (~bounced & (speed < 0), self.steady)):
-            if predict is not None and bool(which.any()):
-                some = rows[which]
-                after[which] = predict(self.impacts(some, pose[which], velocity[which]), some).v_post
+    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
+        """Return velocities after contact, and whether each contact is a bounce: those that are fast."""
+        height, speed = self.gap(rows, pose, velocity)
+        bounced, after = speed < -_FAINT * self.gravity * STEP, velocity.clone()
+        if bool(bounced.any()):
+            some = rows[bounced]
+            after[bounced] = self.predict(self.impacts(some, pose[bounced], velocity[bounced]), some).v_post
+        faint = ~bounced & (speed < 0)
+        if self.steady is not None and bool(faint.any()):
+            some, needed = rows[faint], self.gravity * STEP / 2 - height[faint] / STEP
+            impacts, least = self.impacts(some, pose[faint], velocity[faint]), (-needed / speed[faint]).clamp(0, 1)
+            after[faint] = self.steady(impacts, some, least).v_post
         return after, bounced
-
-    def lifted(self, rows: Tensor, pose: Tensor, before: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
-        """Return velocities by which bodies that hardly leave the floor are back at it after a step, and which do so.
-
-        A normal impulse P_n at the contact adds P_n (v_n + W_nn P_n / 2) to the energy, at most what the impact took.
-        """
-        now, earlier = self.real(rows, pose, after), self.real(rows, pose, before)
-        step = torch.full_like(now.v_n, STEP)
-        low, _ = self.gap(rows, *self.fly(rows, step, pose, after).after(step))
-        W_nn, v_n = now.W[:, -1, -1], now.v_n
-        body = now.mass, now.world_inertia
-        lost = (squared_mass_norm(*body, earlier.v_pre) - squared_mass_norm(*body, now.v_pre)).clamp_min(0)
-        resting = v_n < self.gravity * STEP
-        rise = torch.where(resting, (-low / STEP).clamp_min(0).minimum((v_n.square() + W_nn * lost).sqrt() - v_n), 0.0)
-        P = (rise.clamp_min(0) / W_nn)[:, None]
-        return now.as_measured(now.v_after(pad(P, (self.space.d - 1, 2 * self.space.d - 3)))), resting
 
     def slow(self, rows: Tensor, velocity: Tensor) -> Tensor:
         """Return whether bodies are as slow as those at rest."""
@@ -357,24 +347,24 @@ class _Bodies:
 
 
 def _contact_times(
-    flight: FreeFlights, gap: Gap, lever: float, *, first: bool, resting: Tensor | None
+    flight: FreeFlights, gap: Gap, lever: float, resting: Tensor, *, first: bool, goes_on: bool
 ) -> tuple[Tensor, Tensor]:
-    """Time [N] from the start of each flight to contact, and whether contacts pile up.
+    """Time [N] from the start of each flight to contact, and whether contacts pile up and the trajectory ends.
 
     No point of a body comes down faster than its mass centre and its spin let it, so that steps which this allows
-    miss no contact; Newton's method ends them.  If it is known which bodies are resting, contacts that pile up come
-    after a step.
+    miss no contact; Newton's method ends them.
     """
-    every, t = torch.arange(len(flight.start)), torch.zeros_like(flight.start)
+    t, left = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
     if first:
-        height, speed = gap(every, *flight.after(t))
+        height, speed = gap(left, *flight.after(t))
         t = torch.where((height <= _INSIDE) & (speed >= 0), SHORTEST, t)  # at rest on the floor, or leaving it
     else:
         t = t + SHORTEST
-    height, speed = gap(every, *flight.after(t))
-    piled = (height <= 0) & (t > 0)
-    left = every[~piled]
-    if resting is not None:
+    height, _ = gap(left, *flight.of(left).after(t[left]))
+    low = (height <= 0) & (t[left] > 0)
+    piled = torch.zeros_like(resting).index_fill(0, left[low], value=True)
+    left = left[~low]
+    if goes_on:
         left, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
     while len(left):
         part = flight.of(left)
@@ -392,17 +382,24 @@ def _contact_times(
 
 
 def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
-    """Let times of resting bodies end after a step, or half or a quarter of it; return the rows that fly on.
+    """Let times of resting bodies end after a step; return the rows that fly on.
 
-    A body may sink in by as much as it falls in a step; where it would go deeper another point comes down.
+    A body may sink by twice what it falls in a step.  Where it would go deeper another point comes down, and the time
+    ends when that is at the floor, by bisection.
     """
-    depth, low = flight.gravity * STEP**2, resting.nonzero()[:, 0]
+    low, fall = resting.nonzero()[:, 0], flight.gravity * STEP**2
     t[low] = STEP
-    while len(low):
-        height, _ = gap(low, *flight.of(low).after(t[low]))
-        resting[low] = height <= depth
-        low = low[(height < -depth) & (t[low] > SHORTEST)]
-        t[low] /= 2
+    start, _ = gap(low, *flight.of(low).after(torch.zeros_like(t[low])))
+    height, _ = gap(low, *flight.of(low).after(t[low]))
+    resting[low] = height <= fall
+    deep = height < start.clamp_max(0) - fall
+    low, level = low[deep], start[deep].clamp_max(0) - _SUNK
+    part, early, late = flight.of(low), torch.zeros_like(level), torch.full_like(level, STEP)
+    for _ in range(_HALVINGS if len(low) else 0):
+        middle = (early + late) / 2
+        above = gap(low, *part.after(middle))[0] > level
+        early, late = torch.where(above, middle, early), torch.where(above, late, middle)
+    t[low] = late
     return (~resting).nonzero()[:, 0]
 
 
