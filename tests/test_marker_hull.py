@@ -8,7 +8,7 @@ import torch
 from contactlearn import laws
 from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
-from contactlearn.data.recordings.track import turn
+from contactlearn.data.recordings.poses import turn
 from contactlearn.mechanics.shapes import Polygon, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.tracks import tracks_facts

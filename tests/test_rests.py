@@ -14,7 +14,8 @@ from repetitions import repeated
 from contactlearn.data import tracks
 from contactlearn.data.recordings.floor import Lying, find_floor, find_rests
 from contactlearn.data.recordings.result import Rest
-from contactlearn.data.recordings.track import Track, turn
+from contactlearn.data.recordings.poses import turn
+from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point
 from contactlearn.report.text.tracks import tracks_facts

@@ -153,6 +153,7 @@ FLIGHT = Flight(
     state=np.zeros((4, 3)),
     covariance=np.zeros((3, 4, 4)),
     residual=np.zeros((2, 3)),
+    sigma=np.ones(3),
     air=None,
 )
 

@@ -14,7 +14,8 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.data.recordings.frame import matrices
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
-from contactlearn.data.recordings.track import Recording, turn
+from contactlearn.data.recordings.poses import turn
+from contactlearn.data.recordings.track import Recording
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
 

@@ -11,7 +11,8 @@ from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import find_frame
 from contactlearn.data.recordings.flights import STEADY, Air, FlightOptions, find_flights, fit
 from contactlearn.data.recordings.result import Reason
-from contactlearn.data.recordings.track import Recording, Track, continuous, turn
+from contactlearn.data.recordings.poses import turn
+from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import simulate
 
@@ -85,8 +86,8 @@ def test_a_flight_is_fitted_with_its_covariance(drag):
     rng, scores = np.random.default_rng(0), []
     for _ in range(300):
         flight = fit(time, exact + SIGMA * rng.standard_normal(exact.shape), np.arange(30), SIGMA, air)
-        found, covariance = flight.at(0.0)
-        difference = found - state
+        pose, velocity, covariance = flight.at(0.0)
+        difference = np.append(pose, velocity) - state
         difference[2] = turn(difference[2])
         scores.append(difference @ np.linalg.solve(covariance, difference))
     assert np.mean(scores) == pytest.approx(6, abs=0.7)  # χ² with 6 degrees of freedom; 4 standard errors
@@ -105,7 +106,7 @@ def test_angles_are_unwrapped_at_any_rate_below_half_a_turn_a_frame(rate, spin):
 def test_the_state_at_contact_is_right_and_so_are_its_errors():
     """Twenty-five recordings at 250 frames a second; the benchmark has more."""
     founds, pairs, truth = matched(25, Camera(frames=250), seed=5)
-    clean = truth.frames.min(1) >= FlightOptions().fewest + 1
+    clean = truth.frames.min(1) >= FlightOptions().narrowest + 1
     assert len({j for _, j in pairs if clean[j]}) >= 0.96 * clean.sum()
     errors, inside = [], []
     for c, j in pairs:
@@ -241,7 +242,7 @@ def test_windows_grow_with_the_frame_rate_and_the_noise():
         find_flights(track_of(bounce(rate=rate, frames=200, at=0.05), np.arange(200) / rate)).width
         for rate in (250, 1000)
     ]
-    assert widths[0] == FlightOptions().fewest < widths[1]
+    assert widths[0] == FlightOptions().narrowest < widths[1]
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.flights import FlightOptions, find_flights
 from contactlearn.data.recordings.result import Hit
-from contactlearn.data.recordings.track import turn
+from contactlearn.data.recordings.poses import turn
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
@@ -192,7 +192,7 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
         hit.add(j)
         v = (true.v + true.a * since[:, None] / rig.pace) * (1, 1, survey.frame.sense)
         tally.add(contact, v, late * rig.rate, true.skipped)
-    clean = {j for j, one in enumerate(seen.contacts) if one.single and min(one.frames) > FlightOptions().fewest}
+    clean = {j for j, one in enumerate(seen.contacts) if one.single and min(one.frames) > FlightOptions().narrowest}
     tally.clean, tally.found = tally.clean + len(clean), tally.found + len(hit & clean)
     return spent
 

@@ -25,25 +25,28 @@ from jaxtyping import Float
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
 from contactlearn.data.audit.rig import with_balance
-from contactlearn.data.recordings.conventions import ANGLES, SENSES, Conventions, find_frame
+from contactlearn.data.recordings.conventions import ANGLES, ORDERS, SENSES, Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
+from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
-from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.mechanics.rigid_body import moment
+from contactlearn.mechanics.shapes import Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _WOBBLES = 0.08  # error of the outline's place, of the distance of the tracked point from the centre of mass
+_ROUNDING = 1e-9
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -94,7 +97,7 @@ def find(
     path: str | os.PathLike[str],
     mass: float,
     shape: Mapping[str, Any] | Shape | None = None,
-    inertia: float | None = None,
+    inertia: float | Sequence[float] | None = None,
     centre: Centre = None,
     *,
     progress: Progress = iter,
@@ -118,7 +121,7 @@ def track_options(
     rate: float | None = None,
     body: str | None = None,
     drag: float | None = None,
-    fewest: int = 8,
+    fewest: int | None = None,
     contact_time: float = 3e-3,
     workers: int = 1,
 ) -> TrackOptions:
@@ -146,7 +149,7 @@ def track_options(
         ),
         layout=Layout(**(columns or {}), rate=rate, body=body),
         flight=FlightOptions(
-            fewest=whole("fewest", fewest, 5),
+            fewest=None if fewest is None else whole("fewest", fewest, 5),
             contact_time=finite_number("contact_time", contact_time, 0, 0.1),
         ),
         workers=whole("workers", workers, 1),
@@ -158,7 +161,7 @@ def find_impacts(
     *,
     mass: float,
     shape: Mapping[str, Any] | Shape | None = None,
-    inertia: float | None = None,
+    inertia: float | Sequence[float] | None = None,
     centre: Centre = None,
     options: TrackOptions = TrackOptions(),
     progress: Progress = iter,
@@ -170,7 +173,8 @@ def find_impacts(
         mass: of the body in kg.
         shape: of the body, or of several by name, of which `options.layout.body` is one, for
             `contactlearn.mechanics.bodies.make_shapes`; None is the convex hull of its markers.
-        inertia: in kg m² about the centre of mass; None is that of uniform density.
+        inertia: in kg m² about the centre of mass, in space one or three along the body's axes; None is that of uniform
+            density.
         centre: of mass, in the hull of the markers: "mean" of them, or their weights; None is that of uniform density.
         options: of the search; conventions that they do not state are found.
         progress: wraps the files as they are read.
@@ -188,7 +192,9 @@ def find_impacts(
     elif centre is not None:
         raise DataError("data.centre is of a body without data.shape; a shape has its centre of mass at its origin")
     mass = finite_number("mass", mass, 0, above=True)
-    gyration = known.gyration_squared() if inertia is None else finite_number("inertia", inertia, 0, above=True) / mass
+    gyration = _gyration(known, mass, inertia)
+    if isinstance(known, Solid):
+        options = replace(options, solid=known, moments=tuple(gyration.tolist()))
     conventions, clue = _find_angles(sample(recording_files(path), options.layout), options, known, gyration)
     found = survey(path, replace(options, conventions=conventions), progress=progress)
     found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
@@ -201,10 +207,29 @@ def find_impacts(
     name = options.layout.body or type(known).__name__.lower()
     apparatus = _apparatus(found, floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
-    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
+    if not isinstance(known, Solid):
+        impacts = impacts.replace(apparatus=with_balance(impacts, apparatus))
     return Tracked(
         path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
     )
+
+
+def _gyration(shape: Shape, mass: float, inertia: float | Sequence[float] | None) -> Any:
+    """I/m in m²; in space of the three principal axes."""
+    if inertia is None:
+        return shape.gyration_squared()
+    if not isinstance(shape, Solid):
+        return finite_number("inertia", inertia, 0, above=True) / mass
+    moments = [*inertia] if isinstance(inertia, Sequence) and not isinstance(inertia, str) else [inertia] * 3
+    if len(moments) != 3:
+        raise DataError(f"data.inertia is one number in space, or three along the body's axes, got {inertia!r}")
+    values = torch.tensor([finite_number("inertia", one, 0, above=True) for one in moments], dtype=torch.float64)
+    if 2 * values.max() > values.sum() * (1 + _ROUNDING):
+        raise DataError(
+            f"data.inertia: a moment of inertia is at most the sum of the two others, got {values.tolist()}; state "
+            "principal moments in kg m²"
+        )
+    return values / mass
 
 
 def _check_contacts(path: Path, found: Survey) -> None:
@@ -251,6 +276,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
+        slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
         **_with_flights(floor.outline, centre_of_mass(found.wobbles)),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
@@ -258,19 +284,21 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
 
 
 def _with_flights(
-    outline: Mapping[str, Estimate], centre: tuple[Estimate, Estimate] | None
+    outline: Mapping[str, Estimate], centre: tuple[Estimate, ...] | None
 ) -> dict[str, Estimate | None]:
     """Outline and centre of mass; a tracked point that wobbles flies on no parabola, which moves both a little."""
     if centre is None:
         return {**outline}
-    off = _WOBBLES * math.hypot(centre[0].value, centre[1].value)
-    rig = {**outline, "centre_a": centre[0], "centre_b": centre[1]}
-    wobbling = ("middle_a", "middle_b", "centre_a", "centre_b")
-    return {name: replace(x, error=math.hypot(x.error, off)) if name in wobbling else x for name, x in rig.items()}
+    off = _WOBBLES * math.hypot(*(one.value for one in centre))
+    rig = {**outline, **{f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}}
+    wobbling = ("middle", "centre")
+    return {
+        name: replace(x, error=math.hypot(x.error, off)) if name.startswith(wobbling) else x for name, x in rig.items()
+    }
 
 
 def _find_angles(
-    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: float
+    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: Any
 ) -> tuple[Conventions, Clue]:
     """Find the unit and sense of angles that are not stated, and check those that are.
 
@@ -278,39 +306,46 @@ def _find_angles(
         DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
     """
     stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
-    known = [*ANGLES] if recordings[0].quaternion is None else [stated.angle]
-    units = [stated.angle] if stated.angle else known
+    setting, named = ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
+    known = [*ORDERS] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
+    units = [named] if named else known
     left = _imbalances(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
     best, *others = sorted(left, key=lambda reading: left[reading])
     if left[best] > limit and (len(units) < len(known) or stated.sense):
         every = _imbalances(recordings, options, known, [*SENSES], shape, gyration)
         closing = min(every, key=lambda reading: every[reading])
         if every[closing] <= limit * min(left[best], 1.0):
-            leaves = f"leaves {left[best]:.2g} with it" if left[best] < math.inf else "is unknown with it"
+            leaves = f"is {left[best]:.2g} with it" if left[best] < math.inf else "is unknown with it"
             raise DataError(
-                f"{source}: the impacts contradict {_settings(stated.angle, stated.sense)}: their moment balance "
-                f"{leaves}, and {every[closing]:.2g} with {_settings(*closing)}"
+                f"{source}: the impacts contradict {_settings(setting, named, stated.sense)}: {_evidence(shape)} "
+                f"{leaves}, and {every[closing]:.2g} with {_settings(setting, *closing)}"
             )
     if others and not left[best] <= limit * left[others[0]]:
-        needed = _settings("…" if len(units) > 1 else None, None if stated.sense else "…")
+        needed = _settings(setting, "…" if len(units) > 1 else None, None if stated.sense else "…")
         raise DataError(
-            f"{source}: the unit and sense of angles are not clear: the moment balance of impacts leaves "
+            f"{source}: the {'unit' if setting == 'angle' else 'order'} and sense of angles are not clear: {_evidence(shape)} is "
             f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {needed}"
         )
     clue = Clue(
         convention="angles",
         value=", ".join(name for name in best if name),
         stated=not others,
-        quantity="residual of the moment balance",
+        quantity=_evidence(shape),
         number=left[best],
         unit="–",
     )
-    return replace(stated, angle=best[0], sense=best[1]), clue
+    return replace(stated, **{setting: best[0]}, sense=best[1]), clue
 
 
-def _settings(angle: str | None, sense: str | None) -> str:
+def _evidence(shape: Shape) -> str:
+    """The quantity that shows the reading of angles."""
+    heights = isinstance(shape, Solid) and not isinstance(shape, Sphere)
+    return "scatter of the floor over that of the body's height" if heights else "residual of the moment balance"
+
+
+def _settings(setting: str, unit: str | None, sense: str | None) -> str:
     """The settings of a reading, as they are stated."""
-    named = (("angle", angle), ("sense", sense))
+    named = ((setting, unit), ("sense", sense))
     return " and ".join(f"data.{name}={value}" for name, value in named if value)
 
 
@@ -320,13 +355,14 @@ def _imbalances(
     units: Sequence[str | None],
     senses: Sequence[str],
     shape: Shape,
-    gyration: float,
+    gyration: Any,
 ) -> dict[_Reading, float]:
     """Residual of the moment balance under each reading; infinite where contacts are too few."""
     left: dict[_Reading, float] = {}
     for unit in units:
-        conventions = replace(options.conventions, angle=unit, sense="as_read")
-        frame = find_frame(recordings, conventions, options.thresholds)
+        setting = "angle" if options.moments is None else "order"
+        conventions = replace(options.conventions, **{setting: unit}, sense="as_read")
+        frame = find_frame(recordings, conventions, options.thresholds, options.moments)
         ready = options.in_air(frame)
         contacts = [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
         for sense in senses:
@@ -335,38 +371,62 @@ def _imbalances(
     return left
 
 
-def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: float, sense: int = 1) -> float:
+def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: Any, sense: int = 1) -> float:
     """Median residual of the moment balance relative to its terms, in [0, 1], if angles grow in this sense."""
-    angles = torch.tensor([sense * float(contact.pose[2]) for contact in contacts], dtype=torch.float64)
-    r = contact_point(shape, angles).numpy()
-    change = np.stack([contact.v_post - contact.v_pre for contact in contacts]) * (1, 1, sense)
+    pose = np.stack([contact.pose for contact in contacts])
+    change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
+    if isinstance(shape, Solid):
+        return _misread(pose, change, shape, gyration_squared, sense)
+    r = contact_point(shape, torch.from_numpy(sense * pose[:, 2])).numpy()
+    change = change * (1, 1, sense)
     terms = np.stack(
         (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
     )
     return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
 
 
+def _misread(pose: Array, change: Array, shape: Solid, gyration_squared: Any, sense: int) -> float:
+    """Residual of a reading in space; the other sense is that of quaternions from the world's axes to the body's.
+
+    It is the scatter of the floor's heights that contacts show, over that of the heights of the body's lowest points;
+    or the residual of the moment balance, of a ball.
+    """
+    turned, spin = pose[:, 3:], change[:, 3:]
+    if sense < 0:
+        turned = conjugate(turned)
+        spin = -rotated(turned, spin)
+    q, spun = torch.from_numpy(turned), torch.from_numpy(spin)
+    r = contact_point(shape, q)
+    if not isinstance(shape, Sphere):
+        own, floor = ((x - x.median()).abs().median().item() for x in (r[:, 2], r[:, 2] + torch.from_numpy(pose[:, 2])))
+        return floor / max(own, 1e-12)
+    spun, moved = gyration_squared.mean() * spun, moment(r, torch.from_numpy(change[:, :3]))
+    return ((spun - moved).norm(dim=-1) / (spun.norm(dim=-1) + moved.norm(dim=-1)).clamp_min(1e-12)).median().item()
+
+
 def _impacts(
-    contacts: Sequence[Hit], shape: Shape, mass: float, inertia: float, name: str, source: str, apparatus: Apparatus
+    contacts: Sequence[Hit], shape: Shape, mass: float, inertia: Any, name: str, source: str, apparatus: Apparatus
 ) -> Impacts:
     """The impacts of contacts with the floor, with the errors of their instants in both covariances."""
     twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]
     if twice:
         name = twice[0].rpartition("#")[0]
         raise DataError(f"{source}: two recordings are called {name!r}; each needs a name of its own")
-    n = len(contacts)
+    n, k, in_space = len(contacts), len(contacts[0].v_pre), isinstance(shape, Solid)
     covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
     pose = torch.from_numpy(np.stack([contact.pose for contact in contacts]))
     return Impacts(
         mass=torch.full((n,), mass, dtype=torch.float64),
-        inertia=torch.full((n,), inertia, dtype=torch.float64),
-        r=contact_point(shape, pose[:, 2]),
+        inertia=torch.as_tensor(inertia, dtype=torch.float64).expand(n, 3) if in_space else torch.full((n,), inertia, dtype=torch.float64),
+        r=contact_point(shape, orientation(pose)),
         q=pose,
         v_pre=torch.from_numpy(np.stack([contact.v_pre for contact in contacts])),
         v_post=torch.from_numpy(np.stack([contact.v_post for contact in contacts])),
-        v_pre_cov=covariance[:, :3, :3],
-        v_post_cov=covariance[:, 3:6, 3:6],
+        v_pre_cov=covariance[:, :k, :k],
+        v_post_cov=covariance[:, k : 2 * k, k : 2 * k],
+        time=torch.tensor([contact.time for contact in contacts], dtype=torch.float64) if in_space else None,
         trial=tuple(contact.name for contact in contacts),
+        recording=tuple(contact.recording for contact in contacts) if in_space else (),
         object=(name,) * n,
         shape=shape,
         source=source,

@@ -3,7 +3,7 @@
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
     delay         of the states at contact, which are those of the instant at which two flights meet
-    slope         of the floor against the upward axis, from the heights of contacts and of bodies at rest
+    slope         of the floor along x, in space slope_b along y, against the upward axis, from the heights of contacts and of bodies at rest
     orientation   offset of the body's zero of θ, from the same heights, and from θ of bodies at rest
     corner        radius of a polygon's corners, from the heights of contacts against θ
     oblong        change of an ellipse's longer semi-axis, the shorter one as stated: heights tell their difference
@@ -111,9 +111,9 @@ class Row:
         return f"{self.quantity} {self.measured}"
 
 
-CHANGES = ("slope", "orientation", "corner", "oblong", "middle_a", "middle_b", "centre_a", "centre_b", "inertia")
+_IN_THE_BODY = ("middle_a", "middle_b", "middle_c", "centre_a", "centre_b", "centre_c")
+CHANGES = ("slope", "slope_b", "orientation", "corner", "oblong", *_IN_THE_BODY, "inertia")
 """Fields of `Apparatus` by which impacts can be corrected."""
-_IN_THE_BODY = ("middle_a", "middle_b", "centre_a", "centre_b")
 _OF_HEIGHTS = ("corner", "oblong")
 _HEIGHTS = "heights of contacts against θ"
 _LISTED = (
@@ -121,13 +121,16 @@ _LISTED = (
     ("drag", "drag of the air", "k", "1/s", None, "free flights"),
     ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
+    ("slope_b", "slope of the floor along y", "ψ", "rad", 0.0, "heights of contacts and rests"),
     ("orientation", "zero of θ", "δ", "rad", 0.0, f"rests and {_HEIGHTS}"),
     ("corner", "radius of the corners", "ρ_c", "m", 0.0, _HEIGHTS),
     ("oblong", "change of the longer semi-axis", "a", "m", 0.0, _HEIGHTS),
     ("middle_a", "middle of the outline along x", "m_a", "m", 0.0, _HEIGHTS),
     ("middle_b", "middle of the outline along y", "m_b", "m", 0.0, _HEIGHTS),
+    ("middle_c", "middle of the outline along z", "m_c", "m", 0.0, _HEIGHTS),
     ("centre_a", "centre of mass along x", "δ_a", "m", 0.0, "wobble of flights, moment balance"),
     ("centre_b", "centre of mass along y", "δ_b", "m", 0.0, "wobble of flights, moment balance"),
+    ("centre_c", "centre of mass along z", "δ_c", "m", 0.0, "wobble of flights, moment balance"),
     ("inertia", "inertia over the stated one", "κ", "–", 0.0, "moment balance of impacts"),
 )
 PROPERTIES: dict[str, dict[str, Any]] = {
@@ -145,13 +148,16 @@ class Apparatus:
     drag: Estimate | None = None
     delay: Estimate
     slope: Estimate | None = None
+    slope_b: Estimate | None = None
     orientation: Estimate | None = None
     corner: Estimate | None = None
     oblong: Estimate | None = None
     middle_a: Estimate | None = None
     middle_b: Estimate | None = None
+    middle_c: Estimate | None = None
     centre_a: Estimate | None = None
     centre_b: Estimate | None = None
+    centre_c: Estimate | None = None
     inertia: Estimate | None = None
 
     def rows(self) -> tuple[Row, ...]:
@@ -181,12 +187,14 @@ class Apparatus:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""
         known = (
             ("surface_tilt.phi", self.slope),
+            ("surface_tilt.psi", self.slope_b),
             ("orientation_offset.delta", self.orientation),
             ("sampling_delay.dt", self.delay),
             ("gravity_impulse.dt", self.delay),
             ("corner_radius.rho_c", self.corner),
             ("com_offset.delta_a", self.centre_a),
             ("com_offset.delta_b", self.centre_b),
+            ("com_offset.delta_c", self.centre_c),
             ("inertia_error.kappa", self.inertia),
         )
         return ((name, one) for name, one in known if one is not None)

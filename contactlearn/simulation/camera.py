@@ -12,7 +12,8 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number
-from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.track import Recording
 
 AXES = {
     "plane": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),

@@ -62,7 +62,7 @@ def _matched(recorded: Recorded, thresholds: AllThresholds) -> tuple[int, int, i
     truth, clean, found, false = recorded.truth, 0, 0, 0
     for k, track in enumerate(recorded.tracks):
         mine = np.flatnonzero(truth.recording == k)
-        sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().fewest}
+        sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().narrowest}
         hits = find_contacts(track, limits=thresholds.tracks).contacts
         right = {
             j for hit in hits

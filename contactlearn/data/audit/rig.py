@@ -31,7 +31,7 @@ from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotate
-from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape
+from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
@@ -98,6 +98,8 @@ def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
             return replace(
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
+        case Cuboid():
+            return replace(shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), min(shape.half)))
         case Ellipse(semi_axes=(a, b)):
             longer = change.get("oblong", 0.0)
             return Ellipse((a + longer * (a > b), b + longer * (a <= b)))

@@ -1,10 +1,10 @@
 """Contacts of a track between two free flights, with their covariance; everything else is refused with its number.
 
-At contact the flights before and after meet in all three coordinates.  About an instant t they are apart by
+At contact the flights before and after meet in all k coordinates, three in the plane and six in space.  About an instant t they are apart by
 
     d(δ) = p⁻ − p⁺ + (v⁻ − v⁺) δ        δ̂ = −(Δvᵀ S⁻¹ d) / (Δvᵀ S⁻¹ Δv)        S = cov p⁻ + cov p⁺
 
-which gives the instant between frames; the two degrees of freedom that are left test whether they meet at all.  If the
+which gives the instant between frames; the k − 1 degrees of freedom that are left test whether they meet at all.  If the
 recording skips m frames at contact without a gap in its time stamps, whatever follows contact happened m frame times
 later than it states: each m is tried, and its probability follows from how well the flights then meet.
 
@@ -29,7 +29,6 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.data.recordings.flights import (
-    Air,
     Flight,
     FlightOptions,
     Flights,
@@ -40,9 +39,10 @@ from contactlearn.data.recordings.flights import (
     mended,
     same_flight,
 )
+from contactlearn.data.recordings.poses import Array, arms, away, levers, moved, orientation
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Track, about_centre, arms, turn
+from contactlearn.data.recordings.track import Track, about_centre
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
 _BRIEF = 5e-4  # s, of a contact without a frame; a longer one is seen at 1000 frames a second
@@ -59,8 +59,8 @@ class Meeting:
         missing: frames that the recording skips there.
         certainty: probability of that number.
         apart: squared distance in standard deviations, the contact's duration allowed for.
-        distance: in m, of the two poses, without θ.
-        gain: derivative [3] of the instant in the distance p⁻ − p⁺.
+        distance: in m, of the two positions.
+        gain: derivative [k] of the instant in the distance p⁻ − p⁺.
         lasting: s about the instant in which frames are in no flight.
     """
 
@@ -69,7 +69,7 @@ class Meeting:
     certainty: float
     apart: float
     distance: float
-    gain: Float[Array, "3"]
+    gain: Float[Array, "k"]
     lasting: float
 
 
@@ -89,7 +89,7 @@ def meeting(
     skipped: Array = np.arange(most_missing + 1.0) * step
     low, high = window[0], window[1] + skipped
     time = (low + high) / 2
-    information, gain = np.ones_like(time), np.zeros((len(time), 3))
+    information, gain = np.ones_like(time), np.zeros((len(time), before.air.k))
     for _ in range(_ROUNDS):
         d, S, change = _apart(before, after, time, skipped)
         information = (change**2 / S).sum(1)
@@ -109,16 +109,15 @@ def meeting(
         missing=best,
         certainty=float(share[best] / share.sum()),
         apart=float(apart[best]),
-        distance=float(np.hypot(d[best, 0], d[best, 1])),
+        distance=float(np.linalg.norm(d[best, : before.air.d])),
         gain=gain[best],
         lasting=lasting,
     )
 
 
 def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[Array, Array, Array]:
-    """Distance p⁻ − p⁺ [M, 3], its variance and the difference of velocities, for each number of missing frames."""
-    d = before.poses(time) - after.poses(time - skipped)
-    d[:, 2] = turn(d[:, 2])
+    """Distance p⁻ − p⁺ [M, k], its variance and the difference of velocities, for each number of missing frames."""
+    d = away(before.poses(time), after.poses(time - skipped))
     S = before.spread(time) ** 2 + after.spread(time - skipped) ** 2
     return d, S, before.velocities(time) - after.velocities(time - skipped)
 
@@ -142,7 +141,6 @@ def cut(
         contact_time: longest contact in s; frames within half of it are left out, for one that bends them by less than
             the noise.
     """
-    sigma = found.sigma
     fitted: list[Flight] = []
     ends = (None, *meetings, None)
     for flight, start, end in zip(flights, ends, ends[1:], strict=False):
@@ -155,29 +153,31 @@ def cut(
         if len(frames) < 4:
             frames = flight.frames
         if start is None and flight.first > 0:
-            frames = _own(track, frames[::-1], found, flight.air)[::-1]
+            frames = _own(track, frames[::-1], found, flight)[::-1]
         if end is None and flight.last < len(track) - 1:
-            frames = _own(track, frames, found, flight.air)
+            frames = _own(track, frames, found, flight)
         changed = len(frames) < len(flight.frames)
-        fitted.append(fit(track.time, track.pose, frames, sigma, flight.air) if changed else flight)
+        fitted.append(fit(track.time, track.pose, frames, flight.sigma, flight.air) if changed else flight)
     return fitted
 
 
-def _own(track: Track, frames: Indices, found: Flights, air: Air) -> Indices:
+def _own(track: Track, frames: Indices, found: Flights, flight: Flight) -> Indices:
     """Frames of a flight without its last one, and without those before it that are of something else.
 
-    The last m frames are as they are left out if χ² of the flight falls by more than twice their 3 m numbers (Akaike
+    The last m frames are as they are left out if χ² of the flight falls by more than twice their k m numbers (Akaike
     1974): each of them may be near the flight where all of them together are not.  The errors of the other
     frames are independent of this decision.  At least a window of frames stays.
     """
-    frames, sigma = frames[:-1], found.sigma
+    if len(frames) < _LEAST:
+        return frames
+    frames, sigma, air = frames[:-1], flight.sigma, flight.air
     most = min(len(frames) // 3, len(frames) - found.width)
     if most < 1:
         return frames
     fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]
     total = np.array([((one.residual / sigma) ** 2).sum() for one in fits])
-    scatter = max(1.0, total[-1] / (3 * len(fits[-1].frames) - 6))
-    gain = (total[0] - total) / scatter - 6 * np.arange(most + 1)
+    scatter = max(1.0, total[-1] / (air.k * (len(fits[-1].frames) - 2)))
+    gain = (total[0] - total) / scatter - 2 * air.k * np.arange(most + 1)
     return frames[: len(frames) - int(gain.argmax())]
 
 
@@ -186,8 +186,14 @@ def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
     return after.first - before.last - 1 <= 2 * options.most_missing + 2
 
 
-def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[Meeting, int]:
-    """Find where two flights of a track meet, and how many frames are in neither though the contact does not last."""
+def meet(
+    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: TrackThresholds
+) -> tuple[Meeting, int]:
+    """Find where two flights of a track meet, and how many frames are in neither though the contact does not last.
+
+    In space a contact without a frame in neither flight may last as well: six coordinates show by how much flights miss
+    each other, and a body that turns during contact moves its other coordinates.
+    """
     window = (float(track.time[before.last]), float(track.time[after.first]))
     between = np.arange(before.last + 1, after.first)
     times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
@@ -195,13 +201,15 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     away = np.minimum(np.abs(times - met.time), np.abs(times + met.missing * track.step - met.time))
     within = away <= options.contact_time
     lasting = float(away[within].max(initial=brief))
+    if lasting == brief and track.d == 3 and met.apart > limits.meets_in(track.k):
+        lasting = options.contact_time
     if lasting > brief:
         met = meeting(before, after, window, track.step, options.most_missing, lasting)
     return met, int((~within).sum())
 
 
 def hit_of(
-    track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int, centre: tuple[float, float]
+    track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int, centre: Sequence[float]
 ) -> Hit:
     """State of the tracked point before and after contact at its instant, with all covariances.
 
@@ -214,36 +222,36 @@ def hit_of(
         centre: of mass, about the tracked point.
     """
     before, after = flights[place : place + 2]
-    (a, A), (b, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
-    errors = np.zeros((12, 12))
-    errors[:6, :6], errors[6:, 6:] = A, B
-    instant = np.concatenate((found.gain, np.zeros(3), -found.gain, np.zeros(3)))
-    trust = np.diag(A)[:3] / (np.diag(A)[:3] + np.diag(B)[:3])  # of the pose after contact
-    apart = b[:3] - a[:3]
-    apart[2] = turn(apart[2])
-    pose = a[:3] + trust * apart
-    pose[2] = turn(pose[2])
-    moving = (1 - trust) * a[3:] + trust * b[3:]
-    jacobian = np.zeros((10, 12))
-    jacobian[:3, 3:6] = jacobian[3:6, 9:12] = np.eye(3)
-    jacobian[:3] += np.outer(before.acceleration(found.time), instant)
-    jacobian[3:6] += np.outer(after.acceleration(found.time - found.missing * track.step), instant)
-    jacobian[6:9, :3], jacobian[6:9, 6:9] = np.diag(1 - trust), np.diag(trust)
-    jacobian[6:9] += np.outer(moving, instant)
-    jacobian[9] = instant
-    x, y = arms(centre, pose[2])
-    to_point = np.eye(10)
-    to_point[0:2, 2] = to_point[3:5, 5] = to_point[6:8, 8] = y, -x
-    to_point[0:2, 8], to_point[3:5, 8] = a[5] * np.array((x, y)), b[5] * np.array((x, y))
+    (p, u, A), (q, v, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
+    d, k = before.air.d, before.air.k
+    errors = np.zeros((4 * k, 4 * k))
+    errors[: 2 * k, : 2 * k], errors[2 * k :, 2 * k :] = A, B
+    instant = np.concatenate((found.gain, np.zeros(k), -found.gain, np.zeros(k)))
+    trust = np.diag(A)[:k] / (np.diag(A)[:k] + np.diag(B)[:k])  # of the pose after contact
+    pose = moved(p, trust * away(q, p))
+    jacobian, pre, post, at = np.zeros((3 * k + 1, 4 * k)), np.s_[:k], np.s_[k : 2 * k], np.s_[2 * k : 3 * k]
+    jacobian[pre, k : 2 * k] = jacobian[post, 3 * k :] = np.eye(k)
+    jacobian[pre] += np.outer(before.acceleration(found.time), instant)
+    jacobian[post] += np.outer(after.acceleration(found.time - found.missing * track.step), instant)
+    jacobian[at, :k], jacobian[at, 2 * k : 3 * k] = np.diag(1 - trust), np.diag(trust)
+    jacobian[at] += np.outer((1 - trust) * u + trust * v, instant)
+    jacobian[3 * k] = instant
+    arm = arms(centre, orientation(pose))
+    lever, to_point = levers(arm), np.eye(3 * k + 1)
+    to_point[:d, d:k] = to_point[k : k + d, k + d : 2 * k] = to_point[2 * k : 2 * k + d, 2 * k + d : 3 * k] = lever
+    to_point[:d, 2 * k + d : 3 * k], to_point[k : k + d, 2 * k + d : 3 * k] = (
+        _swept_matrix(w[d:]) @ lever for w in (u, v)
+    )
     jacobian = to_point @ jacobian
     lost = int((~track.seen[before.last + 1 : after.first]).sum())
+    u, v = (np.append(w[:d] + lever @ w[d:], w[d:]) for w in (u, v))
     return Hit(
         recording=track.name,
         number=number,
         time=found.time,
-        v_pre=a[3:] + a[5] * np.array((y, -x, 0.0)),
-        v_post=b[3:] + b[5] * np.array((y, -x, 0.0)),
-        pose=pose - (x, y, 0.0),
+        v_pre=u,
+        v_post=v,
+        pose=np.append(pose[:d] - arm, pose[d:]),
         covariance=jacobian @ errors @ jacobian.T,
         missing=found.missing,
         certainty=found.certainty,
@@ -254,7 +262,13 @@ def hit_of(
     )
 
 
+def _swept_matrix(spin: Float[Array, " s"]) -> Float[Array, "d d"]:
+    """Matrix of ω × c in c."""
+    return -levers(spin) if len(spin) == 3 else np.array(((0.0, -spin[0]), (spin[0], 0.0)))
+
+
 _UNEVEN = 20.0  # range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
+_LEAST = 3  # frames of any flight: two are no test of one
 _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
 
 
@@ -293,8 +307,8 @@ def _one_contact(
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    met, neither = meet(track, before, after, options)
-    return met if met.apart <= limits.meets and neither <= 1 else None
+    met, neither = meet(track, before, after, options, limits)
+    return met if met.apart <= limits.meets_in(track.k) and neither <= 1 else None
 
 
 def _between(
@@ -310,20 +324,21 @@ def _between(
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
-    met, neither = meet(track, before, after, options)
+    met, neither = meet(track, before, after, options, limits)
     change, errors = apart(before, after, met.time)
-    moved = float(change[3:] @ np.linalg.solve(errors[3:, 3:], change[3:]))
+    k, d = track.k, track.d
+    changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
     lost = int((~track.seen[first + 1 : last]).sum())
     few = _too_few((before, after), known, found.width - math.ceil(options.contact_time / 2 / track.step))
-    jump = 1e3 * float(np.hypot(*change[:2]))
+    jump = 1e3 * float(np.linalg.norm(change[:d]))
     late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, met.time, n * track.step))
     skipped = next(late, 0)  # frames but for which the two flights are one
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
-        (moved < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
+        (changed < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
-        (met.apart > limits.meets, Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
+        (met.apart > limits.meets_in(k), Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
         (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
         (few > 0, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
     )
@@ -340,7 +355,7 @@ def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: i
     that the contact may bend.
     """
     counts = [len(flight.frames) for flight in flights]
-    return min((n for n, ends in zip(counts, known, strict=True) if n < fewest - _EDGES * ends), default=0)
+    return min((n for n, ends in zip(counts, known, strict=True) if n < max(fewest - _EDGES * ends, _LEAST)), default=0)
 
 
 def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:
@@ -350,18 +365,19 @@ def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThres
     if len(seen) < max(2, len(frames) // 2):
         lost = len(frames) - len(seen)
         return refuse(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
-    heights = track.pose[track.seen, 1]
-    above, most = float(track.pose[seen, 1].mean() - heights.min()), float(np.ptp(heights))
+    heights = track.height[track.seen]
+    above, most = float(track.height[seen].mean() - heights.min()), float(np.ptp(heights))
     few = found.width // 2 if found.flights else found.width
-    if above > limits.hand_height * most and most > _UNEVEN * found.sigma[1] and len(seen) >= few:
+    if above > limits.hand_height * most and most > _UNEVEN * found.sigma[track.d - 1] and len(seen) >= few:
         return refuse(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < found.width:
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
         return refuse(track, first, last, reason, "frames in no flight", len(seen), "frames")
     stride = max(1, len(seen) // 10)  # which takes the noise away; a turn of θ counts as 10 mm/rad
-    moved = np.diff(track.pose[seen][::stride], axis=0) * (1.0, 1.0, 0.01)
-    speed = float(np.median(np.linalg.norm(moved, axis=1) / np.diff(track.time[seen][::stride])))
+    poses, weight = track.pose[seen][::stride], np.where(np.arange(track.k) < track.d, 1.0, 0.01)
+    moves = away(poses[1:], poses[:-1]) * weight
+    speed = float(np.median(np.linalg.norm(moves, axis=1) / np.diff(track.time[seen][::stride])))
     reason = Reason.REST if speed < limits.rest_speed else Reason.SLIDING
     return refuse(track, first, last, reason, "median speed", speed, "m/s")
 

@@ -5,7 +5,7 @@
     drag    of the air: the part of this acceleration in proportion to the velocity, a = g − c v
     unit    of length: the size of gravity is 9.81 m/s² in one of them
     up      gravity points the other way
-    plane   the horizontal direction in which bodies move, or across which they turn
+    plane   the horizontal direction in which bodies move, or across which they turn; not of a body that moves in space
     order   of a quaternion: in the right one bodies turn about the normal of the plane
     right   the file's horizontal axis, or the one of its two directions that is nearer to a positive axis
 
@@ -25,8 +25,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import (
-    SMOOTH,
-    STEADY,
+    Air,
     centre_of_flights,
     fit,
     frame_noise,
@@ -36,8 +35,9 @@ from contactlearn.data.recordings.flights import (
     windows,
 )
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
+from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Mask, Recording, about_centre, mean_step
+from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _DURATION = 0.06  # s of a window
@@ -194,7 +194,7 @@ def _motions(recording: Recording, number: int) -> _Motions:
 
 def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> _Motions:
     """Windows that hold one motion; their block is their first frame."""
-    fits = windows(time, pose, frames, SMOOTH, sigma)
+    fits = windows(time, pose, frames, Air().smooth(), sigma)
     share = fits.misfit[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
     good = sliding_window_view(np.pad(good, _EDGE, mode="edge"), 2 * _EDGE + 1).all(-1)
@@ -268,8 +268,15 @@ def find_frame(
     recordings: Sequence[Recording],
     stated: Conventions = Conventions(),
     limits: TrackThresholds = TrackThresholds(),
+    moments: tuple[float, ...] | None = None,
 ) -> Frame:
     """Find the conventions that are not stated, and check those that are.
+
+    Args:
+        recordings: a few.
+        stated: conventions.
+        limits: that decide.
+        moments: principal moments of inertia of a body that moves in space; None of one that moves in a plane.
 
     Raises:
         DataError: a convention contradicts the recordings, or is neither stated nor found.
@@ -278,35 +285,42 @@ def find_frame(
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
     scale, unit = _unit(gravity, stated.unit, first, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
-    if first.quaternion is None:
+    if moments is not None:
+        frame, clues = _in_space(first, up, scale, stated.order, moments)
+    elif first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
-    right, downward = frame.axes[:2] @ gravity.vector * scale
-    leans = abs(right) > _LEAN_SIGMAS * gravity.error_along(frame.axes[0]) * scale
+    level = frame.axes[: len(frame.gravity) - 1]
+    *across, downward = (frame.axes[: len(frame.gravity)] @ gravity.vector * scale).tolist()
+    leans = any(
+        abs(g) > _LEAN_SIGMAS * gravity.error_along(axis) * scale for g, axis in zip(across, level, strict=True)
+    )
     frame = replace(
         frame,
         angle=ANGLES[stated.angle or "rad"],
         sense=SENSES[stated.sense or "as_read"],
-        gravity=(float(right), float(downward)) if leans else (0.0, -float(np.hypot(right, downward))),
+        gravity=(*across, downward) if leans else (*(0.0 for _ in across), -math.hypot(*across, downward)),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
         drag_error=gravity.drag_error if stated.drag is None else 0.0,
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
     long = long_flights(map(frame.track, recordings), frame.air)
-    own = long[0][1].air.own if long else STEADY
+    k, own = frame.air.k, long[0][1].air.own if long else frame.own
     for _ in range(2):  # own accelerations are known better where the wobble is
         measured = centre_of_flights(long, own)
         if measured is not None:
-            (a, b), covariance = measured
-            sure = (measured[0] ** 2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()
-            frame = replace(frame, centre=(float(a), float(b)) if sure else (0.0, 0.0))
+            centre, covariance = measured
+            sure = (centre**2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()
+            frame = replace(frame, centre=tuple((centre * bool(sure)).tolist()))
         of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
-        own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre])
-    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = own
-    return replace(frame, own=((a_x, a_y, a_θ), (j_x, math.hypot(j_y, GRAVITY * min(frame.drag_error, 1.0)), j_θ)))
+        own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
+    steady, (*level, falling), turning = own[0], own[1][: frame.air.d], own[1][frame.air.d :]
+    return replace(
+        frame, own=(steady, (*level, math.hypot(falling, GRAVITY * min(frame.drag_error, 1.0)), *turning))
+    )
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
@@ -411,6 +425,33 @@ def _up(gravity: Gravity, stated: str | None, source: str, limits: TrackThreshol
 def _right(direction: Array) -> Array:
     """A direction or its opposite, whichever is nearer to a positive axis."""
     return direction * np.sign(direction[int(np.abs(direction).argmax())])
+
+
+def _in_space(
+    first: Recording, up: Array, scale: float, order: str | None, moments: tuple[float, ...]
+) -> tuple[Frame, tuple[Clue, ...]]:
+    """World axes with z up of a body that moves in space, the file's own if its z is up.
+
+    Raises:
+        DataError: no quaternions, or no order of them.
+    """
+    if first.quaternion is None:
+        raise DataError(
+            f"{first.source}: data.shape is a body in space, which needs positions x, y, z and quaternions "
+            "(data.columns.position, data.columns.quaternion)"
+        )
+    if order is None:
+        raise DataError(
+            f"{first.source}: which component of the quaternions is w is not seen; state data.order=wxyz or "
+            "data.order=xyzw"
+        )
+    level = np.eye(3)[int(np.argmax(np.abs(up) < _HALF))]
+    right = (level - (level @ up) * up) / np.linalg.norm(level - (level @ up) * up)
+    axes, still = np.stack((right, np.cross(up, right), up)), (0.0,) * 6
+    return Frame(
+        scale=scale, axes=axes, order=order, gravity=(0.0, 0.0, -GRAVITY), centre=(0.0, 0.0, 0.0),
+        own=(still, still), moments=moments,
+    ), ()  # fmt: skip
 
 
 def _spatial(

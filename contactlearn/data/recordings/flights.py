@@ -9,6 +9,9 @@ that slows give each flight an acceleration a of its own, which may change at a 
 the standard deviations that all flights show (empirical Bayes, Efron & Morris 1973).  Each coordinate is then linear in
 four numbers with a prior on two, so that any number of windows is fitted at once in closed form.
 
+In space there are three rotations: those of the difference from a body that turns freely (`Turning`), in axes that turn
+half as fast.  That difference is small, and the four numbers of each of its coordinates are independent.
+
 Contacts are where flights end: change-point detection by ballistic fits.  In a window of w frames a free flight is six
 numbers, and the squared residual in units of the noise follows χ² with 3 (w − 2) degrees of freedom; a contact inside
 the window, a floor below the body or a hand makes it larger by orders of magnitude.  The window is as long as it must
@@ -27,8 +30,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.data.recordings.poses import (
+    Array,
+    arms,
+    away,
+    conjugate,
+    cross,
+    free_turn,
+    orientation,
+    product,
+    quaternion,
+    rotated,
+    rotation_vector,
+    turn,
+)
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Mask, Track, arms, finite, turn
+from contactlearn.data.recordings.track import Mask, Track, finite
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 Indices = NDArray[np.intp]
@@ -38,7 +55,7 @@ _BLOCK = 2048  # windows, some tens of MB
 _NOTHING = 1e-30  # s², of a window without frames
 
 
-Own = tuple[tuple[float, float, float], tuple[float, float, float]]
+Own = tuple[tuple[float, ...], tuple[float, ...]]
 STEADY: Own = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
@@ -47,15 +64,31 @@ class Air:
     """Accelerations of free flight.
 
     Args:
-        gravity: (g_x, g_y) in m/s².
+        gravity: (g_x, g_y) in m/s²; in space (g_x, g_y, g_z).
         drag: linear drag in 1/s.
         own: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
-            at which it changes, in m/s³, m/s³ and rad/s³.
+            at which it changes, in m/s³, m/s³ and rad/s³; in space three of each.
+        moments: in space principal moments of inertia, in any unit; None if they are equal.
     """
 
-    gravity: tuple[float, float] = (0.0, -GRAVITY)
+    gravity: tuple[float, ...] = (0.0, -GRAVITY)
     drag: float = 0.0
     own: Own = STEADY
+    moments: tuple[float, ...] | None = None
+
+    @property
+    def d(self) -> int:
+        """Components of a position."""
+        return len(self.gravity)
+
+    @property
+    def k(self) -> int:
+        """Coordinates of a pose: 3 in the plane, 6 in space."""
+        return 3 * self.d - 3
+
+    def smooth(self) -> "Air":
+        """Anything whose acceleration is steady."""
+        return Air(gravity=(0.0,) * self.d, own=((np.inf,) * self.k, (0.0,) * self.k), moments=self.moments)
 
     def basis(self, tau: Array) -> tuple[Array, Array]:
         """s(τ) and b(τ) of the module's table, in s and s²."""
@@ -67,26 +100,61 @@ class Air:
         s = -np.expm1(-c * tau) / c
         return s, (tau - s) / c
 
-    def slopes(self, tau: Array) -> Float[Array, "... 3 4"]:
+    def slopes(self, tau: Array) -> Float[Array, "... k 4"]:
         """Derivatives of the pose in pose and velocity at the reference, an acceleration and its change."""
-        slopes = np.empty((*tau.shape, 3, 4))
+        slopes, d = np.empty((*tau.shape, self.k, 4)), self.d
         slopes[..., 0], slopes[..., 3] = 1.0, tau[..., None] ** 3 / 6
         s, b = self.basis(tau)
-        slopes[..., :2, 1], slopes[..., :2, 2] = s[..., None], b[..., None]
-        slopes[..., 2, 1], slopes[..., 2, 2] = tau, tau**2 / 2
+        slopes[..., :d, 1], slopes[..., :d, 2] = s[..., None], b[..., None]
+        slopes[..., d:, 1], slopes[..., d:, 2] = tau[..., None], tau[..., None] ** 2 / 2
         return slopes
 
-    def rates(self, tau: Array) -> Float[Array, "... 3 4"]:
+    def rates(self, tau: Array) -> Float[Array, "... k 4"]:
         """Derivatives of the velocity in the same."""
-        rates = np.zeros((*tau.shape, 3, 4))
+        rates, d = np.zeros((*tau.shape, self.k, 4)), self.d
         rates[..., 3] = tau[..., None] ** 2 / 2
-        rates[..., :2, 1], rates[..., :2, 2] = np.exp(-self.drag * tau)[..., None], self.basis(tau)[0][..., None]
-        rates[..., 2, 1], rates[..., 2, 2] = 1.0, tau
+        rates[..., :d, 1], rates[..., :d, 2] = np.exp(-self.drag * tau)[..., None], self.basis(tau)[0][..., None]
+        rates[..., d:, 1], rates[..., d:, 2] = 1.0, tau[..., None]
         return rates
 
-    def pull(self) -> Float[Array, "3"]:
+    def pull(self) -> Float[Array, "k"]:
         """Acceleration (g_x, g_y, 0) of a body that is still."""
-        return np.array((*self.gravity, 0.0))
+        return np.array((*self.gravity, *(0.0,) * (self.k - self.d)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Turning:
+    """Free turning of bodies in space, from which rotations [..., 3] are counted.
+
+    Args:
+        q: quaternions [..., 4] at a reference.
+        spin: there, in rad/s and world axes [..., 3].
+        moments: as in `Air`.
+    """
+
+    q: Float[Array, "*batch 4"]
+    spin: Float[Array, "*batch 3"]
+    moments: tuple[float, ...] | None
+
+    def after(self, tau: Float[Array, "*batch t"]) -> tuple[Array, Array, Array]:
+        """Quaternions [..., T, 4], spins [..., T, 3] and the half turn [..., T, 4] after times in s."""
+        half = quaternion(self.spin[..., None, :] * tau[..., None] / 2)
+        return *free_turn(self.q[..., None, :], self.spin[..., None, :], tau, self.moments), half
+
+    def counted(self, q: Float[Array, "*batch t 4"], tau: Float[Array, "*batch t"]) -> Float[Array, "*batch t 3"]:
+        """Rotations of quaternions: ω τ and the difference from free turning."""
+        free, _, half = self.after(tau)
+        off = rotated(conjugate(half), rotation_vector(product(q, conjugate(free))))
+        return self.spin[..., None, :] * tau[..., None] + off
+
+    def placed(
+        self, turned: Float[Array, "*batch t 3"], rate: Float[Array, "*batch t 3"], tau: Float[Array, "*batch t"]
+    ) -> tuple[Float[Array, "*batch t 4"], Float[Array, "*batch t 3"]]:
+        """Quaternions and spins of rotations and their rates; the way back from `counted`."""
+        free, spin, half = self.after(tau)
+        off = turned - self.spin[..., None, :] * tau[..., None]
+        change = rate - self.spin[..., None, :] - cross(self.spin[..., None, :] / 2, off)
+        return product(quaternion(rotated(half, off)), free), spin + rotated(half, change)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,18 +164,22 @@ class Flight:
     Args:
         frames: of the track that it was fitted to.
         reference: instant in s at which its state is given.
-        state: pose, velocity, own acceleration and its change at the reference, (x, y, θ) each.
+        state: pose, velocity, own acceleration and its change at the reference, (x, y, θ) each; k = 6 in space.
         covariance: of the state, of each coordinate.
         residual: of the frames, (x, y, θ) each.
+        sigma: standard deviations of a frame's (x, y, θ) that it was fitted with.
         air: gravity and drag.
+        turning: in space, from which rotations are counted.
     """
 
     frames: Int[Indices, " n"]
     reference: float
-    state: Float[Array, "4 3"]
-    covariance: Float[Array, "3 4 4"]
-    residual: Float[Array, "n 3"]
+    state: Float[Array, "4 k"]
+    covariance: Float[Array, "k 4 4"]
+    residual: Float[Array, "n k"]
+    sigma: Float[Array, "k"]
     air: Air
+    turning: Turning | None = None
 
     @property
     def first(self) -> int:
@@ -120,43 +192,55 @@ class Flight:
         return int(self.frames[-1])
 
     @property
-    def _pulled(self) -> Float[Array, "4 3"]:
+    def _pulled(self) -> Float[Array, "4 k"]:
         """The state with the whole acceleration, shared and own."""
         return self.state + np.array((0.0, 0.0, 1.0, 0.0))[:, None] * self.air.pull()
 
-    def poses(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
-        """Poses at instants."""
-        return np.einsum("...kj,jk->...k", self.air.slopes(np.asarray(time) - self.reference), self._pulled)
+    def _in_space(self, tau: Float[Array, "*t"]) -> tuple[Float[Array, "*t 4"], Float[Array, "*t 3"]]:
+        """Quaternions and spins."""
+        assert self.turning is not None
+        turned, rate = (
+            np.einsum("...kj,jk->...k", move(tau.ravel()), self.state)[:, 3:] for move in (self.air.slopes, self.air.rates)
+        )
+        q, spin = self.turning.placed(turned, rate, tau.ravel())
+        return q.reshape(*tau.shape, 4), spin.reshape(*tau.shape, 3)
 
-    def spread(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
+    def poses(self, time: Float[Array, "*t"] | float) -> Float[Array, "*t m"]:
+        """Poses at instants, (x, y, θ), in space a position and a quaternion."""
+        tau = np.asarray(time) - self.reference
+        pose = np.einsum("...kj,jk->...k", self.air.slopes(tau), self._pulled)
+        return pose if self.turning is None else np.concatenate((pose[..., :3], self._in_space(tau)[0]), -1)
+
+    def velocities(self, time: Float[Array, "*t"] | float) -> Float[Array, "*t k"]:
+        """Velocities (v_x, v_y, ω) at instants; in space six."""
+        tau = np.asarray(time) - self.reference
+        velocity = np.einsum("...kj,jk->...k", self.air.rates(tau), self._pulled)
+        return velocity if self.turning is None else np.concatenate((velocity[..., :3], self._in_space(tau)[1]), -1)
+
+    def spread(self, time: Float[Array, "*t"]) -> Float[Array, "*t k"]:
         """Standard deviations of the poses at instants, of the fit alone."""
         slopes = self.air.slopes(np.asarray(time) - self.reference)
         return np.sqrt(np.einsum("...ki,kij,...kj->...k", slopes, self.covariance, slopes))
 
-    def velocities(self, time: Float[Array, " t"]) -> Float[Array, "t 3"]:
-        """Velocities (v_x, v_y, ω) at instants."""
-        return np.einsum("...kj,jk->...k", self.air.rates(np.asarray(time) - self.reference), self._pulled)
+    def at(self, time: float) -> tuple[Float[Array, "m"], Float[Array, "k"], Float[Array, "two_k two_k"]]:
+        """Pose and velocity at an instant, and the covariance of their errors, small differences of the pose first."""
+        tau, k = np.asarray(time - self.reference), self.air.k
+        errors, move = np.zeros((2, k, 2, k)), np.stack((self.air.slopes(tau), self.air.rates(tau)), 1)
+        errors[:, range(k), :, range(k)] = move @ self.covariance @ move.transpose(0, 2, 1)
+        return self.poses(time), self.velocities(time), errors.reshape(2 * k, 2 * k)
 
-    def at(self, time: float) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
-        """Pose and velocity at an instant, and their covariance."""
-        tau, errors = np.asarray(time - self.reference), np.zeros((2, 3, 2, 3))
-        move = np.stack((self.air.slopes(tau), self.air.rates(tau)), 1)
-        state = np.einsum("kmj,jk->mk", move, self._pulled).ravel()
-        errors[:, range(3), :, range(3)] = move @ self.covariance @ move.transpose(0, 2, 1)
-        return state, errors.reshape(6, 6)
-
-    def acceleration(self, time: float) -> Float[Array, "3"]:
-        """Acceleration at an instant."""
-        slowing = self.air.drag * self.velocities(np.asarray(time)) * (1, 1, 0)
+    def acceleration(self, time: float) -> Float[Array, "k"]:
+        """Acceleration at an instant, without that of Euler's equations."""
+        slowing = self.air.drag * self.velocities(np.asarray(time)) * (np.arange(self.air.k) < self.air.d)
         own = self.state[2] + self.state[3] * (time - self.reference)
         return self.air.pull() + own - slowing
 
 
 def fit(
     time: Float[Array, " t"],
-    pose: Float[Array, "t 3"],
+    pose: Float[Array, "t m"],
     frames: Int[Indices, " n"],
-    sigma: Float[Array, "3"],
+    sigma: Float[Array, "k"],
     air: Air,
     *,
     reference: float | None = None,
@@ -175,10 +259,9 @@ def fit(
         reference = float(time[frames[len(frames) // 2]])
     flight = _flight(time, pose, frames, sigma, air, reference)
     for _ in range(_ROUNDS):
-        apart = pose[frames] - flight.poses(time[frames])
-        apart[:, 2] = turn(apart[:, 2])
+        off = away(pose[frames], flight.poses(time[frames]))
         scale = np.maximum(sigma, MAD_SCALE * np.median(np.abs(flight.residual), axis=0))
-        kept = frames[np.max(np.abs(apart) / scale, 1) <= _REJECTED]
+        kept = frames[np.max(np.abs(off) / scale, 1) <= _REJECTED]
         if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
         flight = _flight(time, pose, kept, sigma, air, reference)
@@ -186,25 +269,48 @@ def fit(
 
 
 def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, reference: float) -> Flight:
-    """Least squares with priors, in whose units own accelerations are; θ is brought to one turn."""
-    tau, middle = time[frames] - reference, len(frames) // 2
-    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, 3)), air.own)).T
-    y = pose[frames] - slopes[..., 2] * air.pull()
-    rough = np.median(np.diff(y[:, 2]) / np.diff(tau))
-    line = y[middle, 2] + rough * (tau - tau[middle])
-    y[:, 2] = line + turn(y[:, 2] - line)
+    """Least squares with priors, in whose units own accelerations are; θ is brought to one turn.
+
+    In space the body turns freely but for a difference that is found and taken into it a few times.
+    """
+    tau, seen, d = time[frames] - reference, pose[frames], air.d
+    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.own)).T
     design = slopes * units
     across = design / sigma[:, None] ** 2
     inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
-    found = np.einsum("kij,tkj,tk->ki", inverse, across, y)
+    turning, found, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
+    if d == 3:
+        middle = int(np.abs(tau).argmin())
+        steps = rotation_vector(product(seen[1:, 3:], conjugate(seen[:-1, 3:]))) / np.diff(tau)[:, None]
+        turning = Turning(q=seen[middle, 3:], spin=np.median(steps, 0), moments=air.moments)
+    for _ in range(1 if turning is None else _TURNS):
+        if turning is not None:
+            if found.any():
+                (q,), (spin,) = turning.placed(found[None, d:, 0], found[None, d:, 1], np.zeros(1))
+                turning = replace(turning, q=q, spin=spin)
+            y = np.concatenate((seen[:, :d], turning.counted(seen[:, d:], tau)), 1) - slopes[..., 2] * air.pull()
+        found = np.einsum("kij,tkj,tk->ki", inverse, across, y)
     return Flight(
         frames=frames,
         reference=reference,
         state=(found * units).T,
         covariance=inverse * units[:, :, None] * units[:, None],
         residual=y - np.einsum("tki,ki->tk", design, found),
+        sigma=sigma,
         air=air,
+        turning=turning,
     )
+
+
+def _on_one_turn(pose: Array, tau: Array, air: Air) -> Array:
+    """Coordinates in the plane without gravity, θ within half a turn of a line."""
+    if air.d == 3:
+        return pose
+    y = pose - air.slopes(tau)[..., 2] * air.pull()
+    rough, middle = np.median(np.diff(y[:, 2]) / np.diff(tau)), len(tau) // 2
+    line = y[middle, 2] + rough * (tau - tau[middle])
+    y[:, 2] = line + turn(y[:, 2] - line)
+    return y
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,19 +319,21 @@ class Windows:
 
     Args:
         count: seen frames [S] of each window.
-        misfit: squared residual [S, 3] in standard deviations; own accelerations count as their prior allows.
-        residual: of its frames, in the same, [S, w, 3]; 0 where a frame was lost.
-        leverage: of its frames, [S, w, 3].
-        acceleration: own one, [S, 3].
-        error: of it, without a prior, [S, 3].
+        misfit: squared residual [S, k] in standard deviations; own accelerations count as their prior allows.
+        residual: of its frames, in the same, [S, w, k]; 0 where a frame was lost.
+        leverage: of its frames, [S, w, k].
+        acceleration: own one, [S, k].
+        error: of it, without a prior, [S, k].
+        smooth: squared residual [S, k] with any steady acceleration.
     """
 
     count: Int[Indices, " s"]
-    misfit: Float[Array, "s 3"]
-    residual: Float[Array, "s w 3"]
-    leverage: Float[Array, "s w 3"]
-    acceleration: Float[Array, "s 3"]
-    error: Float[Array, "s 3"]
+    misfit: Float[Array, "s k"]
+    residual: Float[Array, "s w k"]
+    leverage: Float[Array, "s w k"]
+    acceleration: Float[Array, "s k"]
+    error: Float[Array, "s k"]
+    smooth: Float[Array, "s k"]
 
 
 def window_blocks(frames: int, width: int) -> Iterator[slice]:
@@ -234,23 +342,19 @@ def window_blocks(frames: int, width: int) -> Iterator[slice]:
         yield slice(start, min(start + _BLOCK + width - 1, frames))
 
 
-SMOOTH = Air(gravity=(0.0, 0.0), own=((np.inf, np.inf, np.inf), STEADY[1]))
-"""Anything whose acceleration is steady."""
-
-
 def windows(
     time: Float[Array, " t"],
-    pose: Float[Array, "t 3"],
+    pose: Float[Array, "t m"],
     width: int,
     air: Air,
-    sigma: Float[Array, "3"],
+    sigma: Float[Array, "k"],
     late: float = 0.0,
 ) -> Windows:
     """Fit flights to all windows of `width` frames.
 
     Args:
         time: of the frames in s.
-        pose: not a number where a frame was lost; θ continuous.
+        pose: not a number where a frame was lost; θ continuous, or any other third coordinate.
         width: of the windows in frames.
         air: gravity, drag and own accelerations; their change is too small to be seen in a window.
         sigma: standard deviations of a frame's (x, y, θ).
@@ -260,6 +364,8 @@ def windows(
     seen = sliding_window_view(finite(pose), width)
     slopes = air.slopes(when - when[:, width // 2, None])[..., :3] * seen[..., None, None]
     y = np.moveaxis(sliding_window_view(pose, width, axis=0), 1, -1)
+    if air.d == 3:
+        y = np.concatenate((y[..., :3], _rotations(when, y[..., 3:], seen, air)), -1)
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
     leverage, line, columns = np.zeros_like(residual), residual, [*np.moveaxis(slopes, -1, 0)]
     factor = size = np.zeros(())
@@ -281,17 +387,35 @@ def windows(
         leverage=leverage,
         acceleration=factor[:, 0],
         error=sigma / np.sqrt(size[:, 0]),
+        smooth=((line**2).sum(1) - (columns[2] * line).sum(1) ** 2 / size[:, 0]) / sigma**2,
     )
 
 
-_LEAST_NOISE = np.array((1e-7, 1e-7, 1e-6))  # m, m, rad: rounding of exact tracks
+def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w 3"]:
+    """Rotations of quaternions [S, w, 4] of windows, about their middle frame at the mean spin between frames."""
+    last = np.maximum.accumulate(np.where(seen, np.arange(seen.shape[1]), -1), axis=1)
+    last = np.where(last < 0, seen.argmax(1)[:, None], last)  # the frame before a lost one
+    q = np.where(seen.any(1)[:, None, None], np.take_along_axis(q, last[..., None], 1), (1.0, 0.0, 0.0, 0.0))
+    when, tau = np.take_along_axis(when, last, 1), when - when[:, seen.shape[1] // 2, None]
+    steps = rotation_vector(product(q[:, 1:], conjugate(q[:, :-1]))).sum(1)
+    spin = steps / np.maximum(when[:, -1] - when[:, 0], _NOTHING)[:, None]
+    return Turning(q=q[:, seen.shape[1] // 2], spin=spin, moments=air.moments).counted(q, tau)
+
+
+_TURNS = 3  # of a flight in space, whose difference from free turning falls by orders of magnitude in each
 _WIDEST = 80  # frames
-_REST_POWER = 300.0  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
+_REST_POWER = {2: 300.0, 3: 100.0}  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL = 0.1  # of the way of a fast window
 _SIDE = 3  # frames before and after a skip
+_ROUND = 0.006  # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
 _MARGIN = 3  # frames of a window on each side of a bad one
+
+
+def _least_noise(k: int) -> Float[Array, "k"]:
+    """Rounding of exact tracks in m, and in rad."""
+    return np.array((1e-7, 1e-7, 1e-6) if k == 3 else (1e-7,) * 3 + (1e-6,) * 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,17 +424,22 @@ class FlightOptions:
 
     Args:
         air: gravity and drag of free flight.
-        fewest: frames of a flight, at least.
+        fewest: frames of a flight, at least; None for 8 in the plane and 4 in space, where each has twice the numbers.
         contact_time: longest contact in s.  One lasts as long as frames about its instant are in neither flight.
         most_missing: frames that may be missing at contact.
         centre: of mass about the tracked point in m, in the body's axes: flights are its, contacts are of the point.
     """
 
     air: Air = Air()
-    fewest: int = 8
+    fewest: int | None = None
     contact_time: float = 3e-3
     most_missing: int = 3
-    centre: tuple[float, float] = (0.0, 0.0)
+    centre: tuple[float, ...] = (0.0, 0.0)
+
+    @property
+    def narrowest(self) -> int:
+        """Frames of the narrowest window."""
+        return self.fewest or (8 if self.air.d == 2 else 4)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -318,7 +447,7 @@ class Flights:
     """Free flights of a track, and the noise of a frame's (x, y, θ) about them."""
 
     flights: tuple[Flight, ...]
-    sigma: Float[Array, "3"]
+    sigma: Float[Array, "k"]
     width: int
 
 
@@ -327,39 +456,71 @@ def find_flights(
 ) -> Flights:
     """Find the free flights of a track."""
     pose, time = track.pose.copy(), track.time
-    sigma = frame_noise(time, pose, options.fewest)
+    sigma = frame_noise(time, pose, max(options.narrowest, 5), options.air)
     width = min(_width(sigma, track.step, options), len(track))
-    if width < options.fewest:
-        return Flights(flights=(), sigma=sigma, width=options.fewest)
-    if width > options.fewest:
-        sigma = frame_noise(time, pose, width)
-    good = np.zeros(0, dtype=np.bool_)
+    if width < options.narrowest:
+        return Flights(flights=(), sigma=sigma, width=options.narrowest)
+    if width > options.narrowest:
+        sigma = frame_noise(time, pose, max(width, 5), options.air)
+    good, uneven = np.zeros(0, dtype=np.bool_), limits.uneven if options.air.d == 3 else 1.0
     for _ in range(3):
-        good, bad_frames = _judged(time, pose, width, options.air, sigma, limits.excess)
+        good, bad_frames = _judged(time, pose, width, options.air, sigma, limits.excess, uneven)
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
+    good &= ~sliding_window_view(_touches(track), width)[:, 1:-1].any(-1)
     found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
-    found = _joined(time, track.pose, [flight for flight in found if flight is not None], sigma, width)
+    found = _joined(time, track.pose, [flight for flight in found if flight is not None], width)
     found = [_extended(track, flight, sigma, width) for flight in found]
     freedom = sum(len(f.residual) - 2 for f in found)
-    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(3))
+    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(options.air.k))
     # As if eight frames more had the noise of the windows.
-    sigma = np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _LEAST_NOISE)
-    return Flights(
-        flights=tuple(fit(time, track.pose, f.frames, sigma, f.air) for f in found), sigma=sigma, width=width
-    )
+    sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(options.air.k)))
+    flights = (fit(time, track.pose, f.frames, own_noise(f, sigma), f.air) for f in found)
+    return Flights(flights=tuple(flights), sigma=sigma, width=width)
 
 
-_OWN = ((0.5, 0.5, 30.0), (10.0, 10.0, 300.0))  # at most: with more of it a body at rest would be in flight
+def _touches(track: Track) -> Bool[Mask, " t"]:
+    """Frames next to which a body in space may touch the floor: its lowest point is lower than before and after.
+
+    It is no higher above that of the lowest frame than it moves in a frame, and round corners and edges differ.
+    """
+    low, touches = np.full(len(track), np.inf) if track.low is None else track.low, np.zeros(len(track), dtype=np.bool_)
+    seen = np.flatnonzero(np.isfinite(low))
+    if len(seen) > _SIDE:
+        there = low[seen]
+        before, after = there[:-2] - there[1:-1], there[2:] - there[1:-1]
+        near = there[1:-1] - there.min() <= np.maximum(before, after) + _ROUND
+        touches[seen[1:-1]] = (before > 0) & (after >= 0) & near
+    return touches
+
+
+def own_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
+    """Noise of a flight's frames, in space its own: a tracker sees other sides of a body that turns.
+
+    As if eight frames more had the noise of the recording; positions have one factor, and rotations another.
+    """
+    if flight.air.d == 2:
+        return sigma
+    share = ((flight.residual / sigma) ** 2).sum(0).reshape(2, 3).sum(1)
+    return sigma * np.repeat(np.sqrt((share + 24) / (3 * len(flight.residual) + 18)), 3)
+
+
+_OWN = ((0.5, 30.0), (10.0, 300.0))  # of position and rotation, at most: more of it, and a body at rest would fly
 _SHOWN = 8  # flights that show the own accelerations of all
 _OFF = 0.01  # m, standard deviation that is expected of a centre of mass about the tracked point
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
-def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "3"]]]:
+def _most_own(k: int) -> Own:
+    (a, a_turn), (j, j_turn) = _OWN
+    d = k // 3 + 1
+    return (a,) * d + (a_turn,) * (k - d), (j,) * d + (j_turn,) * (k - d)
+
+
+def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "k"]]]:
     """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
-    options, long = FlightOptions(air=replace(air, own=_OWN)), []
+    options, long = FlightOptions(air=replace(air, own=_most_own(air.k))), []
     for track in tracks:
         found, bent = find_flights(track, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
         for flight in found.flights:
@@ -370,34 +531,35 @@ def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight,
 
 
 def centre_of_flights(
-    long: Sequence[tuple[Track, Flight, Float[Array, "3"]]], own: Own
-) -> tuple[Float[Array, "2"], Float[Array, "2 2"]] | None:
+    long: Sequence[tuple[Track, Flight, Float[Array, "k"]]], own: Own
+) -> tuple[Float[Array, "d"], Float[Array, "d d"]] | None:
     """Centre of mass about the tracked point in m, along the body's axes, and its covariance; None of too few flights.
 
     It flies as `Air` says, with own accelerations of this size, and the tracked point of a body that spins wobbles
     about it.  Each flight shows the centre by weighted least squares; the scatter between them is the error.
     """
-    information, scores = np.zeros((len(long), 2, 2)), np.zeros((len(long), 2))
+    d = long[0][0].d if long else 2
+    information, scores = np.zeros((len(long), d, d)), np.zeros((len(long), d))
     for number, (track, flight, sigma) in enumerate(long):
-        time, units = track.time[flight.frames], np.concatenate((np.ones((2, 3)), own)).T
-        slopes, theta = flight.air.slopes(time - flight.reference), flight.poses(time)[:, 2]
-        y = track.pose[flight.frames] - slopes[..., 2] * flight.air.pull()
-        turning = -np.stack((arms((1.0, 0.0), theta), arms((0.0, 1.0), theta)), -1)
-        for k in range(2):
+        time, units = track.time[flight.frames], np.concatenate((np.ones((2, len(sigma))), own)).T
+        slopes, turned = flight.air.slopes(time - flight.reference), orientation(flight.poses(time))
+        y = track.pose[flight.frames, :d] - slopes[:, :d, 2] * flight.air.gravity
+        turning = -np.stack([arms(one, turned) for one in np.eye(d)], -1)
+        for k in range(d):
             smooth, W = slopes[:, k] * units[k] / sigma[k], np.column_stack((turning[:, k], y[:, k])) / sigma[k]
             inverse = np.linalg.inv(smooth.T @ smooth + np.diag((0.0, 0.0, 1.0, 1.0)))
             part = W.T @ (W - smooth @ inverse @ (smooth.T @ W))
-            information[number] += part[:2, :2]
-            scores[number] += part[:2, 2]
+            information[number] += part[:d, :d]
+            scores[number] += part[:d, d]
     if len(long) < _SHOWN:
         return None
-    inverse = np.linalg.inv(information.sum(0) + np.eye(2) / _OFF**2)
+    inverse = np.linalg.inv(information.sum(0) + np.eye(d) / _OFF**2)
     found = inverse @ scores.sum(0)
     left = scores - information @ found
     return found, inverse @ (left.T @ left) @ inverse * len(long) / (len(long) - 2) + inverse
 
 
-def own_accelerations(long: Sequence[Flight]) -> Own:
+def own_accelerations(long: Sequence[Flight], k: int = 3) -> Own:
     """Standard deviations of own accelerations, as long flights show them.
 
     Of each flight the likelihood of its own acceleration is normal, with information J and score h.  Under a variance D
@@ -405,8 +567,8 @@ def own_accelerations(long: Sequence[Flight]) -> Own:
     be, so that a few stretches which are no flights do not count.
     """
     if len(long) < _SHOWN:
-        return STEADY
-    D = most = np.array(_OWN).T ** 2
+        return (0.0,) * k, (0.0,) * k
+    D = most = np.array(_most_own(k)).T ** 2
     inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
     J, h = (
         inverse - np.apply_along_axis(np.diag, -1, 1 / D),
@@ -417,8 +579,8 @@ def own_accelerations(long: Sequence[Flight]) -> Own:
         variance = np.einsum("fkij,fkji,ki->fki", posterior, J, D)
         m = (posterior @ h)[..., 0]
         D = np.minimum(D * np.clip(np.median(m**2 / np.maximum(variance, 1e-300), axis=0) / _MEDIAN, 0.25, 2.0), most)
-    (a_x, a_y, a_θ), (j_x, j_y, j_θ) = np.sqrt(D).T.tolist()
-    return (a_x, a_y, a_θ), (j_x, j_y, j_θ)
+    accelerations, changes = np.sqrt(D).T.tolist()
+    return tuple(accelerations), tuple(changes)
 
 
 def mended(track: Track, options: FlightOptions, excess: float) -> Track:
@@ -429,7 +591,7 @@ def mended(track: Track, options: FlightOptions, excess: float) -> Track:
     time = track.time.copy()
     if len(time) < 2 * _SIDE:
         return track
-    sigma = frame_noise(time, track.pose, options.fewest)
+    sigma, k = frame_noise(time, track.pose, max(options.narrowest, 5), options.air), options.air.k
     for _ in range(_ROUNDS):
         apart = np.stack(
             [
@@ -438,67 +600,81 @@ def mended(track: Track, options: FlightOptions, excess: float) -> Track:
             ]
         )
         best = apart.argmin(0)
-        sure = (apart.min(0) <= _limit(np.array(6 * _SIDE - 6), excess)) & (apart[0] - apart.min(0) > _SAME)
+        sure = (apart.min(0) <= _limit(np.array(2 * k * _SIDE - 2 * k), excess)) & (apart[0] - apart.min(0) > _SAME)
         if not sure.any():
             break
         time[_SIDE:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_SIDE - 1)))
     return replace(track, time=time)
 
 
-def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t 3"], width: int) -> Float[Array, "3"]:
+def frame_noise(
+    time: Float[Array, " t"], pose: Float[Array, "t m"], width: int, air: Air = Air()
+) -> Float[Array, "k"]:
     """Standard deviations of a frame about anything smooth: the median over windows of residuals of parabolas.
 
     Windows in which the body is still do not count: a tracker is better there.
     """
+    least = _least_noise(air.k)
     if len(time) < width:
-        return _LEAST_NOISE
+        return least
     counts, squares, moves = list[Indices](), list[Array](), list[Array]()
     for block in window_blocks(len(time), width):
-        fits = windows(time[block], pose[block], width, SMOOTH, np.ones(3))
+        fits = windows(time[block], pose[block], width, air.smooth(), np.ones(air.k))
         counts.append(fits.count)
         squares.append(fits.misfit)
-        moves.append(np.linalg.norm(pose[block][width - 1 :, :2] - pose[block][: -width + 1, :2], axis=1))
+        moves.append(np.linalg.norm(pose[block][width - 1 :, : air.d] - pose[block][: -width + 1, : air.d], axis=1))
     count, move = np.concatenate(counts), np.nan_to_num(np.concatenate(moves))
     enough = count > 4
     if not enough.any():
-        return _LEAST_NOISE
+        return least
     enough &= move >= _STILL * np.quantile(move[enough], 0.95)
     freedom = count[enough] - 3
     share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
-    return np.maximum(np.sqrt(np.median(share, 0) / typical), _LEAST_NOISE)
+    return _evened(np.maximum(np.sqrt(np.median(share, 0) / typical), least))
+
+
+def _evened(sigma: Float[Array, "k"]) -> Float[Array, "k"]:
+    """Noise with one number for all rotations, since a flight has no axes of its own for them."""
+    return np.append(sigma[:3], np.full(3, np.sqrt(np.mean(sigma[3:] ** 2)))) if len(sigma) > 3 else sigma
 
 
 def _width(sigma: Array, step: float, options: FlightOptions) -> int:
     """Frames of the shortest window in which a body at rest makes so large a χ² that it is no free flight."""
-    n = np.arange(options.fewest, _WIDEST + 1)
-    bend = np.hypot(*options.air.gravity) / 2 * step**2
-    chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[:2].max() ** 2
-    return int(n[min(int(np.searchsorted(chi_square, _REST_POWER)), len(n) - 1)])
+    n = np.arange(options.narrowest, _WIDEST + 1)
+    bend = np.linalg.norm(options.air.gravity) / 2 * step**2
+    chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[: options.air.d].max() ** 2
+    return int(n[min(int(np.searchsorted(chi_square, _REST_POWER[options.air.d])), len(n) - 1)])
 
 
-def _judged(time: Array, pose: Array, width: int, air: Air, sigma: Array, excess: float) -> tuple[Mask, Mask]:
+def _judged(
+    time: Array, pose: Array, width: int, air: Air, sigma: Array, excess: float, uneven: float
+) -> tuple[Mask, Mask]:
     """Windows that are flights, and frames without which others would be."""
     good, votes = list[Mask](), np.zeros(len(time), dtype=np.intp)
     for block in window_blocks(len(time), width):
         fits = windows(time[block], pose[block], width, air, sigma)
-        flies, worst = _worst(fits, excess)
+        flies, worst = _worst(fits, excess, uneven)
         good.append(flies)
         votes[block] += np.bincount(worst, minlength=block.stop - block.start)
     return np.concatenate(good), votes >= 2
 
 
-def _worst(fits: Windows, excess: float) -> tuple[Mask, Indices]:
-    """Windows that are flights, and of each of the others that would be one without a frame, this frame."""
-    width = fits.residual.shape[1]
-    each, total, freedom = fits.residual**2, fits.misfit.sum(1), 3 * (fits.count - 2)
-    enough = fits.count >= max(5, 0.7 * width)
-    good = enough & (total <= _limit(freedom, excess))
+def _worst(fits: Windows, excess: float, uneven: float) -> tuple[Mask, Indices]:
+    """Windows that are flights, and of each of the others that would be one without a frame, this frame.
+
+    A window's noise may be that of a smooth motion there, up to `uneven` times that of the recording.
+    """
+    _, width, k = fits.residual.shape
+    each, total, freedom = fits.residual**2, fits.misfit.sum(1), k * (fits.count - 2)
+    enough = fits.count >= max(min(5, width), 0.7 * width)
+    noise = np.clip(fits.smooth.sum(1) / np.maximum(k * (fits.count - 3), 1), 1.0, uneven**2)
+    good = enough & (total <= noise * _limit(freedom, excess))
     taken = (each / np.maximum(1 - fits.leverage, 1e-3)).sum(2)
     taken[:, : min(_MARGIN, width // 3)] = taken[:, width - min(_MARGIN, width // 3) :] = 0
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
-    mended = enough & ~good & (without <= _limit(freedom - 3, excess))
+    mended = enough & ~good & (without <= noise * _limit(freedom - k, excess))
     return good, (np.arange(len(total)) + worst)[mended]
 
 
@@ -520,21 +696,24 @@ def _runs(good: Bool[Mask, " s"], width: int) -> list[tuple[int, int]]:
 def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Air, width: int) -> Flight | None:
     """The flight of a run without its outermost frames, where contacts begin."""
     a, b = run
-    trim = min(2, max(0, b - a - width + 2))
+    trim = min(2, max(0, b - a - width + 2)) if air.d == 2 else 0  # in space `_touches` ends a run
     frames = np.arange(a + trim, b + 1 - trim)
     frames = frames[finite(pose[frames])]
-    return fit(time, pose, frames, sigma, air) if len(frames) >= 4 else None
+    if len(frames) < (4 if air.d == 2 else 3):
+        return None
+    flight = fit(time, pose, frames, sigma, air)
+    return flight if air.d == 2 else fit(time, pose, frames, own_noise(flight, sigma), air)
 
 
-def apart(one: Flight, other: Flight, time: float, late: float = 0.0) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
+def apart(
+    one: Flight, other: Flight, time: float, late: float = 0.0
+) -> tuple[Float[Array, "two_k"], Float[Array, "two_k two_k"]]:
     """Difference of two flights' states at an instant, and its covariance.
 
     The clock of the other flight may be late, in s.
     """
-    (a, A), (b, B) = one.at(time), other.at(time - late)
-    difference = b - a
-    difference[2] = turn(difference[2])
-    return difference, A + B
+    (p, v, A), (q, w, B) = one.at(time), other.at(time - late)
+    return np.concatenate((away(q, p), w - v)), A + B
 
 
 def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
@@ -543,7 +722,7 @@ def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> b
     return float(difference @ np.linalg.solve(covariance, difference)) <= _SAME
 
 
-def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, width: int) -> list[Flight]:
+def _joined(time: Array, pose: Array, found: Sequence[Flight], width: int) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
     for flight in found:
@@ -553,7 +732,7 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
             if flight.first - last.last <= 2 * width and same_flight(last, flight, middle):
                 between = np.arange(last.first, flight.last + 1)
                 between = between[finite(pose[between])]
-                joined[-1] = fit(time, pose, between, sigma, flight.air)
+                joined[-1] = fit(time, pose, between, np.maximum(last.sigma, flight.sigma), flight.air)
                 continue
         joined.append(flight)
     return joined
@@ -562,6 +741,7 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], sigma: Array, wid
 def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
     """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
+    sigma = own_noise(flight, sigma)
     for side in (-1, 1):
         edge = flight.first if side < 0 else flight.last
         near = edge + side * np.arange(1, 2 * reach + 1)
@@ -569,9 +749,8 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         near = near[track.seen[near]]
         ends_with = flight.frames[-2 * reach :] if side > 0 else flight.frames[: 2 * reach]
         end = fit(track.time, track.pose, ends_with, sigma, flight.air)  # of a long one the acceleration may change
-        away = track.pose[near] - end.poses(track.time[near])
-        away[:, 2] = turn(away[:, 2])
-        scaled = np.abs(away) / np.hypot(sigma, end.spread(track.time[near]))
+        off = away(track.pose[near], end.poses(track.time[near]))
+        scaled = np.abs(off) / np.hypot(sigma, end.spread(track.time[near]))
         continues = scaled.max(1, initial=0.0) <= _CONTINUED
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))

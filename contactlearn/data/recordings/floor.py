@@ -22,6 +22,7 @@ is above the contact; one that is δ off along the major axis, at β or 0, turns
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,12 +30,13 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import reshaped
 from contactlearn.data.recordings.flights import Indices
+from contactlearn.data.recordings.poses import Array, away, moved, orientation, rotated, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
-from contactlearn.data.recordings.track import Array, Mask, Track, turn
-from contactlearn.mechanics.apparatus import Estimate
-from contactlearn.mechanics.rigid_body import contact_velocity
-from contactlearn.mechanics.shapes import Ellipse, Polygon, Shape, contact_point
+from contactlearn.data.recordings.track import Mask, Track
+from contactlearn.mechanics.apparatus import REACH, Estimate
+from contactlearn.mechanics.rigid_body import contact_velocity, inertia_in_world, inverse_inertia, rotation
+from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
@@ -95,7 +97,7 @@ def _sides(shape: Polygon) -> list[float]:
 def find_rests(
     track: Track,
     spans: Sequence[tuple[float, float]],
-    sigma: Float[Array, "3"],
+    sigma: Float[Array, "k"],
 ) -> tuple[Rest, ...]:
     """Find where a body is still.
 
@@ -106,19 +108,23 @@ def find_rests(
     """
     size = max(round(_BLOCK / track.step), 2)
     fewest = max(round(_LASTS / (size * track.step)), 2)
-    found = list[Rest]()
+    found, own = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
+    least = np.maximum(sigma, own)
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
         blocks = frames[: len(frames) // size * size].reshape(-1, size)
-        means = track.pose[blocks].mean(1)
-        moves = np.abs(np.diff(means, axis=0)) > _MOVES * np.maximum(sigma, _LEAST_NOISE)
+        if not len(blocks):
+            continue
+        last = track.pose[frames[0]]
+        means = (track.pose[blocks] if track.d == 2 else away(track.pose[blocks], last)).mean(1)
+        moves = np.abs(np.diff(means, axis=0)) > _MOVES * least
         edges = np.concatenate(([0], np.flatnonzero(moves.any(1)) + 1, [len(blocks)]))
         longest = int(np.diff(edges).argmax())
         run = means[edges[longest] : edges[longest + 1]]
         if len(run) >= fewest:
-            error, pose = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
-            pose[2] = turn(pose[2])
-            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, _LEAST_NOISE / size)))
+            error, mean = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
+            pose = moved(0 * mean if track.d == 2 else last, mean)
+            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, own / size)))
     return tuple(found)
 
 
@@ -128,7 +134,7 @@ _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
-_OUTLINE = ("corner", "oblong", "middle_a", "middle_b")
+_OUTLINE = ("corner", "oblong", "middle_a", "middle_b", "middle_c")
 _CHANGE = 0.3  # standard deviation that is expected of a corner's radius, or of `oblong`, relative to the body
 _ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
@@ -146,6 +152,7 @@ class Floor:
         scatter: of the heights about it in m.
         rests: bodies at rest that it is fitted to.
         above: height of each contact point above the floor in m, all of this allowed for.
+        slope_b: in rad, along y in space.
     """
 
     height: Estimate
@@ -156,18 +163,20 @@ class Floor:
     scatter: float
     rests: int
     above: Float[Array, " n"] = field(compare=False)
+    slope_b: Estimate | None = None
 
 
-def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n 2"]:
-    """Contact points in m, of a body that is turned further by an angle in rad."""
+def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n d"]:
+    """Contact points in m, of a body that is turned further by an angle in rad, which is 0 in space."""
     pose = np.stack([contact.pose for contact in contacts])
-    return pose[:, :2] + contact_point(shape, torch.from_numpy(pose[:, 2] + turned)).numpy()
+    r = contact_point(shape, torch.from_numpy(orientation(pose) + turned)).numpy()
+    return pose[:, : r.shape[1]] + r
 
 
 def _changes(shape: Shape) -> tuple[str, ...]:
     """Names of changes of a shape that heights can show."""
     match shape:
-        case Polygon():
+        case Polygon() | Cuboid():
             return ("corner",)
         case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
             return ("oblong",)
@@ -177,15 +186,15 @@ def _changes(shape: Shape) -> tuple[str, ...]:
 
 def _raised(shape: Shape, name: str, theta: Array) -> Array:
     """Derivative of the height of the lowest point in a change of the shape."""
-    angles, step = torch.from_numpy(theta), _STEP * float(shape.outline().norm(dim=-1).mean())
+    angles, step = torch.from_numpy(theta), _STEP * float(shape.outline().norm(dim=-1).nanmean())
     other = reshaped(shape, {name: step})
-    return ((contact_point(other, angles) - contact_point(shape, angles))[:, 1] / step).numpy()
+    return ((contact_point(other, angles) - contact_point(shape, angles))[:, -1] / step).numpy()
 
 
 def find_floor(
     contacts: Sequence[Hit],
     shape: Shape,
-    gyration_squared: float,
+    gyration_squared: Any,
     rests: Sequence[Rest] = (),
     *,
     lean: Estimate = _UPRIGHT,
@@ -201,11 +210,13 @@ def find_floor(
     Args:
         contacts: one or more.
         shape: of the body.
-        gyration_squared: of the body, m².
+        gyration_squared: of the body, m²; in space [3].
         rests: of the body.
         lean: angle in rad of gravity from straight down to the right.
         limits: that decide.
     """
+    if isinstance(shape, Solid):
+        return _under_solid(contacts, shape, gyration_squared, rests, limits)
     lying = Lying.of(shape)
     sided = [r for r in rests if not len(lying.angles) or abs(lying.apart(float(r.pose[2]))) <= limits.leaning]
     while True:
@@ -225,6 +236,92 @@ def find_floor(
         if good.all():
             return floor
         sided = [rest for rest, holds in zip(sided, good, strict=True) if holds]
+
+
+def _under_solid(
+    contacts: Sequence[Hit], shape: Solid, gyration_squared: Any, rests: Sequence[Rest], limits: TrackThresholds
+) -> Floor:
+    """The floor under a body in space, robustly: its height and slopes, and round corners and the outline's place."""
+    lies, down = _lying(shape, rests, limits)
+    done, floor = dict[str, float](), None
+    for _ in range(_TURNS + 1):
+        columns, value = _solid_rows(contacts, lies, down, shape, gyration_squared, done, limits)
+        design = np.stack([*columns.values()], 1)
+        kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((len(contacts), len(lies), 0)))
+        good = _near(design, value, kinds, 0.0)
+        own = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lies])) if lies else 0.0
+        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (own, 0.0))
+        found = {
+            name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
+            for name, x, error in zip(columns, fit, errors, strict=True)
+        }
+        done = {name: max(found[name].value, 0.0) for name in _changes(shape) if name in found}
+        floor = Floor(
+            height=found["height"],
+            slope=found.get("slope"),
+            slope_b=found.get("slope_b"),
+            orientation=None,
+            outline={name: found[name] for name in _OUTLINE if name in found},
+            sinking=found.get("sinking"),
+            scatter=spread,
+            rests=int(good[kinds[1]].sum()),
+            above=(value - design @ fit)[kinds[0]],
+        )
+    assert floor is not None
+    return floor
+
+
+def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tuple[list[Rest], Float[Array, " r"]]:
+    """Bodies in space at rest, and the height of the floor below each; a cuboid that leans is left out."""
+    q = torch.from_numpy(np.reshape([rest.pose[3:] for rest in rests], (-1, 4)))
+    if not isinstance(shape, Cuboid):
+        return [*rests], contact_point(shape, q)[:, 2].numpy()
+    upright, face = rotation(q)[:, 2].abs().max(-1)
+    flat = upright > math.cos(limits.leaning)
+    down = -torch.tensor(shape.half, dtype=torch.float64)[face[flat]].numpy()
+    return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
+
+
+def _solid_rows(
+    contacts: Sequence[Hit],
+    lies: Sequence[Rest],
+    down: Float[Array, " r"],
+    shape: Solid,
+    gyration_squared: Any,
+    done: Mapping[str, float],
+    limits: TrackThresholds,
+) -> tuple[dict[str, Array], Array]:
+    """Columns of the design by name, and its right-hand side, of a body of an outline that is changed."""
+    now, hits, none = reshaped(shape, done), np.stack([hit.pose for hit in contacts]), np.zeros(len(lies))
+    size, still = float(shape.outline().norm(dim=-1).nanmean()), np.reshape([rest.pose for rest in lies], (-1, 7))
+    points, pose = _lowest(contacts, now), np.concatenate((hits, still))
+    x, y, _ = np.concatenate((points, still[:, :3])).T
+    columns, known = {"height": np.ones(len(x))}, dict[str, Estimate]()
+    if len(contacts) > _FEW:
+        columns |= {"slope": x, "slope_b": y}
+    if lies:
+        columns["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lies)))
+        known["raised"] = Estimate(value=0.0, error=limits.off_least)
+    if len(contacts) >= 2 * limits.contacts_of_a_slope:
+        up = rotation(torch.from_numpy(pose[:, 3:]))[:, 2].numpy()
+        columns |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
+        columns["sinking"] = np.append(_approach(contacts, points - hits[:, :3], gyration_squared), none)
+        columns |= {name: np.append(-_raised(now, name, hits[:, 3:]), none) for name in _changes(shape)}
+        known |= dict.fromkeys(("middle_a", "middle_b", "middle_c"), Estimate(value=0.0, error=size))
+        known |= {name: Estimate(value=-done.get(name, 0.0), error=_CHANGE * size) for name in _changes(shape)}
+    for name, column in columns.items():
+        prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]
+        columns[name] = np.concatenate((column, prior))
+    wanted = [one.value / max(one.error, _LEAST) for one in known.values()]
+    return columns, np.concatenate((points[:, 2], still[:, 2] + down, wanted))
+
+
+def _approach(contacts: Sequence[Hit], r: Float[Array, "n 3"], gyration_squared: Any) -> Float[Array, " n"]:
+    """Velocity of approach of contact points in space times √mass there, of a body of mass 1."""
+    arm, v, pose = (torch.from_numpy(np.stack(x)) for x in (r, [c.v_pre for c in contacts], [c.pose for c in contacts]))
+    inertia = inertia_in_world(torch.as_tensor(gyration_squared).expand(len(pose), 3), pose)
+    lighter = inverse_inertia(torch.ones(len(pose), dtype=torch.float64), inertia, arm)[:, 2, 2]
+    return (contact_velocity(arm, v)[:, 2] / lighter.sqrt()).numpy()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -384,12 +481,14 @@ def off_the_floor(
 ) -> tuple[list[Hit], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall."""
     kept, refusals = [], []
-    pose = np.stack([contact.pose for contact in contacts])
-    r = _lowest(contacts, shape) - pose[:, :2]
+    points = _lowest(contacts, shape)
+    d = points.shape[1]
+    r = points - np.stack([contact.pose[:d] for contact in contacts])
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
-    approach = contact_velocity(torch.from_numpy(r), before)[:, 1].numpy()
-    for contact, above, v_n in zip(contacts, floor.above.tolist(), approach, strict=True):
-        push = float(contact.v_post[1] - contact.v_pre[1])
+    approach = contact_velocity(torch.from_numpy(r), before)[:, d - 1].numpy()
+    alone = _alone(contacts, shape)
+    for contact, above, v_n, gap in zip(contacts, floor.above.tolist(), approach, alone, strict=True):
+        push = float(contact.v_post[d - 1] - contact.v_pre[d - 1])
         for holds, quantity, value, unit in (
             (
                 abs(above) > max(limits.off_sigmas * floor.scatter, limits.off_least),
@@ -399,11 +498,12 @@ def off_the_floor(
             ),
             (v_n >= 0, "normal velocity of the contact point", float(v_n), "m/s"),
             (push <= 0, "change of the upward velocity", push, "m/s"),
+            (gap <= 0, "height of another corner over what its error and the contact's duration allow", 1e3 * gap, "mm"),
         ):
             if holds:
                 refusal = Refusal(
                     recording=contact.recording,
-                    reason=Reason.HAND_OR_WALL,
+                    reason=Reason.HAND_OR_WALL if gap > 0 else Reason.DOUBLE_HIT,
                     quantity=quantity,
                     value=value,
                     unit=unit,
@@ -414,3 +514,20 @@ def off_the_floor(
         else:
             kept.append(contact)
     return kept, refusals
+
+
+def _alone(contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
+    """Height in m of the second corner of a cuboid above the lowest, less three errors and its way while they last."""
+    if not isinstance(shape, Cuboid):
+        return np.full(len(contacts), np.inf)
+    pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
+    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), -1).reshape(-1, 3)
+    corners = rotated(pose[:, None, 3:], signs * (np.array(shape.half) - shape.corner))
+    first, second = np.argsort(corners[..., 2], 1)[:, :2].T
+    every = np.arange(len(pose))
+    apart = corners[every, second] - corners[every, first]
+    lean = np.stack((apart[:, 1], -apart[:, 0]), -1)
+    errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
+    error = np.sqrt(np.einsum("ni,nij,nj->n", lean, errors, lean))
+    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], corners[every, second])[:, 2])
+    return apart[:, 2] - REACH * error - sinks * [hit.lasting for hit in contacts]

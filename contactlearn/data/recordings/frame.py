@@ -1,4 +1,4 @@
-"""The way from a recording in a file's units and axes to a track in the plane of motion, with the evidence for it.
+"""The way from a recording in a file's units and axes to a track, with the evidence for it.
 
 A quaternion turns the body's axes into the file's, whatever their sense; `order` says where its scalar is.
 """
@@ -10,12 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
+from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.flights import STEADY, Air, Own
-from contactlearn.data.recordings.track import Array, Recording, Track, continuous
+from contactlearn.data.recordings.poses import Array, conjugate, product
+from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY, rotation
 
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _APART = 8  # frames between two orientations that are compared
 
 
@@ -87,14 +91,17 @@ class Frame:
 
     Args:
         scale: metres in the file's unit of length.
-        axes: rows are right, up and, in space, away, in the file's axes.
+        axes: rows are right, up and, of recordings in space, away, in the file's axes; right, away and up of a body
+            that moves in space.
         order: of a quaternion.
         angle: radians in the file's unit of angle.
-        sense: 1, or −1 where rotations turn the other way than the axes say.
-        body: in space, the body's own axes: the one that gives θ, and the one that it turns about.
-        gravity: in the plane, (g_x, g_y) in m/s², and its error.
+        sense: 1, or −1 where rotations turn the other way than the axes say: quaternions turn the world's axes into
+            the body's.
+        body: of recordings in space, the body's own axes: the one that gives θ, and the one that it turns about.
+        gravity: in the plane, (g_x, g_y) in m/s², and its error; three numbers of a body that moves in space.
         drag: linear drag of the air in 1/s, and its error.
         own: standard deviations of the own accelerations of flights, as in `Air`.
+        moments: of inertia of a body that moves in space, as in `Air`.
         centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off.
         clues: of every convention.
     """
@@ -105,30 +112,41 @@ class Frame:
     angle: float = 1.0
     sense: int = 1
     body: Float[Array, "2 3"] | None = None
-    gravity: tuple[float, float] = (0.0, -GRAVITY)
+    gravity: tuple[float, ...] = (0.0, -GRAVITY)
     gravity_error: float = 0.0
     drag: float = 0.0
     drag_error: float = 0.0
     own: Own = STEADY
-    centre: tuple[float, float] = (0.0, 0.0)
+    moments: tuple[float, ...] | None = None
+    centre: tuple[float, ...] = (0.0, 0.0)
     clues: tuple[Clue, ...] = ()
 
     @property
     def air(self) -> Air:
         """Free flight with 9.81 m/s² in the measured direction."""
-        size = np.hypot(*self.gravity) / GRAVITY
-        return Air(gravity=(self.gravity[0] / size, self.gravity[1] / size), drag=self.drag, own=self.own)
+        size = math.hypot(*self.gravity) / GRAVITY
+        return Air(
+            gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments
+        )
 
     @property
     def lean(self) -> Estimate:
         """Angle in rad of gravity from straight down to the right."""
-        g_x, g_y = self.gravity
-        return Estimate(value=math.atan2(g_x, -g_y), error=self.gravity_error / math.hypot(g_x, g_y))
+        g_x, *_, g_y = self.gravity
+        return Estimate(value=math.atan2(g_x, -g_y), error=self.gravity_error / math.hypot(*self.gravity))
 
     def track(self, recording: Recording) -> Track:
-        """The recording in the plane of motion, in SI units and world axes."""
+        """The recording in the plane of motion or in space, in SI units and world axes.
+
+        Raises:
+            DataError: a quaternion in space whose length is not 1.
+        """
         seen = recording.seen
         position = np.where(seen[:, None], recording.position, np.nan) * self.scale
+        if len(self.gravity) == 3:
+            pose = np.column_stack((position @ self.axes.T, self._turned(recording)))
+            still = np.zeros(len(recording))
+            return Track(name=recording.name, time=recording.time, pose=pose, apart=still, tilted=still)
         planar = position @ self.axes[:2].T
         if recording.quaternion is not None and self.body is not None:
             quaternion = np.where(seen[:, None], recording.quaternion, np.nan)
@@ -144,3 +162,17 @@ class Frame:
             apart = tilted = np.zeros(len(recording))
         pose = np.column_stack((planar, self.sense * continuous(angle, recording.time)))
         return Track(name=recording.name, time=recording.time, pose=pose, apart=apart, tilted=tilted)
+
+    def _turned(self, recording: Recording) -> Float[Array, "t 4"]:
+        """Unit quaternions from the body's axes to the world's."""
+        assert recording.quaternion is not None
+        length = np.linalg.norm(recording.quaternion, axis=1)
+        if (bad := np.flatnonzero(recording.seen & (np.abs(length - 1) > _UNIT))).size:
+            raise DataError(
+                f"{recording.source}: {recording.name}: frame {bad[0] + 1}: a quaternion must be of length 1, got "
+                f"{length[bad[0]]:g}; are its columns mixed up (data.columns.quaternion)?"
+            )
+        q = recording.quaternion if self.order == "wxyz" else np.roll(recording.quaternion, 1, axis=1)
+        q = np.where(recording.seen[:, None], q / np.maximum(length, 0.5)[:, None], np.nan)
+        world = Rotation.from_matrix(self.axes).as_quat(scalar_first=True)
+        return product(world, q if self.sense > 0 else conjugate(q))

@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.frame import Frame, matrices
+from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.result import Hit
-from contactlearn.data.recordings.track import Array, Recording, finite
+from contactlearn.data.recordings.track import Recording, finite
 from contactlearn.mechanics.shapes import Polygon, contact_point
 
 

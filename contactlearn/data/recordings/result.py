@@ -6,7 +6,8 @@ from enum import StrEnum
 from jaxtyping import Float
 
 from contactlearn.data.recordings.flights import Flight
-from contactlearn.data.recordings.track import Array, Track
+from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.track import Track
 
 
 class Reason(StrEnum):
@@ -66,14 +67,14 @@ class Hit:
         recording: name of its recording.
         number: among the contacts of the recording, from 1.
         time: of contact in s.
-        v_pre: (v_x, v_y, ω) before contact.
+        v_pre: (v_x, v_y, ω) before contact; in space six.
         v_post: those after it.
-        pose: (x, y, θ) at contact, θ in [−π, π).
-        covariance: of the errors of (v_pre, v_post, pose, time).
+        pose: (x, y, θ) at contact, θ in [−π, π); in space a position and a quaternion.
+        covariance: of the errors of (v_pre, v_post, pose, time), those of a pose in space by `poses.away`.
         missing: frames at contact that the recording skips without a gap in its time stamps.
         certainty: probability that this is their number.
         lost: frames at contact that are marked as lost.
-        apart: squared distance of the two flights at that instant in standard deviations; 2 is expected.
+        apart: squared distance of the two flights at that instant in standard deviations; 2 is expected, 5 in space.
         lasting: s about its instant in which frames are in no flight.
         flight: place of the flight before contact among those of its track; the one after contact is the next.
     """
@@ -81,10 +82,10 @@ class Hit:
     recording: str
     number: int
     time: float
-    v_pre: Float[Array, "3"]
-    v_post: Float[Array, "3"]
-    pose: Float[Array, "3"]
-    covariance: Float[Array, "10 10"]
+    v_pre: Float[Array, "k"]
+    v_post: Float[Array, "k"]
+    pose: Float[Array, "m"]
+    covariance: Float[Array, "c c"]
     missing: int
     certainty: float
     lost: int
@@ -104,13 +105,13 @@ class Rest:
 
     Args:
         recording: name of its recording.
-        pose: mean (x, y, θ), θ in [−π, π).
-        error: standard errors of the mean, from the scatter of its parts, without the error that all of them share.
+        pose: mean (x, y, θ), θ in [−π, π); in space a position and a quaternion.
+        error: standard errors of the mean (x, y, θ), six in space, from the scatter of its parts, without the error that all of them share.
     """
 
     recording: str
-    pose: Float[Array, "3"]
-    error: Float[Array, "3"]
+    pose: Float[Array, "m"]
+    error: Float[Array, "k"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,8 +119,8 @@ class Found:
     """Flights, contacts, refusals and rests of one track.
 
     Args:
-        track: in the plane of motion, of the centre of mass.
-        sigma: standard deviations of a frame's (x, y, θ) about the flights, in m, m and rad.
+        track: in the plane of motion or in space, of the centre of mass.
+        sigma: standard deviations of a frame's (x, y, θ), in space six, about the flights, in m and rad.
         flights: free flights, in their order.
         contacts: accepted contacts.
         refusals: of the other parts.
@@ -128,9 +129,9 @@ class Found:
     """
 
     track: Track
-    sigma: Float[Array, "3"]
+    sigma: Float[Array, "k"]
     flights: tuple[Flight, ...]
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
-    wobbles: tuple[Float[Array, "2 2 3"], ...] = ()
+    wobbles: tuple[Float[Array, "two d e"], ...] = ()

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.workers import WorkerPool
@@ -27,6 +28,7 @@ from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Res
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
 from contactlearn.data.recordings.wobble import Wobble, wobbles
+from contactlearn.mechanics.shapes import Solid, contact_point
 
 _SAMPLE = 24  # recordings from which conventions are found
 _MANY = 100  # files from which on they are shared among processes
@@ -47,6 +49,8 @@ class TrackOptions:
         layout: of the files.
         flight: of the search for flights and contacts.
         thresholds: that decide.
+        solid: a body that moves in space; None of one that moves in a plane.
+        moments: its principal moments of inertia, in any unit.
         workers: processes, for many files or a single one.
     """
 
@@ -54,6 +58,8 @@ class TrackOptions:
     layout: Layout = Layout()
     flight: FlightOptions = FlightOptions()
     thresholds: TrackThresholds = TrackThresholds()
+    solid: Solid | None = None
+    moments: tuple[float, ...] | None = None
     workers: int = 1
 
     def in_air(self, frame: Frame) -> "TrackOptions":
@@ -107,7 +113,7 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
         DataError: no recording can be read, or a convention is neither stated nor found.
     """
     files, layout, workers = recording_files(path), options.layout, options.workers
-    frame = find_frame(sample(files, layout), options.conventions, options.thresholds)
+    frame = find_frame(sample(files, layout), options.conventions, options.thresholds, options.moments)
     search = partial(_search, frame=frame, options=options.in_air(frame))
     if len(files) == 1:
         pieces = progress(_pieces(files[0], layout))
@@ -152,6 +158,9 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     if (recording.quaternion is None) != (frame.axes.shape[1] == 2):
         raise DataError(f"{recording.source}: is in a plane where others are in space, or the other way round")
     track = frame.track(recording)
+    if options.solid is not None:
+        low = contact_point(options.solid, torch.from_numpy(track.pose[:, 3:]))[:, 2].numpy() + track.height
+        track = replace(track, low=low)
     leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))

@@ -18,6 +18,9 @@ class TrackThresholds:
     """Tilt in rad of the body out of it (row tracks.plane_tilt)."""
     excess: float = 6.0
     """Standard deviations of χ² above its mean up to which a window is a flight (row tracks.excess)."""
+    uneven: float = 5.0
+    """Noise of a flight's frames in space over that of the recording, at most: cameras see other sides of a body that
+    turns (row tracks.uneven)."""
     meets: float = 18.0
     """Squared distance in standard deviations, with two degrees of freedom, up to which two flights meet: one of 8000
     by chance (row tracks.meets)."""
@@ -49,3 +52,9 @@ class TrackThresholds:
     contacts_of_a_slope: int = 12
     """Contacts and bodies at rest that show the floor's slope; twice as many contacts, or half as many bodies at rest
     among them, show the body's zero of θ (row tracks.contacts_of_a_slope)."""
+
+    def meets_in(self, coordinates: int) -> float:
+        """The same distance with one degree of freedom less than a pose has coordinates, as rare by chance."""
+        from scipy.special import chdtri  # SciPy takes long to load
+
+        return self.meets if coordinates == 3 else float(chdtri(coordinates - 1, math.exp(-self.meets / 2)))

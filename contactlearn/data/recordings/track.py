@@ -1,22 +1,23 @@
-"""Recordings as trackers write them, and tracks: the same in the plane of motion, in SI units and world axes.
+"""Recordings as trackers write them, and tracks: the same in the plane of motion or in space, in SI and world axes.
 
     Recording   time [T] in s, position [T, 2 or 3] in the file's units and axes, an angle [T] or a quaternion [T, 4]
-    Track       time [T] in s, pose (x, y, θ) [T, 3] in m and rad with y up, distance [T] from the plane in m
+    Track       time [T] in s, pose (x, y, θ) [T, 3] in m and rad with y up, distance [T] from the plane in m; in space
+                pose [T, 7], a position with z up and a quaternion
 
 A frame that the tracker lost is not a number in all of its coordinates.  Time stamps grow.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.poses import Array, arms, orientation, turn
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _FEWEST = 2
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
@@ -95,24 +96,41 @@ class Recording:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Track:
-    """Motion of one body in a plane.
+    """Motion of one body in a plane or in space.
 
     Args:
         name: of the recording.
         time: of the frames in s.
-        pose: (x, y, θ) in m, m and rad; θ is continuous but for whole turns.
+        pose: (x, y, θ) in m, m and rad, θ continuous but for whole turns; in space (x, y, z) and a unit quaternion.
         apart: distance of the tracked point from the plane of motion in m; 0 where only a plane was recorded.
         tilted: angle in rad between the body's axis of rotation and the normal of the plane, or 0.
+        low: height in m of the lowest point of a body in space, where its shape is known.
     """
 
     name: str
     time: Float[Array, " t"]
-    pose: Float[Array, "t 3"]
+    pose: Float[Array, "t m"]
     apart: Float[Array, " t"]
     tilted: Float[Array, " t"]
+    low: Float[Array, " t"] | None = None
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def d(self) -> int:
+        """Components of a position."""
+        return 2 if self.pose.shape[1] == 3 else 3
+
+    @property
+    def k(self) -> int:
+        """Components of a velocity."""
+        return 3 * self.d - 3
+
+    @property
+    def height(self) -> Float[Array, " t"]:
+        """Upward coordinate in m."""
+        return self.pose[:, self.d - 1]
 
     @cached_property
     def seen(self) -> Bool[Mask, " t"]:
@@ -125,19 +143,13 @@ class Track:
         return float(np.median(np.diff(self.time)))
 
 
-def about_centre(track: Track, centre: tuple[float, float]) -> Track:
+def about_centre(track: Track, centre: Sequence[float]) -> Track:
     """The track of a point of the body, given from the tracked point in m along the body's axes."""
-    if centre == (0.0, 0.0):
+    if not any(centre):
         return track
     pose = track.pose.copy()
-    pose[:, :2] += arms(centre, pose[:, 2])
+    pose[:, : track.d] += arms(centre, orientation(pose))
     return replace(track, pose=pose)
-
-
-def arms(centre: tuple[float, float], theta: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
-    """A vector that is fixed to the body, in world axes, at orientations θ in rad."""
-    (a, b), c, s = centre, np.cos(theta), np.sin(theta)
-    return np.stack((a * c - b * s, a * s + b * c), -1)
 
 
 def finite(values: Float[Array, "*batch d"]) -> Bool[Mask, "*batch"]:
@@ -165,8 +177,3 @@ def mean_step(time: Float[Array, " t"]) -> float:
     """Mean time between two frames, as time stamps are: rounded ones do no harm, nor do frames that are skipped."""
     step = np.diff(time)
     return float(np.mean(step[step <= 1.5 * np.median(step)]))
-
-
-def turn(angle: Any) -> Any:
-    """The angle in rad, in [−π, π)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi

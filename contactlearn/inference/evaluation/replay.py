@@ -18,7 +18,6 @@ from typing import Self
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
@@ -26,8 +25,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings.frame import Frame
+from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
-from contactlearn.data.recordings.track import Array
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
@@ -237,16 +236,12 @@ class _Take:
         time = track.time[frames]
         late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
         if start == "flight":
-            *state, _ = flight.at(begin)
-            state = np.concatenate(state)
+            first_pose, first_velocity, _ = flight.at(begin)
         else:
-            state = _differences(time, track.pose[frames], flight.air.gravity)
-        size = track.pose.shape[1]
-        pose, velocity = (
-            torch.from_numpy(np.vstack((state[:size], track.pose[frames]))),
-            torch.zeros(len(frames) + 1, len(state) - size, dtype=torch.float64),
-        )
-        velocity[0] = torch.from_numpy(state[size:])
+            first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
+        pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames])))
+        velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
+        velocity[0] = torch.from_numpy(first_velocity)
         arm = in_world(torch.tensor(frame.centre, dtype=torch.float64).expand(len(pose), -1), pose)
         d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :d] -= arm
@@ -262,14 +257,10 @@ class _Take:
         )
 
 
-def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> Float[Array, "state"]:
+def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> tuple[Float[Array, "pose"], Float[Array, "D"]]:
     """Pose of a first frame, and its velocity as the median of differences of the frames from there on."""
-    later, here = slice(1, _DIFFERENCES + 1), slice(0, _DIFFERENCES)
-    d, step = len(gravity), (time[later] - time[here])[:, None]
-    middle = (time[later] + time[here])[:, None] / 2 - time[0]
-    linear = (pose[later, :d] - pose[here, :d]) / step - middle * gravity
-    turned = pose[later, d:] - pose[here, d:]
-    if d == 3:
-        turns = Rotation.from_quat(pose[: _DIFFERENCES + 1, d:], scalar_first=True)
-        turned = (turns[1:] * turns[:-1].inv()).as_rotvec()
-    return np.concatenate((pose[0], np.median(linear, 0), np.median(turned / step, 0)))
+    few, d = slice(0, _DIFFERENCES + 1), len(gravity)
+    step, middle = np.diff(time[few])[:, None], (time[few][1:, None] + time[few][:-1, None]) / 2 - time[0]
+    moved = away(pose[few][1:], pose[few][:-1]) / step
+    moved[:, :d] -= middle * gravity
+    return pose[0], np.median(moved, 0)

@@ -13,72 +13,86 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
+from contactlearn.data.recordings.poses import Array, away, rotated, turn
 from contactlearn.data.recordings.result import Found, Hit
-from contactlearn.data.recordings.track import Array, turn
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.figures import style as st
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
-_LABELS = ("x (m)", "y (m)", "θ (rad)")
-_UNITS = (1e3, 1e3, 180 / math.pi)  # mm, mm and degrees of residuals
-_VELOCITIES = [
-    (f"{name}{when}", unit) for when in ("", "⁺") for name, unit in (("v_x", "m/s"), ("v_y", "m/s"), ("ω", "rad/s"))
-]
+_DEGREES = 180 / math.pi
 
 
 @st.look()
 def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
-    """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there."""
+    """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there.
+
+    In space rotations are counted from the pose at contact, and the body is seen along y.
+    """
     track, flights = found.track, found.flights[contact.flight : contact.flight + 2]
-    figure = st.new_figure(st.PAGE, 4.2)
-    panels = figure.subplots(2, 4, height_ratios=(2, 1))
-    for k, label in enumerate(_LABELS):
-        upper, lower = panels[0, k], panels[1, k]
+    names, d, rows = residual_names(track.k), track.d, track.k // 3
+    figure = st.new_figure(st.PAGE, 4.2 if d == 2 else 7.0)
+    panels = figure.subplots(2 * rows, 4, height_ratios=(2, 1) * rows)
+    for k, name in enumerate(names):
+        upper, lower = panels[k // 3 * 2, k % 3], panels[k // 3 * 2 + 1, k % 3]
+        unit, fine = ("m", 1e3) if k < d else ("rad", _DEGREES)
         for flight, color, late in zip(flights, (_BLUE, _RED), (0, contact.missing), strict=True):
             time = track.time[flight.frames]
-            line = flight.poses(time)[:, k]
+            poses = flight.poses(time)
+            line = (poses if d == 2 or k < d else away(poses, contact.pose))[:, k]
             seen = line + flight.residual[:, k]
             upper.plot(time + late * track.step, seen, ".", color="0.5", markersize=2)
             upper.plot(time + late * track.step, line, color=color, linewidth=0.7)
-            lower.plot(time + late * track.step, _UNITS[k] * flight.residual[:, k], ".", color=color, markersize=2)
+            lower.plot(time + late * track.step, fine * flight.residual[:, k], ".", color=color, markersize=2)
         for axes in (upper, lower):
             axes.axvline(contact.time, color="0.3", linewidth=0.6)
-        st.name_axes(upper, "", label)
-        st.name_axes(lower, "Time (s)", f"Residual ({('mm', 'mm', '°')[k]})")
-    body = panels[0, 3]
-    outline = rotate(shape.outline(), torch.tensor(float(contact.pose[2]), dtype=torch.float64)).numpy()
-    body.plot(outline[:, 0] + contact.pose[0], outline[:, 1] + contact.pose[1], color=_BLUE)
-    body.axhline(float(outline[:, 1].min() + contact.pose[1]), color="0.3", linewidth=0.8)
+        st.name_axes(upper, "", f"{name} ({unit})")
+        st.name_axes(lower, "Time (s)", f"Residual ({'mm' if k < d else '°'})")
+    body, upwards = panels[0, -1], d - 1
+    outline = shape.outline().numpy() if d == 3 else rotate(shape.outline(), torch.tensor(float(contact.pose[2]))).numpy()
+    outline = contact.pose[:d] + (rotated(contact.pose[3:], outline) if d == 3 else outline)
+    body.plot(outline[:, 0], outline[:, upwards], color=_BLUE)
+    body.axhline(float(np.nanmin(outline[:, upwards])), color="0.3", linewidth=0.8)
     body.set_aspect("equal", adjustable="datalim")
-    st.name_axes(body, "x (m)", "y (m)")
-    panels[1, 3].axis("off")
+    st.name_axes(body, "x (m)", f"{names[upwards]} (m)")
+    for empty in panels[1:, -1]:
+        empty.axis("off")
     errors = np.sqrt(contact.covariance.diagonal())
-    values = zip(_VELOCITIES, (*contact.v_pre, *contact.v_post), errors[:6].tolist(), strict=True)
+    symbols = (PLANE if d == 2 else SPACE).symbols
+    named = [(f"{symbol}{when}", unit) for when in ("", "⁺") for symbol, unit in symbols.items()]
+    values = zip(named, (*contact.v_pre, *contact.v_post), errors, strict=False)
     text = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
-    panels[1, 3].text(0, 1, text, va="top", fontsize="x-small")
-    figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[9]:.2g} µs")
+    panels[1, -1].text(0, 1, text, va="top", fontsize="x-small")
+    figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[-1]:.2g} µs")
     return figure
 
 
 @st.look()
 def residuals_figure(founds: Sequence[Found]) -> Figure:
-    """Draw the distribution of residuals in standard deviations and the normal one, for x, y and θ."""
+    """Draw the distribution of residuals in standard deviations and the normal one, for each coordinate."""
     figure = st.new_figure(st.PAGE, 2.2)
     grid, scores = np.linspace(-5, 5, 101), standardised(founds).clip(-5, 5)
-    for k, axes in enumerate(figure.subplots(1, 3, sharey=True)):
+    names = residual_names(scores.shape[1])
+    for k, axes in enumerate(figure.subplots(1, len(names), sharey=True)):
         axes.hist(scores[:, k], bins=50, range=(-5, 5), density=len(scores) > 0, color=st.tint(_BLUE, 0.5))
         axes.plot(grid, np.exp(-(grid**2) / 2) / math.sqrt(2 * math.pi), color=_RED)
-        st.name_axes(axes, f"Residual of {_LABELS[k].split()[0]} in standard deviations", "Density" if k == 0 else "")
+        st.name_axes(axes, f"Residual of {names[k]} in standard deviations" if len(names) == 3 else f"{names[k]} (σ)", "Density" if k == 0 else "")
     return figure
 
 
-def standardised(founds: Sequence[Found]) -> Float[Array, "n 3"]:
+def residual_names(coordinates: int) -> tuple[str, ...]:
+    """Name the coordinates of residuals: three in the plane, six in space."""
+    return ("x", "y", "θ") if coordinates == 3 else ("x", "y", "z", "θ_x", "θ_y", "θ_z")
+
+
+def standardised(founds: Sequence[Found]) -> Float[Array, "n k"]:
     """Residuals of all flights in units of their standard deviation, the fit's own share allowed for."""
-    parts = [np.zeros((0, 3))]
+    parts = [np.zeros((0, founds[0].track.k if founds else 3))]
     for found in founds:
         for flight in found.flights:
             residual = flight.residual.copy()
-            residual[:, 2] = turn(residual[:, 2])
-            parts.append(residual / found.sigma / math.sqrt(1 - 2 / max(len(residual), 3)))
+            if found.track.d == 2:
+                residual[:, 2] = turn(residual[:, 2])
+            parts.append(residual / flight.sigma / math.sqrt(1 - 2 / max(len(residual), 3)))
     return np.concatenate(parts)

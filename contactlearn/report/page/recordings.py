@@ -3,7 +3,8 @@
     write_recordings_page   the page
     of_recordings           its data; `of_recording` has one recording, `sketch` a small picture of it
 
-Positions are in m, residuals in mm, angles in degrees; frames that the tracker lost are left out.
+Positions are in m, residuals in mm, angles in degrees; frames that the tracker lost are left out.  Of a body in space
+the angle is that from its first frame, of at most half a turn.
 A page shows at most `MOST` recordings: up to half of them are those with refused parts, and the others are spread
 evenly over those with impacts.
 """
@@ -21,11 +22,13 @@ from jaxtyping import Float, Int
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.flights import Flight, Indices
+from contactlearn.data.recordings.poses import Array, away, turn
 from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
-from contactlearn.data.recordings.track import Array, Track, turn
+from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import Tracked
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures.browser import as_plotly
-from contactlearn.report.figures.tracks import residuals_figure, standardised
+from contactlearn.report.figures.tracks import residual_names, residuals_figure, standardised
 from contactlearn.report.page.page import compressed, render, save
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.numbers import number, percent
@@ -38,8 +41,8 @@ FRAMES = 1500
 """Frames of a recording on a page, at most."""
 _LINE = 25  # points of a flight's line
 _DEGREES = 180 / math.pi
-_SHOWN = np.array((1.0, 1.0, _DEGREES))  # m, m and degrees
-_FINE = np.array((1e3, 1e3, _DEGREES))  # mm, mm and degrees
+_PLANE = (("x", "m", "mm"), ("y", "m", "mm"), ("θ", "°", "°"))
+_SPACE = (("x", "m", "mm"), ("y", "m", "mm"), ("z", "m", "mm"), ("angle", "°", "°"))
 WIDTH, HEIGHT = 200, 70
 """Of a picture."""
 _POINTS = 60  # frames of a picture, at most
@@ -72,7 +75,8 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
     for one in found.again({*chosen(found)}):  # the first where two have one name
         founds.setdefault(one.track.name, one)
     shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
-    scores, floor = standardised([*founds.values()]), found.floor
+    scores, floor, space = standardised([*founds.values()]), found.floor, found.impacts.space
+    outline = found.shape.outline(91).T.numpy()
     packed = json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return {
         "title": tracks_headline(found),
@@ -81,13 +85,16 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
             {key: one[key] for key in ("name", "reasons")} | {"impacts": len(one["contacts"])} for one in shown
         ],
         "reasons": dict(REASONS),
-        "outline": digits(found.shape.outline(91).T.tolist(), 5),
+        "coordinates": _PLANE if space is PLANE else _SPACE,
+        "outline": digits(np.where(np.isnan(outline), None, outline).tolist(), 5),
         "floor": {
             "height": digits(floor.height.value, 6),
             "slope": digits(floor.slope.value if floor.slope else 0.0, 4),
         },
         "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
         "block": compressed(packed.encode(errors="replace")),
+        "_symbols": [f"{symbol}{when} ({unit})" for when in ("", "⁺") for symbol, unit in space.symbols.items()],
+        "_freedom": space.D - 1,
         "_facts": tracks_facts(found),
         "_rig": [(row.quantity, row.measured, row.said, row.known_from, row.differs) for row in found.rig.rows()],
         "_limits": _limits(found, len(shown)),
@@ -153,7 +160,7 @@ def _residuals(scores: np.ndarray) -> list[str]:
     return [
         f"{name}: standard deviation {number(float(score.std()), 3)}, {percent(float((abs(score) > _FAR).mean()), 2)} "
         f"beyond {_FAR}"
-        for name, score in zip(("x", "y", "θ"), scores.T, strict=True)
+        for name, score in zip(residual_names(scores.shape[1]), scores.T, strict=True)
     ]
 
 
@@ -173,7 +180,7 @@ def of_recording(found: Found, contacts: Sequence[Hit], refusals: Sequence[Refus
         "reasons": [*dict.fromkeys(refusal.reason.value for refusal in refusals)],
         "step": digits(track.step),
         "time": digits(track.time[kept].tolist(), 7),
-        "pose": digits((_SHOWN * pose[kept]).T.round(6).tolist(), 6),
+        "pose": digits(_shown(track, pose[kept]).T.round(6).tolist(), 6),
         "flights": [_flight(track, flight, pose, kept) for flight in found.flights],
         "contacts": [*map(_contact, contacts)],
         "refused": [_refused(refusal) for refusal in refusals],
@@ -190,33 +197,45 @@ def _kept(found: Found) -> Int[Indices, " k"]:
     return frames[:: max(1, math.ceil(len(frames) / FRAMES))]
 
 
-def _nearest(found: Found) -> Float[Array, "t 3"]:
+def _shown(track: Track, pose: Float[Array, "n m"]) -> Float[Array, "n c"]:
+    """Coordinates of poses as they are drawn, in m and degrees."""
+    if track.d == 2:
+        return pose * (1.0, 1.0, _DEGREES)
+    angle = np.linalg.norm(away(pose, track.pose[track.seen][:1])[:, 3:], axis=1)
+    return np.column_stack((pose[:, :3], _DEGREES * angle))
+
+
+def _nearest(found: Found) -> Float[Array, "t m"]:
     """Poses of the frames; those of a flight are within half a turn of its line."""
     pose = found.track.pose.copy()
+    if found.track.d == 3:
+        return pose
     for flight in found.flights:
         line = _line(found.track, flight, found.track.time[flight.frames])
         pose[flight.frames, 2] = line[:, 2] + turn(flight.residual[:, 2])
     return pose
 
 
-def _line(track: Track, flight: Flight, time: Float[Array, " n"]) -> Float[Array, "n 3"]:
+def _line(track: Track, flight: Flight, time: Float[Array, " n"]) -> Float[Array, "n m"]:
     """Poses of a flight, moved by whole turns to where the track has it."""
+    if track.d == 3:
+        return flight.poses(time)
     there = track.pose[flight.frames, 2] - flight.poses(track.time[flight.frames])[:, 2]
     turns = round(float(np.median(there)) / (2 * math.pi))
     return flight.poses(time) + np.array((0.0, 0.0, 2 * math.pi * turns))
 
 
-def _flight(track: Track, flight: Flight, pose: Float[Array, "t 3"], kept: Int[Indices, " k"]) -> dict[str, Any]:
+def _flight(track: Track, flight: Flight, pose: Float[Array, "t m"], kept: Int[Indices, " k"]) -> dict[str, Any]:
     """The line of a flight, and the residuals `residual` of the shown frames with the places `at`."""
     time = np.linspace(track.time[flight.first], track.time[flight.last], _LINE)
     both, at, own = np.intersect1d(kept, flight.frames, return_indices=True)
-    residual = pose[both] - _line(track, flight, track.time[both])
-    residual[:, :2] = flight.residual[own, :2]
+    residual = _shown(track, pose[both]) - _shown(track, _line(track, flight, track.time[both]))
+    residual[:, : track.d] = 1e3 * flight.residual[own, : track.d]
     return {
         "time": digits(time.tolist(), 7),
-        "line": digits((_SHOWN * _line(track, flight, time)).T.round(6).tolist(), 6),
+        "line": digits(_shown(track, _line(track, flight, time)).T.round(6).tolist(), 6),
         "at": at.tolist(),
-        "residual": digits((_FINE * residual).T.round(4).tolist(), 3),
+        "residual": digits(residual.T.round(4).tolist(), 3),
     }
 
 
@@ -230,7 +249,7 @@ def _contact(contact: Hit) -> dict[str, Any]:
         "pose": digits(contact.pose.tolist(), 7),
         "before": contact.flight,
         "cells": [
-            measured(contact.time, errors[9]),
+            measured(contact.time, errors[-1]),
             *map(measured, velocities, errors),
             f"{contact.missing} ({percent(contact.certainty, 1)})",
             str(contact.lost),
@@ -260,8 +279,9 @@ def _summary(found: Found, contacts: int, shown: int) -> str:
         + (f", {shown} of them shown" if shown < frames - lost else ""),
     ]
     if found.flights:
-        x, y, angle = (_FINE * found.sigma).tolist()
-        words.append(f"noise of a frame {number(x, 2)} and {number(y, 2)} mm, {number(angle, 2)}°")
+        *across, up = (number(1e3 * one, 2) for one in found.sigma[: track.d])
+        angle = number(_DEGREES * float(found.sigma[-1]), 2)
+        words.append(f"noise of a frame {', '.join(across)} and {up} mm, {angle}°")
     return "; ".join(words) + "."
 
 
@@ -269,7 +289,7 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
     """Return the frames and flights as paths, the refused parts as bands, and the words of a small picture."""
     track, seen = found.track, np.flatnonzero(found.track.seen)
     frames = seen[np.linspace(0, len(seen) - 1, min(_POINTS, len(seen))).astype(int)]
-    height = track.pose[seen, 1]
+    height = track.height[seen]
     left, span = float(track.time[0]), float(np.ptp(track.time))
     low, range_ = (float(height.min()), float(np.ptp(height)) or 1.0) if len(seen) else (0.0, 1.0)
 
@@ -283,10 +303,10 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
         axes = f"time 0–{number(span, 2)} s, height {lowest} to {highest} mm"
     for flight in found.flights:
         when = np.linspace(track.time[flight.first], track.time[flight.last], _SKETCH_LINE)
-        lines.append("M" + "L".join(placed(when, flight.poses(when)[:, 1])))
+        lines.append("M" + "L".join(placed(when, flight.poses(when)[:, track.d - 1])))
     return {
         "name": track.name,
-        "dots": "".join(f"M{point}h0" for point in placed(track.time[frames], track.pose[frames, 1])),
+        "dots": "".join(f"M{point}h0" for point in placed(track.time[frames], track.height[frames])),
         "flights": "".join(lines),
         "bands": [_band(refusal, left, span) for refusal in refusals],
         "reasons": _counted_reasons(refusals),

@@ -85,8 +85,10 @@ def _errors(found: Tracked) -> list[tuple[str, str]]:
     impacts, facts = found.impacts, list[tuple[str, str]]()
     for when, covariance in (("before", impacts.v_pre_cov), ("after", impacts.v_post_cov)):
         if covariance is not None:
-            x, y, spin = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
-            words = f"{number(1e3 * x, 2)} and {number(1e3 * y, 2)} mm/s, {number(spin, 2)} rad/s in the median"
+            errors = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
+            *across, up = (number(1e3 * error, 2) for error in errors[: impacts.space.d])
+            spins = errors[impacts.space.d :]
+            words = f"{', '.join(across)} and {up} mm/s, {number(sum(spins) / len(spins), 2)} rad/s in the median"
             facts.append(("errors", f"{when} contact: {words}"))
     return facts
 

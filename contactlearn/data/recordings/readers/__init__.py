@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.recordings.track import Array, Recording, mean_step
+from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.track import Recording, mean_step
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""

@@ -17,8 +17,9 @@ from pyarrow import parquet
 
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
+from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import Layout
-from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.track import Recording
 
 _ROWS = 200_000  # that are read at once
 MOST_FRAMES = 2_000_000

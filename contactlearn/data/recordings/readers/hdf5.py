@@ -13,8 +13,9 @@ import h5py  # pyright: ignore[reportMissingImports]  (an extra)
 import numpy as np
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import Layout
-from contactlearn.data.recordings.track import Array, Recording
+from contactlearn.data.recordings.track import Recording
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:

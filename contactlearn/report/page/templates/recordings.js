@@ -1,15 +1,16 @@
 // Recordings: the chosen one over time with its flights, residuals and refused parts, and the body at contact.
 const tracked = {recording: 0, contact: 0, all: []};
-const coordinates = [["x", "m", "mm"], ["y", "m", "mm"], ["θ", "°", "°"]];
+const {coordinates} = page;
 const inkOf = {frames: "muted", flight: "accent", refused: "red", rest: "muted", contact: "text"};
 const current = () => tracked.all[tracked.recording];
 const suffix = k => k ? String(k + 1) : "";
 
-// Where each coordinate and its residuals are drawn: three columns, or one below the other on a narrow page.
+// Where each coordinate and its residuals are drawn: in columns, or one below the other on a narrow page.
 function places(slim) {
+  const count = coordinates.length, column = 1.08 / count;
   return coordinates.map((_, k) => {
-    if (!slim) return {x: `x${suffix(k)}`, across: [k * 0.36, k * 0.36 + 0.28], up: [0.4, 1], below: [0, 0.3]};
-    const top = 1 - k / 3, size = 1 / 3 - 0.035;
+    if (!slim) return {x: `x${suffix(k)}`, across: [k * column, k * column + column - 0.08], up: [0.4, 1], below: [0, 0.3]};
+    const top = 1 - k / count, size = 1 / count - 0.035;
     return {x: "x", across: [0, 1], up: [top - 0.64 * size, top], below: [top - size, top - 0.72 * size]};
   });
 }
@@ -24,13 +25,13 @@ const broken = parts => parts.flatMap((part, k) => k ? [null, ...part] : part);
 function drawTrack() {
   const one = current(), slim = narrow(), layout = {shapes: [], showlegend: false, margin: {l: 50, r: 15, t: 32, b: 45}}, traces = [];
   places(slim).forEach(({x, across, up, below}, k) => {
-    const [name, unit, fine] = coordinates[k], upper = `y${suffix(k)}`, lower = `y${k + 4}`, last = !slim || k === 2;
+    const [name, unit, fine] = coordinates[k], upper = `y${suffix(k)}`, lower = `y${k + 1 + coordinates.length}`, last = !slim || k === coordinates.length - 1;
     const range = spanOf([...one.pose[k], ...one.flights.flatMap(flight => flight.line[k])]);
     const at = one.flights.map(flight => flight.at.map(place => one.time[place])), left = one.flights.map(flight => flight.residual[k]);
     const far = Math.max(1e-9, ...left.flat().map(Math.abs)) * 1.1;
-    if (!slim || !k) layout[`xaxis${x.slice(1)}`] = {domain: across, anchor: slim ? "y6" : lower, matches: k ? "x" : undefined, zeroline: false, title: {text: "Time (s)"}};
+    if (!slim || !k) layout[`xaxis${x.slice(1)}`] = {domain: across, anchor: slim ? `y${2 * coordinates.length}` : lower, matches: k ? "x" : undefined, zeroline: false, title: {text: "Time (s)"}};
     layout[`yaxis${suffix(k)}`] = {domain: up, anchor: x, range, zeroline: false, title: {text: `${name} (${unit})`, standoff: 4}};
-    layout[`yaxis${k + 4}`] = {domain: below, anchor: x, range: [-far, far], nticks: 4, title: {text: slim || k ? `Δ${name} (${fine})` : `Residual Δ${name} (${fine})`, standoff: 4}};
+    layout[`yaxis${k + 1 + coordinates.length}`] = {domain: below, anchor: x, range: [-far, far], nticks: 4, title: {text: slim || k ? `Δ${name} (${fine})` : `Residual Δ${name} (${fine})`, standoff: 4}};
     const mark = {type: "scatter", mode: "markers", xaxis: x, hovertemplate: `%{x:.4f} s, %{y} `};
     traces.push(...one.refused.map(part => band(one, part, range, x, upper)), ...one.refused.map(part => band(one, part, [-far, far], x, lower)));
     traces.push(
@@ -58,29 +59,45 @@ function band(one, {time: [start, end], reason, number, rest}, [low, high], xaxi
   };
 }
 
-// The body in mm about the tracked point at contact.
+// A point of the body in world axes; in space by a quaternion.
+function placed([x, y, ...turn], point) {
+  if (turn.length === 1) {
+    const [c, s] = [Math.cos(turn[0]), Math.sin(turn[0])];
+    return [c * point[0] - s * point[1], s * point[0] + c * point[1]];
+  }
+  const [, w, a, b, c] = turn, [p, q, r] = point;
+  return [
+    (1 - 2 * (b * b + c * c)) * p + 2 * (a * b - w * c) * q + 2 * (a * c + w * b) * r, 2 * (a * b + w * c) * p + (1 - 2 * (a * a + c * c)) * q + 2 * (b * c - w * a) * r,
+    2 * (a * c - w * b) * p + 2 * (b * c + w * a) * q + (1 - 2 * (a * a + b * b)) * r,
+  ];
+}
+
+// The body in mm about the tracked point at contact, in space as seen along y.
 function drawBody() {
   const contact = current().contacts[tracked.contact];
   if (!contact) return;
-  const [x, y, theta] = contact.pose, [c, s] = [Math.cos(theta), Math.sin(theta)], mm = 1000;
-  const outline = page.outline[0].map((a, k) => [mm * (c * a - s * page.outline[1][k]), mm * (s * a + c * page.outline[1][k])]);
+  const up = page.outline.length - 1, x = contact.pose[0], y = contact.pose[up], mm = 1000;
+  const outline = page.outline[0].map((gap, k) => {
+    const point = placed(contact.pose, page.outline.map(row => row[k]));
+    return gap === null ? [null, null] : [mm * point[0], mm * point[up]];
+  });
   const reach = 1.5 * Math.max(...outline.map(point => Math.hypot(...point)));
   const floor = a => mm * (page.floor.height - y) + Math.tan(page.floor.slope) * (a + mm * x);
   const {flights} = current(), [incoming, outgoing] = contact.before < 0 ? [] : [flights[contact.before], flights[contact.before + 1]];
   const path = (flight, name, ink) => ({
-    type: "scatter", mode: "lines+markers", name, x: flight.line[0].map(a => mm * (a - x)), y: flight.line[1].map(b => mm * (b - y)), hoverinfo: "name",
+    type: "scatter", mode: "lines+markers", name, x: flight.line[0].map(a => mm * (a - x)), y: flight.line[up].map(b => mm * (b - y)), hoverinfo: "name",
     line: {color: color(ink), width: 2}, marker: {symbol: "arrow", angleref: "previous", size: flight.time.map((_, k, all) => k === all.length - 1 ? 13 : 0), color: color(ink)},
   });
-  const ends = [-3 * reach, 3 * reach], lowest = Math.min(...outline.map(point => point[1]));
+  const ends = [-3 * reach, 3 * reach], lowest = Math.min(...outline.filter(point => point[1] !== null).map(point => point[1]));
   return draw("body", [
-    {type: "scatter", mode: "lines", name: "Body", x: outline.map(point => point[0]), y: outline.map(point => point[1]), fill: "toself", fillcolor: "rgba(128,140,155,0.22)", line: {color: color("muted"), width: 1.5}, hoverinfo: "skip"},
+    {type: "scatter", mode: "lines", name: "Body", x: outline.map(point => point[0]), y: outline.map(point => point[1]), fill: up === 1 ? "toself" : "none", fillcolor: "rgba(128,140,155,0.22)", line: {color: color("muted"), width: 1.5}, hoverinfo: "skip"},
     {type: "scatter", mode: "lines", name: "Floor", x: ends, y: ends.map(floor), line: {color: color("text"), width: 3}, hoverinfo: "name"},
     ...(incoming ? [path(incoming, "Before", "accent")] : []), ...(outgoing ? [path(outgoing, "After", "red")] : []),
     {type: "scatter", mode: "markers", name: "Tracked point", x: [0], y: [0], hoverinfo: "name", marker: {size: 8, color: color("text")}},
   ], {
     showlegend: true, margin: {l: 50, r: 15, t: 10, b: 45}, xaxis: {title: {text: "From the tracked point at contact (mm)"}, range: [-2 * reach, 2 * reach], zeroline: false},
     yaxis: {title: {text: "Height above it (mm)"}, range: [lowest - 0.25 * reach, 1.6 * reach], scaleanchor: "x", zeroline: false},
-    summary: `Contact ${contact.name} at θ = ${digits(theta * 180 / Math.PI)}°; the body's lowest point is ${digits(lowest - floor(0))} mm above the floor.`,
+    summary: `Contact ${contact.name}${up === 1 ? ` at θ = ${digits(contact.pose[2] * 180 / Math.PI)}°` : ""}; the body's lowest point is ${digits(lowest - floor(0))} mm above the floor.`,
   });
 }
 
