@@ -149,11 +149,10 @@ class ContactModel:
         def at(rows: Tensor) -> ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
-        def steady(impacts: Impacts, rows: Tensor, least: Tensor) -> Prediction:
-            own, measured = at(rows).under, State.of(impacts)
-            placed = {name: effect for name, effect in own.effects.items() if effect.place == "state"}
-            mu, eps = actual_coefficients(own.effects, actual_state(placed, measured), *own.law.coefficients)
-            return resolve(own.law, placed, measured, mu, torch.maximum(eps, least))
+        def steady(impacts: Impacts, rows: Tensor) -> Prediction:
+            own = at(rows).under
+            acting = {name: effect for name, effect in own.effects.items() if effect.place in ("state", "law")}
+            return ContactModel(own.base, effects=acting).predict(impacts)
 
         found = follow(
             lambda impacts, rows: at(rows).predict(impacts),

@@ -8,8 +8,9 @@ is where the lowest point of the body reaches the floor, y = 0 or in space z = 0
 
 Contacts pile up where the next one comes within `SHORTEST`.  A trajectory ends there, unless a time is given until
 which it lasts: it then goes on in steps of `STEP` with an impact at the lowest point at the end of each, so that a body
-slides, rolls, topples and comes to rest by the same law.  The restitution of such an impact is as large as it must be
-for the contact to be back after a step, and at most 1: the law keeps the energy from rising.
+slides, rolls, topples and comes to rest by the same law.  The body has then sunk in by what it fell in the step, and is
+moved back along the normal impulse at the contact as far as the energy lets it that the impact took: energy never
+rises.  An inelastic impact takes just what that needs.
 """
 
 import math
@@ -31,7 +32,7 @@ from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, swept
+from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept, turn_quaternion
 from contactlearn.mechanics.shapes import Shape, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -48,7 +49,7 @@ _NEAR = 1e-5  # s before contact at the latest from which Newton's method takes 
 _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
 _INSIDE = 1e-9  # m by which rounding may put a body into the floor
-_FAINT = 2.0  # falls within a step, of the speed of a contact that is no bounce and of a body that may be at rest
+_FAINT, _SLOW = 4.0, 2.0  # falls within a step: speed of a contact that is no bounce, of a body that may be at rest
 _SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
 _REST = 0.1  # s for which a body at rest is that slow
 RECORDING = ("sampling_delay", "gravity_impulse")
@@ -59,8 +60,6 @@ Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""
 Predict = Callable[[Impacts, Tensor], Prediction]
 """The outcome of impacts of the bodies at rows [n]."""
-Steady = Callable[[Impacts, Tensor, Tensor], Prediction]
-"""The same of contacts that are no bounces, by law and friction alone, with a restitution [n] at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +188,7 @@ class RollOut:
 
 def follow(
     predict: Predict,
-    steady: Steady | None,
+    steady: Predict | None,
     actual: Callable[[State, Tensor], State],
     state: BodyState,
     shape: Shape | None,
@@ -248,7 +247,7 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
             break
         rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(at[hits])
         if goes_on:
-            v_post, bounced = bodies.touch(rows, q, v)
+            q, v_post, bounced = bodies.touch(rows, q, v)
             resting[rows] = bodies.gap(rows, q, v_post)[1] < bodies.gravity * STEP
             fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
             ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
@@ -278,7 +277,7 @@ class _Bodies:
     name: str
     space: Space
     predict: Predict
-    steady: Steady | None
+    steady: Predict | None
     actual: Callable[[State, Tensor], State]
     gravity: float
     drag: float
@@ -289,26 +288,40 @@ class _Bodies:
         touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **own)
         return touching.as_impacts(validate=False)
 
-    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
-        """Return velocities after contact, and whether each contact is a bounce: those that are fast."""
-        height, speed = self.gap(rows, pose, velocity)
-        bounced, after = speed < -_FAINT * self.gravity * STEP, velocity.clone()
-        if bool(bounced.any()):
-            some = rows[bounced]
-            after[bounced] = self.predict(self.impacts(some, pose[bounced], velocity[bounced]), some).v_post
-        faint = ~bounced & (speed < 0)
-        if self.steady is not None and bool(faint.any()):
-            some, needed = rows[faint], self.gravity * STEP / 2 - height[faint] / STEP
-            impacts, least = self.impacts(some, pose[faint], velocity[faint]), (-needed / speed[faint]).clamp(0, 1)
-            after[faint] = self.steady(impacts, some, least).v_post
-        return after, bounced
+    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return poses and velocities after contact, and whether each contact is a bounce: those that are fast."""
+        speed = self.gap(rows, pose, velocity)[1]
+        bounced = speed < -_FAINT * self.gravity * STEP
+        after = velocity.clone()
+        for which, predict in ((bounced, self.predict), (~bounced & (speed < 0), self.steady)):
+            if predict is not None and bool(which.any()):
+                some = rows[which]
+                after[which] = predict(self.impacts(some, pose[which], velocity[which]), some).v_post
+        return *self.lifted(rows, pose, velocity, after), bounced
+
+    def lifted(self, rows: Tensor, pose: Tensor, before: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities of bodies that are moved out of the floor.
+
+        A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p, at most what the impact took.
+        """
+        now, earlier, d = self.real(rows, pose, after), self.real(rows, pose, before), self.space.d
+        body, (height, _) = (now.mass, now.world_inertia), self.gap(rows, pose, after)
+        lost = (squared_mass_norm(*body, earlier.v_pre) - squared_mass_norm(*body, now.v_pre)) / 2
+        p = (-height / now.W[:, -1, -1]).minimum(lost / self.gravity).clamp_min(0)
+        moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
+        place = pose[:, :d] + moved[:, :d]
+        if self.space is PLANE:
+            return torch.cat((place, pose[:, d:] + moved[:, d:]), 1), after
+        lifted = torch.cat((place, turn_quaternion(pose[:, d:], moved[:, d:])), 1)
+        spin = in_world(in_body(after[:, d:], pose), lifted)  # turned as well: its energy stays
+        return lifted, torch.cat((after[:, :d], spin), 1)
 
     def slow(self, rows: Tensor, velocity: Tensor) -> Tensor:
         """Return whether bodies are as slow as those at rest."""
         mass, inertia = self.fixed["mass"][rows], self.fixed["inertia"][rows].reshape(len(rows), -1).amax(-1)
         d = self.space.d
         square = velocity[:, :d].square().sum(-1) + inertia / mass * velocity[:, d:].square().sum(-1)
-        return square < (_FAINT * self.gravity * STEP) ** 2
+        return square < (_SLOW * self.gravity * STEP) ** 2
 
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
@@ -384,10 +397,10 @@ def _contact_times(
 def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     """Let times of resting bodies end after a step; return the rows that fly on.
 
-    A body may sink by twice what it falls in a step.  Where it would go deeper another point comes down, and the time
-    ends when that is at the floor, by bisection.
+    A body may sink as fast as one at rest.  Where it would go deeper another point comes down, and the time ends when
+    that is at the floor, by bisection.
     """
-    low, fall = resting.nonzero()[:, 0], flight.gravity * STEP**2
+    low, fall = resting.nonzero()[:, 0], _FAINT * flight.gravity * STEP**2
     t[low] = STEP
     start, _ = gap(low, *flight.of(low).after(torch.zeros_like(t[low])))
     height, _ = gap(low, *flight.of(low).after(t[low]))

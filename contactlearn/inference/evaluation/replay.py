@@ -36,7 +36,7 @@ from contactlearn.mechanics.shapes import Shape, Solid, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
 
-_BOUNCES = 100  # after which a prediction ends that does not pile up
+_BOUNCES = 1000  # after which a prediction ends
 _ABOVE = 0.02  # widths above the floor from which on a flight is predicted
 FAR = 0.1
 """Distance over the body's width from which on a prediction is lost."""
