@@ -236,7 +236,8 @@ def test_a_body_that_piles_up_on_a_corner_falls_over(body, shape, pose, height):
 
 def test_a_ball_on_the_floor_rolls_on():
     ball = BodyState(pose=(0, 0, 0.02, 1, 0, 0, 0), velocity=(0.5, 0, 0, 0, 0, 0), mass=0.05, inertia=8e-6)
-    found = ContactModel(find("anitescu_potra_poisson").at(0.2, 0.6)).roll_out(ball, Sphere(0.02), until=Until(time=0.4))
+    model = ContactModel(find("anitescu_potra_poisson").at(0.2, 0.6))
+    found = model.roll_out(ball, Sphere(0.02), until=Until(time=0.4))
     assert ENDS[found.ended] == "time"
     speed = found.at(torch.tensor((0.25, 0.35))).diff(dim=0)[0, 0] / 0.1
     assert speed.item() == pytest.approx(5 / 7 * 0.5, rel=1e-3)  # slides until it rolls: 5/7 of the speed

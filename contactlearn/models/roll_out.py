@@ -247,8 +247,7 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
             break
         rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(at[hits])
         if goes_on:
-            q, v_post, bounced = bodies.touch(rows, q, v)
-            resting[rows] = bodies.gap(rows, q, v_post)[1] < bodies.gravity * STEP
+            q, v_post, bounced, resting[rows] = bodies.touch(rows, q, v)
             fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
             ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
         else:
@@ -288,24 +287,23 @@ class _Bodies:
         touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **own)
         return touching.as_impacts(validate=False)
 
-    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return poses and velocities after contact, and whether each contact is a bounce: those that are fast."""
-        speed = self.gap(rows, pose, velocity)[1]
-        bounced = speed < -_FAINT * self.gravity * STEP
-        after = velocity.clone()
-        for which, predict in ((bounced, self.predict), (~bounced & (speed < 0), self.steady)):
+    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return poses and velocities after contact, whether contacts are fast, bounces, and which bodies rest."""
+        earlier, after = self.real(rows, pose, velocity), velocity.clone()
+        bounced = earlier.v_n < -_FAINT * self.gravity * STEP
+        for which, predict in ((bounced, self.predict), (~bounced & (earlier.v_n < 0), self.steady)):
             if predict is not None and bool(which.any()):
                 some = rows[which]
                 after[which] = predict(self.impacts(some, pose[which], velocity[which]), some).v_post
-        return *self.lifted(rows, pose, velocity, after), bounced
+        now = self.real(rows, pose, after)
+        return *self.lifted(earlier, now, pose, after), bounced, now.v_n < self.gravity * STEP
 
-    def lifted(self, rows: Tensor, pose: Tensor, before: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
-        """Return poses and velocities of bodies that are moved out of the floor.
+    def lifted(self, earlier: State, now: State, pose: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities of bodies that are moved out of the floor after contact.
 
         A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p, at most what the impact took.
         """
-        now, earlier, d = self.real(rows, pose, after), self.real(rows, pose, before), self.space.d
-        body, (height, _) = (now.mass, now.world_inertia), self.gap(rows, pose, after)
+        d, body, height = self.space.d, (now.mass, now.world_inertia), self.height(now)
         lost = (squared_mass_norm(*body, earlier.v_pre) - squared_mass_norm(*body, now.v_pre)) / 2
         p = (-height / now.W[:, -1, -1]).minimum(lost / self.gravity).clamp_min(0)
         moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
@@ -330,11 +328,15 @@ class _Bodies:
         body = torch.full((len(rows),), body_code(self.name))
         return self.actual(State(mass, inertia, r, pose, velocity, order, self.shape, body=body), rows)
 
+    def height(self, now: State) -> Tensor:
+        """Return the height in m of the lowest point."""
+        up = now.q[..., self.space.d - 1] + now.r[..., -1]
+        return up if now.offset is None else up + now.offset[..., -1]
+
     def gap(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return height in m and velocity in m/s of the lowest point."""
-        now, up = self.real(rows, pose, velocity), self.space.d - 1
-        height = now.q[..., up] + now.r[..., -1] + (0.0 if now.offset is None else now.offset[..., -1])
-        return height, now.v_n
+        now = self.real(rows, pose, velocity)
+        return self.height(now), now.v_n
 
     def gap_of(self, rows: Tensor, some: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return `gap` of some of the rows."""
