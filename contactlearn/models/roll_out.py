@@ -101,7 +101,7 @@ class FreeFlights:
         """Return some of the flights."""
         return replace(self, **{name: x[which] for name, x in vars(self).items() if isinstance(x, Tensor)})
 
-    def moved(self, t: Float[Tensor, "n"]) -> Self:
+    def later(self, t: Float[Tensor, "n"]) -> Self:
         """Return the flights from a time t [N] in s after their start on."""
         pose, velocity = self.after(t)
         return replace(self, start=self.start + t, pose=pose, velocity=velocity)
@@ -384,7 +384,7 @@ def _contact_times(
     while len(left):
         part = flight.of(left)
         now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
-        part, moved = part.moved(now), torch.zeros_like(now)
+        part, moved = part.later(now), torch.zeros_like(now)
         for _ in range(6):
             height, speed = gap(left, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
@@ -422,7 +422,7 @@ def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor
     """Times [N] just before the lowest point may reach the floor."""
     t, left, up = t.clone(), torch.arange(len(t)), flight.space.d - 1
     reach = lever if flight.mass_centre is None else lever + 2 * flight.mass_centre.norm(dim=-1)
-    sweep, here = reach * flight.fastest, flight.moved(t)
+    sweep, here = reach * flight.fastest, flight.later(t)
     while len(left):
         height, speed = gap(left, here.pose, here.velocity)
         height, v = height.clamp_min(0), here.velocity
@@ -432,7 +432,7 @@ def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor
         step = torch.where(speed < 0, step, step.clamp_min(_NEAR))
         t[left] += step
         high = (step > _NEAR) | (speed >= 0)
-        left, here = left[high], here.of(high).moved(step[high])
+        left, here = left[high], here.of(high).later(step[high])
     return t
 
 

@@ -143,12 +143,7 @@ def replays(
     Raises:
         DataError: no recording is left.
     """
-    hits = defaultdict[str, list[tuple[int, Hit]]](list)
-    for row, hit in enumerate(found.survey.contacts):
-        if hit.recording not in without:
-            hits[hit.recording].append((row, hit))
-    if not hits:
-        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
+    hits = _hits(found, without)
     raw = found.impacts.replace(validate=False)
     impacts = correct(raw, corrections)
     shape = impacts.shape
@@ -186,6 +181,17 @@ def replays(
         )
         for k, (take, start) in enumerate(zip(kept, starts.tolist(), strict=True))
     ]
+
+
+def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[int, Hit]]]:
+    """Accepted contacts and their rows by recording."""
+    hits = defaultdict[str, list[tuple[int, Hit]]](list)
+    for row, hit in enumerate(found.survey.contacts):
+        if hit.recording not in without:
+            hits[hit.recording].append((row, hit))
+    if not hits:
+        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
+    return hits
 
 
 def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
