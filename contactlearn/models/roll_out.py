@@ -9,8 +9,8 @@ is where the lowest point of the body reaches the floor, y = 0 or in space z = 0
 Contacts pile up where the next one comes within `SHORTEST`.  A trajectory ends there, unless a time is given until
 which it lasts: it then goes on in steps of `STEP` with an impact at the lowest point at the end of each, so that a body
 slides, rolls, topples and comes to rest by the same law.  The body has then sunk in by what it fell in the step, and is
-moved back along the normal impulse at the contact as far as the energy lets it that the impact took: energy never
-rises.  An inelastic impact takes just what that needs.
+moved back along the normal impulse at the contact, with the energy that the impact took and, where that is not enough,
+a part of its motion: energy never rises.  An inelastic impact takes just what that needs.
 """
 
 import math
@@ -301,13 +301,16 @@ class _Bodies:
     def lifted(self, earlier: State, now: State, pose: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
         """Return poses and velocities of bodies that are moved out of the floor after contact.
 
-        A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p, at most what the impact took.
+        A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p: that which the impact took, or
+        more of the motion.
         """
         d, body, height = self.space.d, (now.mass, now.world_inertia), self.height(now)
-        lost = (squared_mass_norm(*body, earlier.v_pre) - squared_mass_norm(*body, now.v_pre)) / 2
-        p = (-height / now.W[:, -1, -1]).minimum(lost / self.gravity).clamp_min(0)
+        before, moving = (squared_mass_norm(*body, one.v_pre) / 2 for one in (earlier, now))
+        lost = (before - moving).clamp_min(0)
+        p = (-height.clamp_max(0) / now.W[:, -1, -1]).minimum((lost + moving) / self.gravity)
+        slower = (1 - (self.gravity * p - lost).clamp_min(0) / moving.clamp_min(1e-300)).clamp_min(0).sqrt()
         moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
-        place = pose[:, :d] + moved[:, :d]
+        place, after = pose[:, :d] + moved[:, :d], slower[:, None] * after
         if self.space is PLANE:
             return torch.cat((place, pose[:, d:] + moved[:, d:]), 1), after
         lifted = torch.cat((place, turn_quaternion(pose[:, d:], moved[:, d:])), 1)
@@ -384,7 +387,7 @@ def _contact_times(
     while len(left):
         part = flight.of(left)
         now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
-        part, moved = part.later(now), torch.zeros_like(now)
+        part, moved, height, speed = part.later(now), *torch.zeros(3, len(now), dtype=torch.float64)
         for _ in range(6):
             height, speed = gap(left, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
