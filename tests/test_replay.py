@@ -1,21 +1,30 @@
 """Replays: the law that made recordings follows them, another one does not; the command and its page."""
 
 import json
+import shlex
+from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 import torch
 from browser import chromium, nothing_sticks_out
 from commands import run
+from scipy.spatial.transform import Rotation
 from test_report_page import draw_everything, opened, silent, until
 
 from contactlearn import ContactModel, laws
 from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
-from contactlearn.inference.evaluation.replay import ReplayErrors, replays
-from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.inference.evaluation.replay import STARTS, Replay, ReplayErrors, replays
+from contactlearn.mechanics.body_state import BodyState
+from contactlearn.mechanics.shapes import Cuboid, Ellipse
+from contactlearn.mechanics.space import SPACE
 from contactlearn.models import checkpoint
+from contactlearn.models.roll_out import Until
+from contactlearn.report.page.replays import write_replay_page
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.workbench.files import SavedRun, SavedRuns, run_list
 
 MODELS = {
     "true": ContactModel(laws.find("wang_mason").at(0.12, 0.55)),
@@ -27,7 +36,7 @@ SHAPE = f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("takes")
-    write_recordings(simulate(8, Camera(frames=400), seed=3)[0], folder)
+    write_recordings(simulate(8, Camera(frames=250), seed=3)[0], folder)
     return folder
 
 
@@ -61,13 +70,13 @@ def test_errors_are_distances_over_the_width_and_angles(shown):
 
 
 def test_corrections_of_impacts_are_those_of_recorded_poses(found, shown):
-    mirrored = replays(MODELS, found, ["mirrored_x"])
+    mirrored = replays({"true": MODELS["true"]}, found, ["mirrored_x"])
     assert torch.allclose(mirrored[0].recorded[:, 0], -shown[0].recorded[:, 0])
 
 
 def test_recordings_of_the_fit_are_left_out(found):
     names = [contact.recording for contact in found.survey.contacts]
-    assert names[0] not in {one.recording for one in replays(MODELS, found, without={names[0]})}
+    assert names[0] not in {one.recording for one in replays({"true": MODELS["true"]}, found, without={names[0]})}
     with pytest.raises(DataError, match="no recording is left"):
         replays(MODELS, found, without=set(names))
 
@@ -90,3 +99,74 @@ def test_the_command_and_its_page(folder, tmp_path):
         assert until(page, "replayed.frame > 30")
         assert silent(page)
         assert nothing_sticks_out(page)
+
+
+CUBE, BODY = Cuboid((0.05, 0.05, 0.05)), {"mass": 0.4, "inertia": 8e-4}
+
+
+@pytest.fixture(scope="module")
+def tossed(tmp_path_factory):
+    """Tosses of a cube by the first law, at 240 frames a second with errors of 0.05 mm and half a milliradian."""
+    generator, path = torch.Generator().manual_seed(5), tmp_path_factory.mktemp("tosses") / "tosses.parquet"
+    pose, velocity = (torch.randn(8, k, generator=generator, dtype=torch.float64) for k in (7, 6))
+    pose[:, 2], pose[:, 3:] = 0.3, pose[:, 3:] / pose[:, 3:].norm(dim=-1, keepdim=True)
+    state = BodyState(pose=pose, velocity=velocity * torch.tensor((0.5, 0.5, 0.5, 4, 4, 4)), shape=CUBE, **BODY)
+    found = MODELS["true"].roll_out(state, until=Until(bounces=4))
+    frames = []
+    for k, end in enumerate(found.end.tolist()):
+        time = torch.arange(0, end, 1 / 240, dtype=torch.float64)
+        seen = found.at(time.expand(8, -1))[k]
+        seen = seen + torch.randn(seen.shape, generator=generator) * torch.tensor([5e-5] * 3 + [2.5e-4] * 4)
+        seen[:, 3:] /= seen[:, 3:].norm(dim=-1, keepdim=True)
+        frames.append(pd.DataFrame(seen.numpy(), columns=SPACE.pose).assign(recording=f"toss{k}", time=time.numpy()))
+    pd.concat(frames).to_parquet(path)
+    return tracks.find_impacts(path, shape=CUBE, **BODY)
+
+
+def test_in_space_the_law_that_made_recordings_follows_them(tossed, tmp_path):
+    medians = {}
+    for start in STARTS:
+        shown = replays(MODELS, tossed, start=start)
+        true, sticky = (ReplayErrors.of(shown, name) for name in MODELS)
+        assert all(one.recorded.shape == (len(one.time), 7) for one in shown)
+        assert sticky.distance.median > 3 * true.distance.median
+        medians[start] = true.distance.median
+    assert medians["flight"] < 0.03
+    assert medians["flight"] < medians["frames"] < 0.3
+    page = write_replay_page(tmp_path / "replay.html", shown, {name: true for name in MODELS}, "all of them")
+    with chromium() as browser:
+        page = opened(browser, page)
+        draw_everything(page)
+        page.execute_script("const w = get('view'); w.value = 90; w.dispatchEvent(new Event('input'))")
+        summary = "get('bodies').layout.meta ?? document.getElementById('bodies').innerHTML"
+        assert page.execute_script(f"return String({summary}).length") > 0
+        assert page.execute_script("return !get('view').closest('p').hidden")
+        assert silent(page)
+        assert nothing_sticks_out(page)
+
+
+def test_an_angle_in_space_is_that_of_the_turn_between():
+    turned = torch.tensor([[0.1, 0, 0, *Rotation.from_rotvec((0, 0.3, 0.4)).as_quat(scalar_first=True)]])
+    still = torch.tensor([[0.0, 0, 0, 1, 0, 0, 0]])
+    one = Replay(
+        recording="a", time=torch.zeros(1), recorded=still, predicted={"m": turned, "opposite": -turned},
+        bounces=torch.zeros(1, dtype=torch.int64), shape=CUBE,
+    )  # fmt: skip
+    assert one.errors("m")[0].tolist() == pytest.approx([1.0, 0.5])
+    assert one.errors("opposite")[0, 1].item() == pytest.approx(0.5)
+
+
+def test_the_workbench_writes_and_opens_the_replay_of_a_run(folder, tmp_path, monkeypatch):
+    checkpoint.save(MODELS["true"], tmp_path / "run" / "model.pt", provenance={})
+    words = shlex.join(["diagnose", "data=tracks", f"data.path={folder}", f"data.mass={MASS}", SHAPE])
+    found = SimpleNamespace(law="wang_mason", given=(), missing=())
+    run = SimpleNamespace(diagnosis=found, provenance=SimpleNamespace(command=words))
+    monkeypatch.setattr(SavedRuns, "diagnosis", lambda self, name: run)
+    saved = SavedRuns(tmp_path)
+    saved.replay("run")
+    about = {"name": "run", "kind": "diagnosis", "description": "", "has_page": False, "recorded": True}
+    without, beside = (str(run_list([SavedRun(**about, has_replay=there)])) for there in (False, True))
+    assert "/runs/run/replay.html" not in without
+    assert "Button" in without
+    assert "/runs/run/replay.html" in beside
+    assert (tmp_path / "run" / "replay.html").is_file()

@@ -1,6 +1,7 @@
 """model.step: one impact from plain numbers, what it is and how sure the model is."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from contactlearn.effects import find_effect
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
 from contactlearn.mechanics.body_state import BodyState
-from contactlearn.mechanics.shapes import Disc, Ellipse
+from contactlearn.mechanics.rigid_body import rotation
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Sphere
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
 
@@ -76,6 +78,29 @@ def test_every_constant_is_in_full():
     assert all(str(x) in repr(model) for x in (value, 1 / 3, 1.2345678901))
 
 
+def test_a_planar_body_in_space_steps_as_in_the_plane():
+    flat = BodyState(pose=(0.1, 0.02, 0.4), velocity=(0.5, -2, 8), **BODY)
+    turn = (math.cos(0.2), 0, -math.sin(0.2), 0)
+    ball = BODY | {"shape": Sphere(0.02)}
+    deep = BodyState(pose=(0.1, 0, 0.02, *turn), velocity=(0.5, 0, -2, 0, -8, 0), **ball)
+    plane, space = LAW.step(flat).velocity.tolist(), LAW.step(deep).velocity.tolist()
+    assert space == pytest.approx([plane[0], 0, plane[1], 0, -plane[2], 0], abs=1e-12)
+
+
+def test_in_space_the_mass_centre_flies_with_v_and_omega_cross_d():
+    model = ContactModel(LAW.base, effects={"com_offset": find_effect("com_offset", "tracked")(2e-3, -1e-3, 3e-3)})
+    pose, moments = torch.tensor((0, 0, 0.05, 0.8, 0.36, 0.48, 0.0), dtype=torch.float64), (2e-5, 3e-5, 4e-5)
+    velocity, solid = (0.3, -0.2, -2, 4, 5, -6), Cuboid((0.03, 0.02, 0.02), corner=2e-3)
+    found = model.step(BodyState(pose=pose, velocity=velocity, mass=0.05, inertia=moments, shape=solid))
+    d = rotation(pose[3:]) @ torch.tensor((2e-3, -1e-3, 3e-3), dtype=torch.float64)
+    assert found.flies == "mass centre"
+    assert torch.allclose(found.mass_centre, d, rtol=1e-12)
+    expected = found.velocity[:3] + torch.linalg.cross(found.velocity[3:], d)
+    assert torch.allclose(found.flying_velocity, expected, rtol=1e-12)
+    many = model.step(BodyState(pose=pose.expand(2, 4, 7), velocity=velocity, mass=0.05, inertia=moments, shape=solid))
+    assert torch.allclose(many.velocity, found.velocity.expand(2, 4, 6), rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("wrong", "rule"),
     [
@@ -85,6 +110,10 @@ def test_every_constant_is_in_full():
         ({"velocity": "fast"}, "must be numbers"),
         ({"mass": 0.0}, "must be positive"),
         ({"pose": np.zeros((2, 3)), "velocity": np.zeros((3, 3))}, "must broadcast"),
+        ({"pose": (0, 0, 0.02, 1, 0.1, 0, 0), "velocity": (0, 0, -1, 0, 0, 0)}, r"must be of length 1, got 1\.00499"),
+        ({"pose": (0, 0, 0.02, 1, 0, 0, 0)}, "velocity of a body's state must have 6 components"),
+        ({"pose": (0, 0, 0.02, 1, 0, 0, 0), "velocity": (0, 0, -1, 0, 0, 0)}, "has the shape of one, got Disc"),
+        ({"shape": Sphere(0.02)}, "a body in a plane has the shape of one"),
     ],
 )
 def test_an_impossible_state_is_refused_in_a_line(wrong, rule):

@@ -109,7 +109,11 @@ def _add_replay(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     replay.add_argument("model", metavar="RUN", help="a run folder or model.pt")
     replay.add_argument("overrides", nargs="+", metavar="key=value", help="recordings: data=NAME, data.KEY=…")
-    replay.add_argument("-o", "--out", metavar="DIR", default="replay", help="folder for page, figure and numbers")
+    replay.add_argument("-o", "--out", metavar="DIR", help="folder for page, figures and numbers; that of the run")
+    replay.add_argument(
+        "--start", choices=("flight", "frames"), default="flight",
+        help="predict from the fitted first flight, or from the first frames alone",
+    )  # fmt: skip
     replay.set_defaults(run=run_replay)
 
 
@@ -228,7 +232,9 @@ def run_replay(options: argparse.Namespace) -> str:
 
     from contactlearn.cli.commands.replay import write_replay
 
-    return write_replay(options.model, _source("replay", options.overrides), Path(options.out))
+    run = Path(options.model)
+    out = Path(options.out) if options.out else run if run.is_dir() else run.parent
+    return write_replay(options.model, _source("replay", options.overrides), out, options.start)
 
 
 def run_impacts(options: argparse.Namespace) -> str:

@@ -92,7 +92,7 @@ class State:
 
     def in_world(self, vector: Float[Tensor, "... d"]) -> Float[Tensor, "... n d"]:
         """Return a vector [..., d] in axes of the body in those of the contact."""
-        return _rotated(vector, self.theta if self.space is PLANE else rigid_body.rotation(self.orientation))
+        return rigid_body.in_world(vector, self.q)
 
     @property
     def orientation(self) -> Float[Tensor, "..."]:

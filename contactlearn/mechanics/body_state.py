@@ -4,7 +4,8 @@
     after = model.step(state)
     after.velocity, after.flies
 
-Leading axes come before the components, as many as wanted: pose [..., 3].  `Impacts` are measurements instead.
+Leading axes come before the components, as many as wanted: pose [..., 3], in space [..., 7].  `Impacts` are
+measurements instead.
 """
 
 from dataclasses import dataclass, replace
@@ -15,10 +16,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape, contact_point
-
-_SIZES = {"pose": 3, "velocity": 3, "mass": 0, "inertia": 0, "order": 0}  # 0 for a single number
+from contactlearn.mechanics.impacts import UNIT, Impacts
+from contactlearn.mechanics.rigid_body import swept
+from contactlearn.mechanics.shapes import Shape, contact_point, require_dimension
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,17 +27,17 @@ class BodyState:
     """Pose and velocity of the tracked point just before contact, and the body's inertia.
 
     Args:
-        pose: (x, y, θ) [..., 3] in m, m, rad.
-        velocity: (v_x, v_y, ω) [..., 3] in m/s, m/s, rad/s.
+        pose: (x, y, θ) [..., 3] in m, m, rad, or in space (x, y, z, q_w, q_x, q_y, q_z) [..., 7].
+        velocity: (v_x, v_y, ω) [..., 3] in m/s, m/s, rad/s, or in space (v_x, v_y, v_z, ω_x, ω_y, ω_z) [..., 6].
         mass: in kg, positive.
-        inertia: about the mass centre in kg m², positive.
-        r: contact point minus tracked point [..., 2] in m, world axes; that of the shape above a level floor if None.
+        inertia: about the mass centre in kg m², positive; in space of all axes, or principal moments [..., 3].
+        r: contact point minus tracked point [..., d] in m, world axes; that of the shape above a level floor if None.
         shape: of the body about the tracked point.
         order: number of impacts of these surfaces so far and this one, of which a drift depends.
         object: name of the body.
 
     Raises:
-        DataError: no numbers, or of another shape.
+        DataError: no numbers, of another shape, a quaternion that is not of length 1, or a shape of the other space.
     """
 
     pose: Any
@@ -49,7 +50,16 @@ class BodyState:
     object: str = "body"
 
     def __post_init__(self) -> None:
-        sizes = _SIZES | ({} if self.r is None else {"r": 2})
+        pose, moments = self._numbers("pose"), self._numbers("inertia")
+        sizes = {"pose": pose.shape[-1] if pose.ndim else 0, "velocity": 3, "mass": 0, "inertia": 0, "order": 0}
+        space = next((one for one in BOTH if len(one.pose) == sizes["pose"]), None)
+        if space is None:
+            raise DataError(f"pose of a body's state must have 3 components, or 7 in space, got {list(pose.shape)}")
+        sizes |= {"velocity": space.D, "inertia": 3 if space is SPACE else 0} | (
+            {} if self.r is None else {"r": space.d}
+        )
+        if space is SPACE and not moments.ndim:
+            object.__setattr__(self, "inertia", moments.expand(3))
         given = {name: self._tensor(name, size) for name, size in sizes.items()}
         try:
             batch = torch.broadcast_shapes(*(x.shape[:-1] if sizes[name] else x.shape for name, x in given.items()))
@@ -58,16 +68,30 @@ class BodyState:
             raise DataError(f"leading axes of a body's state must broadcast against each other, got {seen}") from None
         for name, x in given.items():
             object.__setattr__(self, name, x.expand(*batch, *x.shape[-1:]) if sizes[name] else x.expand(batch))
+        if space is SPACE and (wrong := (length := self.pose[..., 3:].norm(dim=-1)).sub(1).abs() > UNIT).any():
+            raise DataError(
+                "the quaternion (q_w, q_x, q_y, q_z) of a pose (x, y, z, q_w, q_x, q_y, q_z) must be of length 1, got "
+                f"{length[wrong][0].item():g}"
+            )
+        require_dimension("state of a body", self.shape, space)
 
-    def _tensor(self, name: str, size: int) -> Tensor:
+    def _numbers(self, name: str) -> Tensor:
         given = getattr(self, name)
         try:
-            value = torch.as_tensor(given, dtype=torch.float64)
+            return torch.as_tensor(given, dtype=torch.float64)
         except (TypeError, ValueError, RuntimeError):
             raise DataError(f"{name} of a body's state must be numbers, got {given!r}") from None
+
+    def _tensor(self, name: str, size: int) -> Tensor:
+        value = self._numbers(name)
         if size and (not value.ndim or value.shape[-1] != size):
             raise DataError(f"{name} of a body's state must have {size} components, got shape {list(value.shape)}")
         return value
+
+    @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return PLANE if self.pose.shape[-1] == 3 else SPACE
 
     @property
     def batch(self) -> torch.Size:
@@ -90,15 +114,19 @@ class BodyState:
         if r is None:
             if self.shape is None:
                 raise DataError("a body's state needs its contact point r, or its shape, such as shape=Disc(0.02)")
-            r = contact_point(self.shape, self.pose[..., 2])
-        pose, velocity = self.pose.reshape(-1, 3), self.velocity.reshape(-1, 3)
-        mass, inertia, order = (x.reshape(-1) for x in (self.mass, self.inertia, self.order))
-        still = torch.zeros_like(velocity)
+            r = contact_point(self.shape, self.pose[..., 2] if self.space is PLANE else self.pose[..., 3:])
+        mass, inertia, r, pose, velocity, order = map(
+            self.flat, (self.mass, self.inertia, r, self.pose, self.velocity, self.order)
+        )
         return Impacts(
-            *(mass, inertia, r.reshape(-1, 2), pose, velocity, still),
+            *(mass, inertia, r, pose, velocity, torch.zeros_like(velocity)),
             order=order, object=(self.object,) * len(mass), shape=self.shape, source="state of a body",
             validate=validate,
         )  # fmt: skip
+
+    def flat(self, value: Tensor) -> Tensor:
+        """Return a value of each state with one leading axis [N]."""
+        return value.reshape(self.batch.numel(), *value.shape[len(self.batch) :])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,18 +134,18 @@ class BodyOutcome:
     """State of the tracked point just after contact.
 
     Args:
-        pose: as before, [..., 3] in m, m, rad.
-        velocity: (v_x, v_y, ω) [..., 3] in m/s, m/s, rad/s.
-        wrench: (P_t, P_n, τ) [..., 3] in N s, N s, N m s, that takes the body from the velocity before to this one.
-        mass_centre: mass centre minus tracked point [..., 2] in m, world axes; None where they are one point.
-        covariance: [..., 3, 3] of the velocity; None unless it was asked for.
+        pose: as before, [..., 3] in m, m, rad, or [..., 7].
+        velocity: [..., D] in m/s and rad/s.
+        wrench: [..., D] in N s and N m s, that takes the body from the velocity before to this one.
+        mass_centre: mass centre minus tracked point [..., d] in m, world axes; None where they are one point.
+        covariance: [..., D, D] of the velocity; None unless it was asked for.
     """
 
-    pose: Float[Tensor, "*batch 3"]
-    velocity: Float[Tensor, "*batch 3"]
-    wrench: Float[Tensor, "*batch 3"]
-    mass_centre: Float[Tensor, "*batch 2"] | None = None
-    covariance: Float[Tensor, "*batch 3 3"] | None = None
+    pose: Float[Tensor, "*batch pose"]
+    velocity: Float[Tensor, "*batch D"]
+    wrench: Float[Tensor, "*batch D"]
+    mass_centre: Float[Tensor, "*batch d"] | None = None
+    covariance: Float[Tensor, "*batch D D"] | None = None
 
     @property
     def flies(self) -> str:
@@ -125,12 +153,11 @@ class BodyOutcome:
         return "tracked point" if self.mass_centre is None else "mass centre"
 
     @property
-    def flying_velocity(self) -> Float[Tensor, "*batch 2"]:
-        """Velocity [..., 2] in m/s of the point that flies on a parabola."""
-        if self.mass_centre is None:
-            return self.velocity[..., :2]
-        x, y = self.mass_centre.unbind(-1)
-        return self.velocity[..., :2] + self.velocity[..., 2:] * torch.stack((-y, x), -1)
+    def flying_velocity(self) -> Float[Tensor, "*batch d"]:
+        """Velocity [..., d] in m/s of the point that flies on a parabola."""
+        d = self.velocity.shape[-1] // 3 + 1
+        velocity, spin = self.velocity[..., :d], self.velocity[..., d:]
+        return velocity if self.mass_centre is None else velocity + swept(self.mass_centre, spin)
 
     def reshaped(self, batch: torch.Size) -> Self:
         """Return the outcome with the last leading axis [N] of each part split into others."""

@@ -35,12 +35,13 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, shapes_among
 from contactlearn.mechanics.features import Features
-from contactlearn.mechanics.shapes import Solid
+from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 _ROUNDING = 1e-9  # of a correlation
 _FEWEST, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
-_UNIT = 1e-3  # by which the length of a quaternion may differ from 1, as numbers of a few digits do
+UNIT = 1e-3
+"""Difference from 1 that the length of a quaternion may have, as numbers of a few digits do."""
 
 OPTIONAL = ("q_post", "time", "order")
 
@@ -122,9 +123,7 @@ class Impacts:
                 raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
         object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
         for one in shapes_among(self.shape).values():
-            if isinstance(one, Solid) != (self.space is SPACE):
-                rule = f"{self.source}: a body in {'space' if self.space is SPACE else 'a plane'} has the shape of one"
-                raise DataError(f"{rule}, got {one}; cuboid, ellipsoid, sphere are of space, other kinds of the plane")
+            require_dimension(self.source, one, self.space)
         for name, columns in self.space.components.items():
             if (value := getattr(self, name)) is None:
                 continue
@@ -151,7 +150,7 @@ class Impacts:
             if (pose := getattr(self, name)) is not None:
                 length = pose[:, 3:].norm(dim=-1)
                 rule = "the quaternion (qw, qx, qy, qz) must be of length 1; are its columns mixed up?  Its length"
-                self._refuse((length - 1).abs() > _UNIT, column, length, rule)
+                self._refuse((length - 1).abs() > UNIT, column, length, rule)
         most = self.inertia.argmax(-1)
         excess = 2 * self.inertia.amax(-1) - self.inertia.sum(-1)
         for axis, column in enumerate(self.space.inertia):

@@ -62,6 +62,16 @@ def inertia_in_world(inertia: Float[Tensor, "..."], q: Float[Tensor, "..."]) -> 
     return (R * inertia[..., None, :]) @ R.mT
 
 
+def in_world(vector: Float[Tensor, "*#batch d"], q: Float[Tensor, "*#batch pose"]) -> Float[Tensor, "*#batch d"]:
+    """The vector [..., d] in axes of a body in those of the world, from the body's pose."""
+    return rotate(vector, q[..., 2]) if q.shape[-1] == 3 else matvec(rotation(q[..., 3:]), vector)
+
+
+def in_body(vector: Float[Tensor, "*#batch d"], q: Float[Tensor, "*#batch pose"]) -> Float[Tensor, "*#batch d"]:
+    """The vector [..., d] in axes of the world in those of the body: inverse of `in_world`."""
+    return rotate(vector, -q[..., 2]) if q.shape[-1] == 3 else matvec(rotation(q[..., 3:]).mT, vector)
+
+
 def moment(r: Float[Tensor, "*#batch d"], P: Float[Tensor, "*#batch d"]) -> Float[Tensor, "..."]:
     """Moment r × P [..., 1 or 3] about the mass centre in N m s of an impulse P [..., d] that acts at r."""
     if r.shape[-1] == 3:

@@ -19,6 +19,7 @@ from torch import Tensor
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number
 from contactlearn.mechanics.rigid_body import matvec, rotate, rotation
+from contactlearn.mechanics.space import SPACE, Space
 
 
 class Shape(Protocol):
@@ -319,6 +320,17 @@ KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid]] =
     **{"ellipse": Ellipse, "polygon": Polygon, "disc": Disc},
     **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cuboid": Cuboid},
 }
+
+
+def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
+    """Refuse the shape of a body in the plane for one in space, and the other way round.
+
+    Raises:
+        DataError: naming it.
+    """
+    if shape is not None and isinstance(shape, Solid) != (space is SPACE):
+        rule = f"{source}: a body in {'space' if space is SPACE else 'a plane'} has the shape of one"
+        raise DataError(f"{rule}, got {shape}; cuboid, ellipsoid, sphere are of space, other kinds of the plane")
 
 
 def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:

@@ -105,10 +105,10 @@ class ContactModel:
         predicted = self.predict(impacts)
         offset = actual_state(self.under.effects, State.of(impacts)).mass_centre
         outcome = BodyOutcome(
-            pose=impacts.q.expand_as(predicted.v_post),
+            pose=impacts.q.expand(*predicted.v_post.shape[:-1], -1),
             velocity=predicted.v_post,
             wrench=predicted.wrench,
-            mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], 2),
+            mass_centre=None if offset is None else offset.expand(*predicted.v_post.shape[:-1], -1),
             covariance=self._covariance(impacts, predicted) if uncertainty else None,
         )
         return outcome.reshaped(state.batch)
@@ -149,8 +149,14 @@ class ContactModel:
         def at(rows: Tensor) -> ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
+        def steady(impacts: Impacts, rows: Tensor) -> Prediction:
+            own = at(rows).under
+            acting = {name: effect for name, effect in own.effects.items() if effect.place in ("state", "law")}
+            return ContactModel(own.base, effects=acting).predict(impacts)
+
         found = follow(
             lambda impacts, rows: at(rows).predict(impacts),
+            None if self.under.base is None else steady,
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
             *(state, shape, until, gravity, drag),
         )

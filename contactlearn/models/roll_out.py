@@ -1,10 +1,16 @@
-"""Trajectories: free flight in closed form, exact contact times, and an impact by the model, bounce after bounce.
+"""Trajectories: free flight, exact contact times, and an impact by the model, bounce after bounce.
 
     path = model.roll_out(state, shape, until=Until(bounces=5))
     path.times, path.at(torch.linspace(0, 0.5, 200))
 
-The mass centre flies on v̇ = −c v − g ŷ, the spin stays.  Contact is where the lowest point of the body reaches the
-floor y = 0, both as the model's effects say.  Contacts pile up where the next one comes within `SHORTEST`.
+The mass centre flies on v̇ = −c v − g n, in closed form, and the body turns freely (`mechanics.free_rotation`).  Contact
+is where the lowest point of the body reaches the floor, y = 0 or in space z = 0, both as the model's effects say.
+
+Contacts pile up where the next one comes within `SHORTEST`.  A trajectory ends there, unless a time is given until
+which it lasts: it then goes on in steps of `STEP` with an impact at the lowest point at the end of each, so that a body
+slides, rolls, topples and comes to rest by the same law.  The body has then sunk in by what it fell in the step, and is
+moved back along the normal impulse at the contact, with the energy that the impact took and, where that is not enough,
+a part of its motion: energy never rises.  An inelastic impact takes just what that needs.
 """
 
 import math
@@ -16,37 +22,52 @@ from typing import Self
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
+from torch.nn.utils.rnn import pad_sequence
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import finite_number
 from contactlearn.effects import State
 from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.body_state import BodyState
+from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import GRAVITY, rotate
+from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept, turn_quaternion
 from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 SHORTEST = 1e-4
 """Time in s between two contacts below which contacts pile up."""
 
-ENDS = ("bounces", "time", "piled up")
+STEP = 1e-3
+"""Time in s between two contacts of a body whose contacts have piled up."""
+
+ENDS = ("bounces", "time", "piled up", "at rest")
 """Reasons for which a trajectory ends."""
 
 _NEAR = 1e-5  # s before contact at the latest from which Newton's method takes over
 _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
 _INSIDE = 1e-9  # m by which rounding may put a body into the floor
+_FAINT, _SLOW = 4.0, 2.0  # falls within a step: speed of a contact that is no bounce, of a body that may be at rest
+_SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
+_REST = 0.2  # s for which a body at rest is that slow
 RECORDING = ("sampling_delay", "gravity_impulse")
 """Effects of a recording, which a body in free flight does not have."""
 
 
 Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""
+Predict = Callable[[Impacts, Tensor], Prediction]
+"""The outcome of impacts of the bodies at rows [n]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Until:
-    """Number of bounces and time in s, at the first of which a trajectory ends."""
+    """Number of bounces and time in s, at the first of which a trajectory ends.
+
+    Without a time it also ends where contacts pile up, with one only where the body is at rest.
+    """
 
     bounces: int = 10
     time: float = math.inf
@@ -57,18 +78,22 @@ class FreeFlights:
     """N free flights of the tracked point.
 
     Args:
+        body: number [N] of the body that flies.
         start: time [N] in s.
-        pose: at the start [N, 3].
-        velocity: at the start [N, 3].
-        mass_centre: from the tracked point at the start [N, 2] in m, world axes.
+        pose: at the start [N, 3], in space [N, 7].
+        velocity: at the start [N, D].
+        inertia: in kg m² [N], in space principal moments [N, 3].
+        mass_centre: from the tracked point [N, d] in m, along the body's axes; None where they are one point.
         gravity: in m/s².
         drag: c in 1/s.
     """
 
+    body: Int[Tensor, "n"]
     start: Float[Tensor, "n"]
-    pose: Float[Tensor, "n 3"]
-    velocity: Float[Tensor, "n 3"]
-    mass_centre: Float[Tensor, "n 2"]
+    pose: Float[Tensor, "n pose"]
+    velocity: Float[Tensor, "n D"]
+    inertia: Float[Tensor, "..."]
+    mass_centre: Float[Tensor, "n d"] | None
     gravity: float
     drag: float
 
@@ -76,52 +101,71 @@ class FreeFlights:
         """Return some of the flights."""
         return replace(self, **{name: x[which] for name, x in vars(self).items() if isinstance(x, Tensor)})
 
-    def padded(self, rows: Tensor, count: int) -> Self:
-        """Return `count` flights, these at `rows` and NaN elsewhere."""
-        parts = {name: x for name, x in vars(self).items() if isinstance(x, Tensor)}
-        every = {name: x.new_full((count, *x.shape[1:]), math.nan) for name, x in parts.items()}
-        return replace(self, **{name: x.index_copy(0, rows, parts[name]) for name, x in every.items()})
+    def later(self, t: Float[Tensor, "n"]) -> Self:
+        """Return the flights from a time t [N] in s after their start on."""
+        pose, velocity = self.after(t)
+        return replace(self, start=self.start + t, pose=pose, velocity=velocity)
 
-    def after(self, t: Float[Tensor, "n"]) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Return pose and velocity [N, 3] a time t [N] in s after the start."""
-        spin, fall = self.velocity[:, 2], torch.tensor((0.0, -self.gravity), dtype=torch.float64)
-        v = self.velocity[:, :2] + spin[:, None] * _perpendicular(self.mass_centre)
-        t = t[:, None]
+    @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return PLANE if self.pose.shape[-1] == 3 else SPACE
+
+    @property
+    def fastest(self) -> Float[Tensor, "n"]:
+        """Spin [N] in rad/s that is never exceeded."""
+        if self.space is PLANE:
+            return self.velocity[:, 2].abs()
+        return most_spin(self.inertia, self.velocity[:, 3:], self.pose[:, 3:])
+
+    def after(self, t: Float[Tensor, "n"]) -> tuple[Float[Tensor, "n pose"], Float[Tensor, "n D"]]:
+        """Return pose [N, 3 or 7] and velocity [N, D] a time t [N] in s after the start."""
+        d, flat = self.space.d, self.space is PLANE
+        v, spin, place, orientation = *self.velocity.tensor_split([d], 1), *self.pose.tensor_split([d], 1)
+        if self.mass_centre is not None:
+            arm = in_world(self.mass_centre, self.pose)
+            v, place = v + swept(arm, spin), place + arm
+        if flat:
+            orientation = orientation + spin * t[:, None]
+        else:
+            orientation, spin = turned(orientation, spin, self.inertia, t)
+        fall, t = pad(v.new_tensor([-self.gravity]), (d - 1, 0)), t[:, None]
         if self.drag:
             lost = -torch.expm1(-self.drag * t) / self.drag  # ∫ exp(−c t)
             moved, v = v * lost + fall * (t - lost) / self.drag, v + (fall - self.drag * v) * lost
         else:
             moved, v = v * t + fall * t.square() / 2, v + fall * t
-        turn = spin * t[:, 0]
-        d = rotate(self.mass_centre, turn)
-        pose = torch.cat((self.pose[:, :2] + moved + (self.mass_centre - d), (self.pose[:, 2] + turn)[:, None]), 1)
-        return pose, torch.cat((v - spin[:, None] * _perpendicular(d), spin[:, None]), 1)
+        pose = torch.cat((place + moved, orientation), 1)
+        if self.mass_centre is not None:
+            arm = in_world(self.mass_centre, pose)
+            pose, v = torch.cat((pose[:, :d] - arm, orientation), 1), v - swept(arm, spin)
+        return pose, torch.cat((v, spin), 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RollOut:
-    """Trajectories with leading axes [...], of K contacts at most; NaN beyond the last contact of each.
+    """Trajectories with leading axes [...], of K bounces at most; NaN beyond the last bounce of each.
 
     Args:
-        times: of the contacts [..., K] in s.
-        poses: at the contacts [..., K, 3].
-        before: velocities before contact [..., K, 3].
-        after: velocities after contact [..., K, 3].
-        contacts: number of contacts [...].
+        times: of the bounces [..., K] in s.
+        poses: at the bounces [..., K, 3 or 7].
+        before: velocities before contact [..., K, D].
+        after: velocities after contact [..., K, D].
+        contacts: number of bounces [...].
         ended: place in `ENDS` of the reason for the end [...].
         end: time of it [...] in s, the last contact unless the time was up.
-        flights: each flight of each trajectory, the first one before any contact.
+        flights: of all trajectories, each one's in order, the first one before any contact.
         left_out: effects of the recordings, which a roll-out does not have.
     """
 
     times: Float[Tensor, "*batch k"]
-    poses: Float[Tensor, "*batch k 3"]
-    before: Float[Tensor, "*batch k 3"]
-    after: Float[Tensor, "*batch k 3"]
+    poses: Float[Tensor, "*batch k pose"]
+    before: Float[Tensor, "*batch k D"]
+    after: Float[Tensor, "*batch k D"]
     contacts: Int[Tensor, "*batch"]
     ended: Int[Tensor, "*batch"]
     end: Float[Tensor, "*batch"]
-    flights: tuple[FreeFlights, ...]
+    flights: FreeFlights
     left_out: tuple[str, ...] = ()
 
     def reshaped(self, batch: torch.Size) -> Self:
@@ -129,20 +173,22 @@ class RollOut:
         parts = {name: x for name, x in vars(self).items() if isinstance(x, Tensor)}
         return replace(self, **{name: x.reshape((*batch, *x.shape[1:])) for name, x in parts.items()})
 
-    def at(self, times: Float[Tensor, "*#batch t"]) -> Float[Tensor, "*batch t 3"]:
-        """Return poses [..., T, 3] at times in s, the same for all or those of each; NaN after the end."""
-        found, end = [], self.end.reshape(-1)
-        for time in times.double().expand(*self.contacts.shape, -1).reshape(len(end), -1).unbind(-1):
-            pose = torch.full_like(self.flights[0].pose, math.nan)
-            for flight in self.flights:  # the last one that has begun counts
-                here = (time >= flight.start) & (time <= end)
-                pose = torch.where(here[:, None], flight.after(time - flight.start)[0], pose)
-            found.append(pose)
-        return torch.stack(found, 1).reshape(*self.contacts.shape, -1, 3)
+    def at(self, times: Float[Tensor, "*#batch t"]) -> Float[Tensor, "*batch t pose"]:
+        """Return poses [..., T, 3 or 7] at times in s, the same for all or those of each; NaN after the end."""
+        times = times.double().expand(*self.contacts.shape, -1).reshape(self.contacts.numel(), -1).contiguous()
+        counts = self.flights.body.bincount(minlength=len(times))
+        starts = pad_sequence(list(self.flights.start.split(counts.tolist())), True, math.inf)
+        k = torch.searchsorted(starts, times, right=True) - 1  # the last one that has begun counts
+        which = ((counts.cumsum(0) - counts)[:, None] + k.clamp(min=0).minimum(counts[:, None] - 1)).flatten()
+        poses, _ = self.flights.of(which).after(times.flatten() - self.flights.start[which])
+        there = (times >= starts[:, :1]) & (times <= self.end.reshape(-1, 1))
+        poses = torch.where(there.flatten()[:, None], poses, math.nan)
+        return poses.reshape(*self.contacts.shape, -1, poses.shape[-1])
 
 
 def follow(
-    predict: Callable[[Impacts, Tensor], Prediction],
+    predict: Predict,
+    steady: Predict | None,
     actual: Callable[[State, Tensor], State],
     state: BodyState,
     shape: Shape | None,
@@ -154,6 +200,7 @@ def follow(
 
     Args:
         predict: the outcome of impacts of the bodies at rows [n].
+        steady: that of contacts of bodies that rest on the floor, slide or roll; None where no law is known.
         actual: the state as it really is, of the bodies at rows [n].
         state: at the start, above the floor.
         shape: of the body; that of the state if None.
@@ -162,50 +209,61 @@ def follow(
         drag: of the air on the mass centre, in 1/s.
 
     Raises:
-        DataError: the shape is not known, a body starts inside the floor, or gravity is not positive.
+        DataError: the shape is not known or of the other space, a body starts inside the floor, or
+            gravity is not positive.
     """
     shape = state.shape if shape is None else shape
     if shape is None:
         raise DataError("a roll-out needs the body's shape to find its contacts, such as shape=Disc(0.02); got None")
+    state = replace(state, shape=shape)
     finite_number("gravity", gravity, 0, above=True)
-    pose, velocity = state.pose.reshape(-1, 3), state.velocity.reshape(-1, 3)
-    fixed = {name: getattr(state, name).reshape(-1) for name in ("mass", "inertia", "order")}
-    bodies = _Bodies(fixed, shape, state.object, actual, gravity, drag)
+    pose, velocity, mass, inertia, order = (
+        state.flat(getattr(state, name)) for name in ("pose", "velocity", "mass", "inertia", "order")
+    )
+    fixed = {"mass": mass, "inertia": inertia, "order": order}
+    bodies = _Bodies(fixed, shape, state.object, state.space, predict, steady, actual, gravity, drag)
     bodies.refuse_inside(pose, velocity)
-    return _bounced(bodies, predict, pose, velocity, until).reshaped(state.batch)
+    return _bounced(bodies, pose, velocity, until).reshaped(state.batch)
 
 
-def _bounced(
-    bodies: "_Bodies", predict: Callable[[Impacts, Tensor], Prediction], pose: Tensor, velocity: Tensor, until: Until
-) -> RollOut:
+def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) -> RollOut:
     """Follow N bodies."""
-    n, lever = len(pose), _lever(bodies.shape)
-    rows = torch.arange(n)
+    n, lever = len(pose), _lever(bodies.shape, bodies.space)
+    goes_on, rows = math.isfinite(until.time) and bodies.steady is not None, torch.arange(n)
     flight = bodies.fly(rows, torch.zeros(n, dtype=torch.float64), pose, velocity)
     flights = [flight]
     times = torch.full((n, until.bounces), math.nan, dtype=torch.float64)
-    poses, before, after = (torch.full((n, until.bounces, 3), math.nan, dtype=torch.float64) for _ in range(3))
-    ended = torch.zeros(n, dtype=torch.int64)
-    for k in range(until.bounces):
+    poses, before, after = (times.new_full((*times.shape, x.shape[-1]), math.nan) for x in (pose, velocity, velocity))
+    end, fast = torch.zeros(2, n, dtype=torch.float64)  # fast: when the body was last faster than one at rest
+    ended, contacts, resting = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.int64), rows < 0
+    while len(rows):
         gap = partial(bodies.gap_of, rows)
-        at, piled = _contact_times(flight, gap, lever, first=k == 0)
-        late = flight.start + at > until.time
+        at, piled = _contact_times(flight, gap, lever, resting[rows], first=len(flights) == 1, goes_on=goes_on)
+        now = flight.start + at
+        late = now > until.time
         ended[rows[piled]], ended[rows[late & ~piled]] = ENDS.index("piled up"), ENDS.index("time")
         hits = ~(piled | late)
-        rows, at = rows[hits], at[hits]
-        if not len(rows):
+        if not bool(hits.any()):
             break
-        flight = flight.of(hits)
-        q, v = flight.after(at)
-        v_post = predict(bodies.impacts(rows, q, v), rows).v_post
-        times[rows, k], poses[rows, k], before[rows, k], after[rows, k] = flight.start + at, q, v, v_post
-        flight = bodies.fly(rows, flight.start + at, q, v_post)
-        flights.append(flight.padded(rows, n))
-    end = torch.where(ended == ENDS.index("time"), until.time, times.nan_to_num(0).amax(1))
-    contacts = times.isfinite().sum(1)
+        rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(at[hits])
+        if goes_on:
+            q, v_post, bounced, resting[rows] = bodies.touch(rows, q, v)
+            fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
+            ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
+        else:
+            v_post, bounced = bodies.predict(bodies.impacts(rows, q, v), rows).v_post, torch.ones_like(hits[hits])
+        some = rows[bounced], contacts[rows[bounced]]
+        times[some], poses[some], before[some], after[some] = now[bounced], q[bounced], v[bounced], v_post[bounced]
+        contacts[some[0]] += 1
+        end[rows] = now
+        left = (contacts[rows] < until.bounces) & (ended[rows] == 0)
+        rows = rows[left]
+        flight = bodies.fly(rows, now[left], q[left], v_post[left])
+        flights.append(flight)
+    order = torch.cat([one.body for one in flights]).argsort(stable=True)
     return RollOut(
-        times=times, poses=poses, before=before, after=after, contacts=contacts, ended=ended, end=end,
-        flights=tuple(flights),
+        times=times, poses=poses, before=before, after=after, contacts=contacts, ended=ended,
+        end=torch.where(ended == ENDS.index("time"), until.time, end), flights=_joined(flights).of(order),
     )  # fmt: skip
 
 
@@ -216,6 +274,9 @@ class _Bodies:
     fixed: dict[str, Tensor]  # mass, inertia, order
     shape: Shape
     name: str
+    space: Space
+    predict: Predict
+    steady: Predict | None
     actual: Callable[[State, Tensor], State]
     gravity: float
     drag: float
@@ -226,17 +287,59 @@ class _Bodies:
         touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **own)
         return touching.as_impacts(validate=False)
 
+    def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return poses and velocities after contact, whether contacts are fast, bounces, and which bodies rest."""
+        earlier, after = self.real(rows, pose, velocity), velocity.clone()
+        bounced = earlier.v_n < -_FAINT * self.gravity * STEP
+        for which, predict in ((bounced, self.predict), (~bounced & (earlier.v_n < 0), self.steady)):
+            if predict is not None and bool(which.any()):
+                some = rows[which]
+                after[which] = predict(self.impacts(some, pose[which], velocity[which]), some).v_post
+        now = self.real(rows, pose, after)
+        return *self.lifted(earlier, now, pose, after), bounced, now.v_n < self.gravity * STEP
+
+    def lifted(self, earlier: State, now: State, pose: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
+        """Return poses and velocities of bodies that are moved out of the floor after contact.
+
+        A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p: that which the impact took, or
+        more of the motion.
+        """
+        d, body, height = self.space.d, (now.mass, now.world_inertia), self.height(now)
+        before, moving = (squared_mass_norm(*body, one.v_pre) / 2 for one in (earlier, now))
+        lost = (before - moving).clamp_min(0)
+        p = (-height.clamp_max(0) / now.W[:, -1, -1]).minimum((lost + moving) / self.gravity)
+        slower = (1 - (self.gravity * p - lost).clamp_min(0) / moving.clamp_min(1e-300)).clamp_min(0).sqrt()
+        moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
+        place, after = pose[:, :d] + moved[:, :d], slower[:, None] * after
+        if self.space is PLANE:
+            return torch.cat((place, pose[:, d:] + moved[:, d:]), 1), after
+        lifted = torch.cat((place, turn_quaternion(pose[:, d:], moved[:, d:])), 1)
+        spin = in_world(in_body(after[:, d:], pose), lifted)  # turned as well: its energy stays
+        return lifted, torch.cat((after[:, :d], spin), 1)
+
+    def slow(self, rows: Tensor, velocity: Tensor) -> Tensor:
+        """Return whether bodies are as slow as those at rest."""
+        mass, inertia = self.fixed["mass"][rows], self.fixed["inertia"][rows].reshape(len(rows), -1).amax(-1)
+        d = self.space.d
+        square = velocity[:, :d].square().sum(-1) + inertia / mass * velocity[:, d:].square().sum(-1)
+        return square < (_SLOW * self.gravity * STEP) ** 2
+
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
         mass, inertia, order = (self.fixed[name][rows] for name in ("mass", "inertia", "order"))
-        r, body = contact_point(self.shape, pose[:, 2]), torch.full((len(rows),), body_code(self.name))
+        r = contact_point(self.shape, pose[:, 2] if self.space is PLANE else pose[:, 3:])
+        body = torch.full((len(rows),), body_code(self.name))
         return self.actual(State(mass, inertia, r, pose, velocity, order, self.shape, body=body), rows)
+
+    def height(self, now: State) -> Tensor:
+        """Return the height in m of the lowest point."""
+        up = now.q[..., self.space.d - 1] + now.r[..., -1]
+        return up if now.offset is None else up + now.offset[..., -1]
 
     def gap(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return height in m and velocity in m/s of the lowest point."""
         now = self.real(rows, pose, velocity)
-        height = now.q[..., 1] + now.r[..., 1] + (0.0 if now.offset is None else now.offset[..., 1])
-        return height, now.v_n
+        return self.height(now), now.v_n
 
     def gap_of(self, rows: Tensor, some: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return `gap` of some of the rows."""
@@ -246,71 +349,112 @@ class _Bodies:
         """Refuse a start inside the floor."""
         height, _ = self.gap(torch.arange(len(pose)), pose, velocity)
         if bool((height < -_INSIDE).any()):
-            row = int((height < -_INSIDE).nonzero()[0, 0])
+            row, up = int((height < -_INSIDE).nonzero()[0, 0]), self.space.pose[self.space.d - 1]
             depth = -height[row].item()
-            raise DataError(f"a body must start above the floor y = 0; state {row + 1} is {depth:.3g} m inside it")
+            raise DataError(f"a body must start above the floor {up} = 0; state {row + 1} is {depth:.3g} m inside it")
 
     def fly(self, rows: Tensor, start: Tensor, pose: Tensor, velocity: Tensor) -> FreeFlights:
         """Return the flights that begin here."""
-        d = self.real(rows, pose, velocity).mass_centre
-        d = torch.zeros_like(pose[:, :2]) if d is None else d.expand(len(rows), 2)
+        now = self.real(rows, pose, velocity)
+        d = None if now.mass_centre is None else in_body(now.mass_centre.expand(len(rows), -1), pose)
+        inertia = now.inertia.expand(self.fixed["inertia"][rows].shape)
         about = {"gravity": self.gravity, "drag": self.drag}
-        return FreeFlights(start=start, pose=pose, velocity=velocity, mass_centre=d, **about)
+        return FreeFlights(
+            body=rows, start=start, pose=pose, velocity=velocity, inertia=inertia, mass_centre=d, **about
+        )
 
 
-def _contact_times(flight: FreeFlights, gap: Gap, lever: float, *, first: bool) -> tuple[Tensor, Tensor]:
-    """Time [N] from the start of each flight to contact, and whether contacts pile up.
+def _contact_times(
+    flight: FreeFlights, gap: Gap, lever: float, resting: Tensor, *, first: bool, goes_on: bool
+) -> tuple[Tensor, Tensor]:
+    """Time [N] from the start of each flight to contact, and whether contacts pile up and the trajectory ends.
 
     No point of a body comes down faster than its mass centre and its spin let it, so that steps which this allows
     miss no contact; Newton's method ends them.
     """
-    every, t = torch.arange(len(flight.start)), torch.zeros_like(flight.start)
+    t, left = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
     if first:
-        height, speed = gap(every, *flight.after(t))
+        height, speed = gap(left, *flight.after(t))
         t = torch.where((height <= _INSIDE) & (speed >= 0), SHORTEST, t)  # at rest on the floor, or leaving it
     else:
         t = t + SHORTEST
-    height, speed = gap(every, *flight.after(t))
-    piled = (height <= 0) & (t > 0)
-    left = every[~piled]
+    height, _ = gap(left, *flight.of(left).after(t[left]))
+    low = (height <= 0) & (t[left] > 0)
+    piled = torch.zeros_like(resting).index_fill(0, left[low], value=True)
+    left = left[~low]
+    if goes_on:
+        left, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
     while len(left):
         part = flight.of(left)
         now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
+        part, moved, height, speed = part.later(now), *torch.zeros(3, len(now), dtype=torch.float64)
         for _ in range(6):
-            height, speed = gap(left, *part.after(now))
+            height, speed = gap(left, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
-            now = now + step.clamp(-10 * _NEAR, 10 * _NEAR)
+            moved = moved + step.clamp(-10 * _NEAR, 10 * _NEAR)
+        now = now + moved
         on_floor = (height.abs() < _ROUNDING) & (speed < 0)
         t[left] = torch.where(on_floor, now, now + _NEAR)  # the others turned back just above the floor
         left = left[~on_floor]
     return t, piled
 
 
+def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
+    """Let times of resting bodies end after a step; return the rows that fly on.
+
+    A body may sink as fast as one at rest.  Where it would go deeper another point comes down, and the time ends when
+    that is at the floor, by bisection.
+    """
+    low, fall = resting.nonzero()[:, 0], _FAINT * flight.gravity * STEP**2
+    t[low] = STEP
+    start, _ = gap(low, *flight.of(low).after(torch.zeros_like(t[low])))
+    height, _ = gap(low, *flight.of(low).after(t[low]))
+    resting[low] = height <= fall
+    deep = height < start.clamp_max(0) - fall
+    low, level = low[deep], start[deep].clamp_max(0) - _SUNK
+    part, early, late = flight.of(low), torch.zeros_like(level), torch.full_like(level, STEP)
+    for _ in range(_HALVINGS if len(low) else 0):
+        middle = (early + late) / 2
+        above = gap(low, *part.after(middle))[0] > level
+        early, late = torch.where(above, middle, early), torch.where(above, late, middle)
+    t[low] = late
+    return (~resting).nonzero()[:, 0]
+
+
 def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor:
     """Times [N] just before the lowest point may reach the floor."""
-    t, left = t.clone(), torch.arange(len(t))
+    t, left, up = t.clone(), torch.arange(len(t)), flight.space.d - 1
+    reach = lever if flight.mass_centre is None else lever + 2 * flight.mass_centre.norm(dim=-1)
+    sweep, here = reach * flight.fastest, flight.later(t)
     while len(left):
-        part = flight.of(left)
-        pose, v = part.after(t[left])
-        height, speed = gap(left, pose, v)
-        height = height.clamp_min(0)
-        down = (
-            (-v[:, 1]).clamp_min(0)
-            + _STEEPEST * v[:, 0].abs()
-            + (lever + 2 * part.mass_centre.norm(dim=-1)) * v[:, 2].abs()
-        )
-        g = part.gravity + part.drag * down
+        height, speed = gap(left, here.pose, here.velocity)
+        height, v = height.clamp_min(0), here.velocity
+        down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[left]
+        g = flight.gravity + flight.drag * down
         step = 2 * height / (down + (down.square() + 2 * g * height).sqrt()).clamp_min(1e-12)
-        t[left] = t[left] + torch.where(speed < 0, step, step.clamp_min(_NEAR))
-        left = left[(step > _NEAR) | (speed >= 0)]
+        step = torch.where(speed < 0, step, step.clamp_min(_NEAR))
+        t[left] += step
+        high = (step > _NEAR) | (speed >= 0)
+        left, here = left[high], here.of(high).later(step[high])
     return t
 
 
-def _lever(shape: Shape) -> float:
+def _joined(flights: list[FreeFlights]) -> FreeFlights:
+    """All flights in one."""
+    parts = {
+        name: torch.cat([getattr(one, name) for one in flights])
+        for name, x in vars(flights[0]).items()
+        if isinstance(x, Tensor)
+    }
+    return replace(flights[0], **parts)
+
+
+def _lever(shape: Shape, space: Space) -> float:
     """Largest horizontal distance in m of the lowest point: its height changes by that per rad at most."""
-    around = torch.linspace(0, 2 * math.pi, 721, dtype=torch.float64)
-    return contact_point(shape, around)[:, 0].abs().max().item() * 1.3  # room for effects that stretch the body
-
-
-def _perpendicular(vector: Tensor) -> Tensor:
-    return torch.stack((-vector[..., 1], vector[..., 0]), -1)
+    angle = torch.linspace(0, 2 * math.pi, 721 if space is PLANE else 181, dtype=torch.float64)
+    down = torch.stack((angle.cos(), angle.sin()), -1)
+    if space is SPACE:  # longitudes and latitudes
+        down = torch.cat((angle.cos()[:, None, None] * down, angle.sin()[:, None, None].expand(-1, 181, 1)), -1)
+    lowest = shape.support(down)
+    across = lowest - (lowest * down).sum(-1, keepdim=True) * down
+    return across.norm(dim=-1).max().item() * 1.3  # room for effects that stretch the body

@@ -9,15 +9,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dash import Dash, Input, Output, State, ctx, dcc, html, no_update
+from dash import ALL, Dash, Input, Output, State, ctx, dcc, html, no_update
 from dash.development.base_component import Component
 from flask import Flask, Response, abort
 
+from contactlearn.cli.commands.replay import write_replay
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
-from contactlearn.report.page.page import FILE, RECORDINGS
+from contactlearn.report.page.page import FILE, RECORDINGS, REPLAY, has_recordings
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text import headline
 from contactlearn.results.folder import Result, find_results, read_result
@@ -32,7 +35,7 @@ from contactlearn.workbench.session import Session
 
 COMPARED = "runs.html"
 """Name of the page over several runs, in the folder of the runs."""
-_PAGES = (FILE, RECORDINGS, COMPARED)
+_PAGES = (FILE, RECORDINGS, REPLAY, COMPARED)
 _CACHED, _LISTED = 200, 20
 
 
@@ -45,6 +48,8 @@ class SavedRun:
         kind: of its result; "unreadable" if it cannot be read.
         description: of its result, or the reason why it cannot be read.
         has_page: it holds a report.
+        has_replay: it holds predicted beside recorded trajectories.
+        recorded: its data are recordings.
         session: its data and model, if the workbench can show them.
     """
 
@@ -52,6 +57,8 @@ class SavedRun:
     kind: str
     description: str
     has_page: bool
+    has_replay: bool = False
+    recorded: bool = False
     session: Session | None = None
 
 
@@ -86,6 +93,18 @@ class SavedRuns:
         """
         write_runs([str(self.inside(name)) for name in names], str(self.outputs / COMPARED))
 
+    def replay(self, name: str) -> None:
+        """Write predicted beside recorded trajectories of a run, in its folder.
+
+        Raises:
+            ContactLearnError: it is no diagnosis of recordings, or has no model.
+        """
+        session = diagnosed_session(self.diagnosis(name))
+        if session is None:
+            raise ContactLearnError(f"{name}: its recordings are not known to the workbench; use contactlearn replay")
+        folder, settings = self.inside(name), EvaluateSettings.from_config(compose("evaluate", [*session.data]))
+        write_replay(str(folder), settings.split.source, folder)
+
     def inside(self, name: str) -> Path:
         """Return a path below the folder.
 
@@ -98,7 +117,7 @@ class SavedRuns:
         return path
 
     def serve(self, server: Flask) -> None:
-        """Serve the pages of runs below /runs/: report.html of a folder, recordings.html, and the page over several."""
+        """Serve the pages of runs below /runs/: report, recordings and replay of a folder, and that over several."""
         server.add_url_rule("/runs/<path:name>", "runs", self._page)
 
     def _page(self, name: str) -> Response:
@@ -127,7 +146,10 @@ class SavedRuns:
             source = result.provenance.data.source
             return SavedRun(name=name, kind=str(result.kind), description=source, has_page=page)
         described, session = headline(result.diagnosis), diagnosed_session(result)
-        return SavedRun(name=name, kind="diagnosis", description=described, has_page=page, session=session)
+        return SavedRun(
+            name=name, kind="diagnosis", description=described, has_page=page, session=session,
+            has_replay=(path.parent / REPLAY).is_file(), recorded=has_recordings(result.provenance.config),
+        )  # fmt: skip
 
 
 def diagnosed_session(run: DiagnosisRun) -> Session | None:
@@ -150,6 +172,10 @@ def run_list(runs: Sequence[SavedRun]) -> list[Component]:
         row: list[Child] = [html.Code(run.name), f" ({run.kind}): {run.description} "]
         if run.has_page:
             row += [html.A("open", href=f"/runs/{run.name}/report.html", target="_blank"), " "]
+        if run.has_replay:
+            row += [html.A("replay", href=f"/runs/{run.name}/{REPLAY}", target="_blank"), " "]
+        elif run.recorded:
+            row += [html.Button("Replay", id={"replay": run.name}), " "]
         if run.session is not None:
             row.append(action_button("adopt", "Take its model", of=run.session.address))
         rows.append(row)
@@ -176,7 +202,8 @@ class FileCallbacks:
         )(self.experiment)  # fmt: skip
         app.callback(
             Output("runs", "children"), Output("runs-status", "children"),
-            Input("list-runs", "n_clicks"), Input("compare-runs", "n_clicks"), prevent_initial_call=True,
+            Input("list-runs", "n_clicks"), Input("compare-runs", "n_clicks"), Input({"replay": ALL}, "n_clicks"),
+            prevent_initial_call=True,
         )(self.runs)  # fmt: skip
         app.callback(
             Output("hints", "hidden"), Output("hint-title", "children"), Output("hint-text", "children"),
@@ -245,12 +272,17 @@ class FileCallbacks:
         """Return the experiment file of the session."""
         return dcc.send_string(experiment(Session.read(address or "")), "session.yaml")
 
-    def runs(self, _: int, __: int) -> tuple[Any, Any]:
-        """Show the saved runs, and write one page over all of them if its button was pressed."""
+    def runs(self, _: int, __: int, clicks: Sequence[int | None]) -> tuple[Any, Any]:
+        """Show the saved runs; write one page over all of them, or the replay of one, if its button was pressed."""
+        if isinstance(ctx.triggered_id, dict) and not any(clicks):
+            return no_update, no_update  # a button that has just been drawn
         runs = self.saved.latest()
         if ctx.triggered_id == "list-runs":
             return run_list(runs), ""
         try:
+            if isinstance(ctx.triggered_id, dict):
+                self.saved.replay(ctx.triggered_id["replay"])
+                return run_list(self.saved.latest()), ""
             self.saved.compare([one.name for one in runs if one.kind != "unreadable"])
         except ContactLearnError as error:
             return no_update, str(error)

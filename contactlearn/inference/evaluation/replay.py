@@ -3,10 +3,10 @@
     for one in replays({"law": model}, found, ["rig"]):
         one.errors("law")
 
-A prediction starts with the flight before the first accepted contact of a recording, and knows nothing of what comes
-later.  Once its contacts pile up the body stays where it is.  Recorded poses are corrected as the impacts are, and
-heights are above the floor that the accepted contacts show.  Errors are those of Acosta, Yang & Posa, RA-L 2022: the
-mean over frames of the distance over the body's width, and of the angle.
+A prediction starts with the flight before the first accepted contact of a recording, or with its first frames, and
+knows nothing of what comes later.  Recorded poses are corrected as the impacts are, and heights are above the floor
+that the accepted contacts show.  Errors are those of Acosta, Yang & Posa, RA-L 2022: the mean over frames of the
+distance over the body's width, and of the angle.
 """
 
 import math
@@ -24,20 +24,25 @@ from torch.nn.utils.rnn import pad_sequence
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.recordings.poses import Array, arms
+from contactlearn.data.recordings.frame import Frame
+from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.mechanics.rigid_body import in_world, swept
+from contactlearn.mechanics.shapes import Shape, Solid, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
 
-_BOUNCES = 100  # after which a prediction ends that does not pile up
+_BOUNCES = 1000  # after which a prediction ends
 _ABOVE = 0.02  # widths above the floor from which on a flight is predicted
 FAR = 0.1
 """Distance over the body's width from which on a prediction is lost."""
+STARTS = ("flight", "frames")
+"""Starts of predictions, see `replays`."""
+_DIFFERENCES = 3  # of first frames
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,23 +52,28 @@ class Replay:
     Args:
         recording: its name.
         time: of the frames [T] in s, from the state that predictions start with.
-        recorded: poses (x, y, θ) [T, 3], corrected, above the floor.
-        predicted: poses [T, 3] by model.
+        recorded: poses (x, y, θ) [T, 3], in space [T, 7], corrected, above the floor.
+        predicted: poses by model.
         bounces: recorded contacts before each frame [T].
         shape: of the body.
     """
 
     recording: str
     time: Float[Tensor, "t"]
-    recorded: Float[Tensor, "t 3"]
-    predicted: dict[str, Float[Tensor, "t 3"]]
+    recorded: Float[Tensor, "t pose"]
+    predicted: dict[str, Float[Tensor, "t pose"]]
     bounces: Int[Tensor, "t"]
     shape: Shape
 
     def errors(self, model: str) -> Float[Tensor, "t 2"]:
         """Return the distance over the body's width, and the angle in rad, of each frame."""
-        apart = self.predicted[model] - self.recorded
-        return torch.stack((apart[:, :2].norm(dim=-1) / width(self.shape), wrapped(apart[:, 2]).abs()), -1)
+        predicted, recorded, d = self.predicted[model], self.recorded, 2 if self.recorded.shape[1] == 3 else 3
+        apart = (predicted - recorded)[:, :d].norm(dim=-1) / width(self.shape)
+        one, other = predicted[:, d:], recorded[:, d:]
+        if d == 2:
+            return torch.stack((apart, wrapped(one - other).abs()[:, 0]), -1)
+        chord = torch.minimum((one - other).norm(dim=-1), (one + other).norm(dim=-1))  # of quaternions: 2 sin(angle/4)
+        return torch.stack((apart, 4 * (chord / 2).arcsin()), -1)
 
     def lost_after(self, model: str) -> float:
         """Return the time in s until the distance first exceeds `FAR`; infinite if it never does."""
@@ -108,8 +118,8 @@ class ReplayErrors:
 
 def width(shape: Shape) -> float:
     """Return the width in m of a body along its x axis."""
-    x = shape.outline()[:, 0]
-    return (x.max() - x.min()).item()
+    ahead = torch.eye(3 if isinstance(shape, Solid) else 2, dtype=torch.float64)[0]
+    return (shape.support(ahead) - shape.support(-ahead))[0].item()
 
 
 def replays(
@@ -117,6 +127,8 @@ def replays(
     found: Tracked,
     corrections: Sequence[str] = (),
     without: Collection[str] = (),
+    *,
+    start: str = STARTS[0],
 ) -> list[Replay]:
     """Predict the recordings that have an accepted contact after a flight from above the floor.
 
@@ -125,27 +137,27 @@ def replays(
         found: recordings as they were searched.
         corrections: of the impacts, by name; they correct recorded poses as well.
         without: names of recordings to leave out.
+        start: of the predictions: the fitted "flight" before the first accepted contact, or the first "frames" of the
+            recording, with the median of three differences as velocity.
 
     Raises:
         DataError: no recording is left.
     """
-    hits = defaultdict[str, list[tuple[int, Hit]]](list)
-    for row, hit in enumerate(found.survey.contacts):
-        if hit.recording not in without:
-            hits[hit.recording].append((row, hit))
-    if not hits:
-        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
+    hits = _hits(found, without)
     raw = found.impacts.replace(validate=False)
     impacts = correct(raw, corrections)
     shape = impacts.shape
     assert shape is not None
     assert not isinstance(shape, Mapping)  # recordings are of one body
-    floor = (impacts.q[:, 1] + impacts.r[:, 1]).median()
-    takes = [_Take.of(one, hits[one.track.name], found.survey.frame.centre) for one in found.again({*hits})]
+    up = impacts.space.d - 1
+    floor = (impacts.q[:, up] + impacts.r[:, up]).median()
+    takes = [_Take.of(one, hits[one.track.name], found.survey.frame, start) for one in found.again({*hits})]
     seen = correct(_as_impacts(raw, takes), corrections)
-    poses = seen.q - floor * seen.q.new_tensor([0.0, 1.0, 0.0])
+    poses = seen.q.clone()
+    poses[:, up] -= floor
     starts = torch.tensor([0, *(len(take.pose) for take in takes)]).cumsum(0)[:-1]
-    above = poses[starts, 1] + contact_point(shape, poses[starts, 2])[:, 1] > _ABOVE * width(shape)
+    orientation = poses[starts, 2] if up == 1 else poses[starts, 3:]
+    above = poses[starts, up] + contact_point(shape, orientation)[:, up] > _ABOVE * width(shape)
     kept, starts = [take for take, high in zip(takes, above, strict=True) if high], starts[above]
     if not kept:
         raise DataError(f"{found.path}: no recording has a flight from above the floor to an accepted contact")
@@ -171,6 +183,17 @@ def replays(
     ]
 
 
+def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[int, Hit]]]:
+    """Accepted contacts and their rows by recording."""
+    hits = defaultdict[str, list[tuple[int, Hit]]](list)
+    for row, hit in enumerate(found.survey.contacts):
+        if hit.recording not in without:
+            hits[hit.recording].append((row, hit))
+    if not hits:
+        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
+    return hits
+
+
 def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
     """Poses and velocities of recordings as impacts of the same body, which corrections take."""
     return impacts[torch.tensor([take.row for take in takes for _ in take.pose])].replace(
@@ -181,54 +204,69 @@ def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
 
 def _predicted(
     models: Mapping[str, ContactModel], state: BodyState, times: Sequence[Array], rig: Apparatus
-) -> dict[str, Float[Tensor, "n t 3"]]:
-    """Poses of bodies at times of their own, padded, by model; where contacts pile up a body stays."""
+) -> dict[str, Float[Tensor, "n t pose"]]:
+    """Poses of bodies at times of their own, padded, by model; a body at rest stays there."""
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
     drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
     predicted = {}
     for name, model in models.items():
-        path = model.roll_out(state, until=Until(bounces=_BOUNCES), gravity=rig.gravity.value, drag=drag)
+        until = Until(bounces=_BOUNCES, time=time.nan_to_num(0).max().item())
+        path = model.roll_out(state, until=until, gravity=rig.gravity.value, drag=drag)
         predicted[name] = path.at(torch.minimum(time, path.end[:, None]))
     return predicted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Take:
-    """A recording from a flight on: row of its impact, T frames, and poses [1 + T, 3] of the state and the frames."""
+    """A recording from a start on: row of its impact, T frames, and poses [1 + T, …] of the state and the frames."""
 
     recording: str
     row: int
     time: Float[Array, "t"]
-    pose: Float[Array, "n 3"]
-    velocity: Float[Array, "n 3"]
+    pose: Float[Array, "n pose"]
+    velocity: Float[Array, "n D"]
     bounces: Int[np.ndarray, "t"]
 
     @classmethod
-    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], centre: tuple[float, ...]) -> Self:
-        """Return the frames from the flight before the first accepted contact until the body rests."""
+    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], frame: Frame, start: str) -> Self:
+        """Return the frames from the start until the body rests."""
         (row, first), track = hits[0], found.track
         flight = found.flights[first.flight]
-        begin = float(track.time[flight.first])
+        seen = np.flatnonzero(track.seen)
+        begin = float(track.time[flight.first if start == "flight" else seen[0]])
         rest = min(
             (part.time[0] for part in found.refusals if part.reason is Reason.REST and part.time[0] > begin),
             default=math.inf,
         )
-        frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= rest))
+        frames = seen[(track.time[seen] >= begin) & (track.time[seen] <= rest)]
         time = track.time[frames]
         late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
-        first_pose, first_velocity, _ = flight.at(begin)
-        pose = np.vstack((first_pose, track.pose[frames]))
-        velocity = np.zeros_like(pose)
-        velocity[0] = first_velocity
-        d = arms(centre, pose[:, 2])  # flights and tracks are of the centre of mass, impacts of the tracked point
-        pose[:, :2] -= d
-        velocity[:, :2] += velocity[:, 2:] * np.column_stack((d[:, 1], -d[:, 0]))
+        if start == "flight":
+            first_pose, first_velocity, _ = flight.at(begin)
+        else:
+            first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
+        pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames])))
+        velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
+        velocity[0] = torch.from_numpy(first_velocity)
+        arm = in_world(torch.tensor(frame.centre, dtype=torch.float64).expand(len(pose), -1), pose)
+        d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
+        pose[:, :d] -= arm
+        velocity[:, :d] -= swept(arm, velocity[:, d:])
         last = [found_flight.last for found_flight in found.flights[first.flight :]]
         return cls(
             recording=track.name,
             row=row,
             time=time - begin + late,
-            pose=pose,
-            velocity=velocity,
+            pose=pose.numpy(),
+            velocity=velocity.numpy(),
             bounces=np.searchsorted(last, frames),
         )
+
+
+def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> tuple[Float[Array, "pose"], Float[Array, "D"]]:
+    """Pose of a first frame, and its velocity as the median of differences of the frames from there on."""
+    few, d = slice(0, _DIFFERENCES + 1), len(gravity)
+    step, middle = np.diff(time[few])[:, None], (time[few][1:, None] + time[few][:-1, None]) / 2 - time[0]
+    moved = away(pose[few][1:], pose[few][:-1]) / step
+    moved[:, :d] -= middle * gravity
+    return pose[0], np.median(moved, 0)

@@ -25,6 +25,8 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.report.figures import style as st
 
 _OBLIQUE = 0.5**1.5  # half the length, at 45°
+CABINET = torch.tensor([[1, _OBLIQUE, 0], [0, _OBLIQUE, 1]], dtype=torch.float64)
+"""The projection of points in space, the second axis away from the eye."""
 _STEPS = 24  # of a path
 _POINT: dict[str, Any] = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
 
@@ -85,7 +87,7 @@ def body_at_contact(trial: Impacts, prediction: Prediction) -> Figure:
     The velocity before contact ends at the mass centre, those after it begin there; spins are in the legend.
     """
     axes_of_slip = trial.slip_axes[0, :3, :3]
-    oblique = torch.tensor([[1, _OBLIQUE, 0], [0, _OBLIQUE, 1]], dtype=torch.float64) @ axes_of_slip.mT
+    oblique = CABINET @ axes_of_slip.mT
 
     def flat(points: Float[Tensor, "... 3"]) -> Any:
         return st.array(rigid_body.matvec(oblique, points))

@@ -1,4 +1,4 @@
-"""Errors of predicted trajectories over time and over bounces."""
+"""Predicted trajectories beside recorded ones: bodies at a few times, and errors over time and over bounces."""
 
 from collections.abc import Sequence
 
@@ -8,11 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from contactlearn.inference.evaluation.replay import Replay
+from contactlearn.mechanics.rigid_body import in_world
 from contactlearn.report.figures import style as st
+from contactlearn.report.figures.contact_in_space import CABINET
 
 _BINS = 30  # of time
 _FEWEST = 5  # recordings of which quartiles are drawn
 _DEGREES = 180 / np.pi
+_TIMES = 6  # at which bodies are drawn
 
 
 @st.look()
@@ -34,6 +37,32 @@ def replay_figure(replays: Sequence[Replay]) -> Figure:
     st.name_axes(panels[1], "Time (s)", "Angle (°)")
     st.name_axes(panels[2], "Bounces", "Distance (% of the width)")
     figure.legend(handles=panels[0].lines[::3], loc="outside upper left")
+    return figure
+
+
+@st.look()
+def bodies_figure(replay: Replay) -> Figure:
+    """Draw the recorded body and the predicted ones at equal times; in space in a cabinet projection."""
+    models, d = [*replay.predicted], 2 if replay.recorded.shape[1] == 3 else 3
+    figure = st.new_figure(st.PAGE, 4.0 + st.ROW * len(models))
+    panels = figure.subplots(2, _TIMES // 2, sharex=True, sharey=True, squeeze=False).ravel()
+    outline, flat = replay.shape.outline(61), torch.eye(2, dtype=torch.float64) if d == 2 else CABINET
+    every = torch.cat((replay.recorded, *replay.predicted.values()))[:, :d]
+    low, high = every.amin(0) - outline.nan_to_num(0).amax(), every.amax(0) + outline.nan_to_num(0).amax()
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)][: 2 if d == 2 else None]
+    floor = torch.tensor([[(low, high)[end][axis] for axis, end in enumerate(c[: d - 1])] + [0.0] for c in corners])
+    for axes, frame in zip(panels, np.linspace(0, len(replay.time) - 1, _TIMES).astype(int), strict=True):
+        axes.plot(*st.array(floor.double() @ flat.mT).T * st.MILLI, color="#888888", linewidth=0.8)
+        poses = {"Recorded": replay.recorded} | replay.predicted
+        for (name, pose), color in zip(poses.items(), (st.DARK, *st.CONTRAST, "#888888"), strict=False):
+            body = in_world(outline, pose[frame].expand(len(outline), -1)) + pose[frame, :d]
+            width = 1.8 if name == "Recorded" else 0.9
+            axes.plot(*st.array(body @ flat.mT).T * st.MILLI, color=color, linewidth=width, label=st.plain(name, 110))
+        axes.set_aspect("equal")
+        axes.set_title(f"{replay.time[frame]:.3f} s")
+    st.name_axes(panels[_TIMES // 2], "x (mm)", "Height (mm)")
+    figure.suptitle(f"Recording {st.plain(replay.recording)}")
+    figure.legend(handles=panels[0].lines[1:], loc="outside lower center")
     return figure
 
 

@@ -24,6 +24,7 @@ from contactlearn.results.types import Provenance
 
 FILE = "report.html"
 RECORDINGS = "recordings.html"
+REPLAY = "replay.html"
 """The page's name in a run folder."""
 SOURCES = tuple(
     f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")

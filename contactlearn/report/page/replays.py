@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from torch import Tensor
+from torch.nn.functional import pad
+
 from contactlearn.inference.evaluation.replay import Replay, ReplayErrors
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.replays import replay_figure
@@ -45,7 +48,7 @@ def of_replays(replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], sa
         "trials": None,
         "recordings": [one.recording for one in shown],
         "models": [*errors],
-        "outline": digits((1e3 * shown[0].shape.outline(91)).T.tolist(), 5),
+        "outline": digits((1e3 * shown[0].shape.outline(61)).T.tolist(), 5),  # None in its gaps
         "figures": {"errors": digits(as_plotly(replay_figure(replays)))},
         "block": compressed(packed.encode(errors="replace")),
         "_said": said,
@@ -54,5 +57,6 @@ def of_replays(replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], sa
     }
 
 
-def _poses(poses: Any) -> list[list[float]]:
-    return digits((poses * poses.new_tensor([1e3, 1e3, 1.0])).T.tolist(), 6)
+def _poses(poses: Tensor) -> list[list[float]]:
+    d = 2 if poses.shape[1] == 3 else 3
+    return digits((poses * pad(poses.new_full((d,), 1e3), (0, poses.shape[1] - d), value=1.0)).T.tolist(), 6)
