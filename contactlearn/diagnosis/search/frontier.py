@@ -4,7 +4,10 @@
     exchange   from the best of the new size, those with one of their effects exchanged
     refine     the best of the new size, of several laws while effects are few, with other forms, which may be misjudged
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
-    transfer   the effects of the best model of a size around every other law, at the end around those that refine others
+    transfer   the effects of the best model of a size around every other law
+
+Laws that refine others are tried in the place of the best law alone, and once more around the best model of each size
+after the search.
 
 Promising is what the linearisation of a fitted model with all candidates around it predicts (`quadratic`), for
 thousands of sets at once; only these are fitted jointly with the law.  The search ends when two sizes in turn bring
@@ -89,6 +92,7 @@ class Search:
             Whether the search came to its own end.
         """
         fruitless, size = 0, 0
+        self._transfer(self.models(0)[0], refining=True)
         for size in progress(range(1, self.most_effects + 1)):
             best = self.pool.best().score
             self._grow(size)
@@ -101,10 +105,11 @@ class Search:
             for parent in self.models(smaller + 1)[:1]:
                 self._fit(self._predicted(parent, _smaller))
                 self._exchange(smaller)
-        for few in range(len(self.pool.best().spec.effects) + 1):
+        rigid = self.pool.best()
+        for few in range(1, len(rigid.spec.effects) + 1):
             if not self.late:
                 self._transfer(self.models(few)[0], refining=True)
-        if self.pool.laws[self.pool.best().spec.law].refines:
+        if self.pool.best() is not rigid:
             self.improve()
         return not self.late
 
