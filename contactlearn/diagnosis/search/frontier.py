@@ -6,6 +6,9 @@
     shrink     from the best of all, those with one effect less, so that no size keeps what only the way there needed
     transfer   the effects of the best model of a size around every other law
 
+Laws that refine others are tried in the place of the best law alone, and once more around the best model of each size
+after the search.
+
 Promising is what the linearisation of a fitted model with all candidates around it predicts (`quadratic`), for
 thousands of sets at once; only these are fitted jointly with the law.  The search ends when two sizes in turn bring
 nothing, or when its time is up.
@@ -89,7 +92,7 @@ class Search:
             Whether the search came to its own end.
         """
         fruitless, size = 0, 0
-        self._transfer(self.models(0)[0])
+        self._transfer(self.models(0)[0], refining=True)
         for size in progress(range(1, self.most_effects + 1)):
             best = self.pool.best().score
             self._grow(size)
@@ -102,6 +105,12 @@ class Search:
             for parent in self.models(smaller + 1)[:1]:
                 self._fit(self._predicted(parent, _smaller))
                 self._exchange(smaller)
+        rigid = self.pool.best()
+        for few in range(1, len(rigid.spec.effects) + 1):
+            if not self.late:
+                self._transfer(self.models(few)[0], refining=True)
+        if self.pool.best() is not rigid:
+            self.improve()
         return not self.late
 
     def improve(self) -> None:
@@ -118,6 +127,7 @@ class Search:
         if model.spec.effects:
             self._fit(self._predicted(model, _exchanged), worthwhile, most)
         self._transfer(model)
+        self._transfer(model, refining=True)
 
     def models(self, size: int) -> list[ScoredFit]:
         """Return the models with so many effects, the best first."""
@@ -171,22 +181,21 @@ class Search:
         found = self._best_of(shifted).items()
         self.pool.all_fitted({spec: best for spec, (score, best) in found if score < worthwhile})
 
-    def _transfer(self, model: ScoredFit) -> None:
+    def _transfer(self, model: ScoredFit, refining: bool = False) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters.
 
-        A law that refines others must do better than the model at one of a few ε.
+        Those that refine others are tried apart, and must do better than the model at one of a few ε.
         """
         pool, values = self.pool, model.fit.values
-        own, starts = pool.score_at(model.spec, values), dict[Spec, Tensor | None]()
-        new = {spec: law for name, law in pool.laws.items() if (spec := model.spec.with_law(name)) not in pool.models}
-        scores = pool.scores_at({spec: _shifted(values) if law.refines else values[None] for spec, law in new.items()})
-        for (spec, law), tried in zip(new.items(), scores, strict=True):
-            if abs(tried[0] - own) < _IDENTICAL:
-                pool.adopt(law.name, model)
-            elif law.refines and min(tried) < own:
-                starts[spec] = _shifted(values)[tried.index(min(tried))] if spec.effects else None
-            elif not law.refines and tried[0] < own + HOPELESS * len(pool.impacts):
-                starts[spec] = values
+        own, tried = pool.score_at(model.spec, values), _shifted(values) if refining else values[None]
+        worthwhile = own if refining else own + HOPELESS * len(pool.impacts)
+        others = [model.spec.with_law(name) for name, law in pool.laws.items() if law.refines is refining]
+        new, starts = [spec for spec in others if spec not in pool.models], dict[Spec, Tensor | None]()
+        for spec, scores in zip(new, pool.scores_at(dict.fromkeys(new, tried)), strict=True):
+            if abs(scores[0] - own) < _IDENTICAL:
+                pool.adopt(spec.law, model)
+            elif min(scores) < worthwhile:
+                starts[spec] = tried[scores.index(min(scores))] if spec.effects or not refining else None
         pool.all_fitted(starts)
 
     def _best_of(

@@ -300,11 +300,13 @@ def linearise(
         options: of a fit.
     """
     rows = torch.arange(len(impacts), device=impacts.mass.device)[None]
-    effects = {**effects, **{name: cast(Effect, Vanishing(effect)) for name, effect in vanishing.items()}}
-    parameters = named_parameters(effects, Box(), impacts)
-    problem, noise = _observed(law, effects, impacts, rows, parameters, options)
+    every = {**effects, **{name: cast(Effect, Vanishing(effect)) for name, effect in vanishing.items()}}
+    parameters = named_parameters(every, Box(), impacts)
+    problem, noise = _observed(law, every, impacts, rows, parameters, options)
     if noise is not None:
-        problem = errors_in_variables.about_latent_states(problem, noise, theta[None])
+        own, count = replace(problem, effects=effects), 2 + sum(len(effect.parameters) for effect in effects.values())
+        about = errors_in_variables.about_latent_states(own, noise, theta[None, :count])
+        problem = replace(about, effects=every)
     residual, slope = problem.linearised(theta[None])
     return Linearisation(*(part[0] for part in robust.whitened(residual, slope, scatter[None])))
 

@@ -2,8 +2,8 @@
 
     e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
 
-Derivatives are exact: each trial has its own copy of the parameters and of the state, so that D backward passes,
-one a component, give the derivatives of all trials.
+Derivatives are exact: each trial has its own copy of the parameters, so that D backward passes, one a component, give
+the derivatives of all trials.
 
 `suited` scales plausible ranges.  Effects declare them for bodies of some centimetres and grams at a few m/s; those of
 lengths, speeds, impulses and energies go with a body that is larger, heavier or faster, or smaller, lighter or slower.
@@ -109,14 +109,6 @@ class JointProblem:
             residual = self.residual(torch.stack(own, -1))
             slope = derivative(residual, own)
         return residual.detach(), slope
-
-    def over_state(self, v_pre: Tensor, theta: Tensor) -> tuple[Tensor, Tensor]:
-        """Outcome [B, n, D], and its derivative [B, n, D, D] in v_pre, at v_pre [B, n, D] and parameters [B, K]."""
-        own = [part.clone().requires_grad_() for part in v_pre.unbind(-1)]
-        with torch.enable_grad():
-            outcome = self.outcome(torch.stack(own, -1), theta[:, None])
-            slope = derivative(outcome, own)
-        return outcome.detach(), slope
 
     def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
         """Outcome [..., B, n, D] as the target, from v_pre [..., B, n, D] at parameters [..., B, n or 1, K]."""
