@@ -10,16 +10,17 @@ step and contact time, and as a control the error with MuJoCo's default impedanc
 import argparse
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 
-from contactlearn.data import cube_tosses, ellipse_drops
+from contactlearn.data import ellipse_drops, tracks
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws.spring_dashpot import LEAST
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import contact_point
+from contactlearn.mechanics.shapes import Cuboid, contact_point
 from contactlearn.models.contact_model import actual_coefficients, actual_state
 from contactlearn.models.export.mujoco import Scene, difference, export
 from contactlearn.simulation.mujoco import outcomes
@@ -75,7 +76,9 @@ def main() -> None:
     given = parser.parse_args()
     drops = correct(ellipse_drops.load(root=given.data), ["mirrored_x"])
     drops = drops.replace(r=contact_point(drops.shape, drops.q[:, 2]), validate=False)
-    sources = {"cube tosses": cube_tosses.load(given.data), "ellipse drops": drops}
+    tosses = Path(given.data, "cube_tosses", "tosses.parquet")
+    cubes = tracks.find_impacts(tosses, mass=0.37, inertia=8.1e-4, shape=Cuboid((0.0524,) * 3)).impacts  # as published
+    sources = {"cube tosses": cubes, "ellipse drops": drops}
     for name, impacts in sources.items():
         pool, test = halves(impacts[impacts.v_c[:, -1] < -0.05].replace(validate=True))
         print(f"{name}: {len(pool)} to fit, {len(test)} held out")

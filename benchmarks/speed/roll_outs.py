@@ -31,11 +31,11 @@ BODIES = {
 }
 LAWS = "whittaker", "wang_mason"
 STEPPED = 100
-SCENE = """<mujoco><option timestep="0.001" cone="elliptic" impratio="100"/><worldbody>
-<geom name="floor" type="plane" size="9 9 1"/>
-<body pos="0 0 1"><freejoint/><geom name="body" mass="0.05" {geom}/></body></worldbody><contact>
-<pair geom1="floor" geom2="body" condim="3" friction="0.2 0.2 0 0 0" solref="-{stiffness} -{damping}"
-solimp="0.005 0.005 0.001 0.5 2"/></contact></mujoco>"""
+SCENE = """<mujoco><option timestep="0.001" cone="elliptic" impratio="100"/>
+<worldbody><geom name="floor" type="plane" size="9 9 1"/>
+<body pos="0 0 1"><freejoint/><geom name="body" mass="0.05" {geom}/></body></worldbody>
+<contact><pair geom1="floor" geom2="body" condim="3" friction="0.2 0.2 0 0 0"
+solref="-{stiffness} -{damping}" solimp="0.005 0.005 0.001 0.5 2"/></contact></mujoco>"""
 
 
 def thrown(count: int, plane: bool) -> BodyState:
