@@ -1,6 +1,6 @@
 """Do cubes tossed in MuJoCo follow the recorded ones?  Three scenes, and roll-outs of the same models.
 
-    python benchmarks/accuracy/replays_mujoco.py [--tosses 190] [--contact-time 2e-3]
+    python benchmarks/accuracy/replays_mujoco.py [--tosses 60] [--contact-time 2e-3]
 
 Laws are fitted to the published tosses of even number, in CONTACTLEARN_DATA.  They predict those of odd number that
 have an accepted contact: to the end, from the fitted first flight or, as published engines, from the first row.  All
@@ -102,7 +102,7 @@ def line(name: str, errors: Mapping[str, ReplayErrors]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tosses", type=int, default=190, help="replayed, drawn among those of odd number")
+    parser.add_argument("--tosses", type=int, default=60, help="replayed, drawn among those of odd number")
     parser.add_argument("--contact-time", type=float, default=2e-3, help="of the exported scenes, s")
     given = parser.parse_args()
     found = find_recorded(SourceSettings.from_config(compose("diagnose", ["data=cube_tosses"])))
