@@ -1,20 +1,21 @@
 """Is one impact in MuJoCo that of the exported model?
 
-    python benchmarks/accuracy/export_mujoco.py [--data DIR]
+    python benchmarks/accuracy/export_mujoco.py
 
-Laws and effects are fitted to some recordings and exported; the states of others are put into the scene.  A line has
-the mean mass error of MuJoCo's outcome against the model's, of both against the measurement, the change with half the
-step and contact time, and as a control the error with MuJoCo's default impedance.
+Laws and effects are fitted to some recordings and exported; the states of others are put into the scene.  Recordings
+lie in CONTACTLEARN_DATA.  A line has the mean mass error of MuJoCo's outcome against the model's, of both against the
+measurement, the change with half the step and contact time, and as a control the error with MuJoCo's default impedance.
 """
 
 import argparse
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import torch
 
-from contactlearn.data import ellipse_drops, tracks
+from contactlearn.cli.commands.impacts import find_recorded
+from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.settings import SourceSettings
+from contactlearn.data import ellipse_drops
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import identify_jointly
@@ -71,13 +72,10 @@ def judge(law: str, names: tuple[str, ...], pool: Impacts, test: Impacts) -> str
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("CONTACTLEARN_DATA"), help="folder of the published data")
-    given = parser.parse_args()
-    drops = correct(ellipse_drops.load(root=given.data), ["mirrored_x"])
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    drops = correct(ellipse_drops.load(), ["mirrored_x"])
     drops = drops.replace(r=contact_point(drops.shape, drops.q[:, 2]), validate=False)
-    tosses = Path(given.data, "cube_tosses", "tosses.parquet")
-    cubes = tracks.find_impacts(tosses, mass=0.37, inertia=8.1e-4, shape=Cuboid((0.0524,) * 3)).impacts  # as published
+    cubes = find_recorded(SourceSettings.from_config(compose("diagnose", ["data=cube_tosses"]))).impacts
     sources = {"cube tosses": cubes, "ellipse drops": drops}
     for name, impacts in sources.items():
         pool, test = halves(impacts[impacts.v_c[:, -1] < -0.05].replace(validate=True))
