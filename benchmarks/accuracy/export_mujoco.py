@@ -21,7 +21,7 @@ from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws.spring_dashpot import LEAST
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Cuboid, contact_point
+from contactlearn.mechanics.shapes import contact_point
 from contactlearn.models.contact_model import actual_coefficients, actual_state
 from contactlearn.models.export.mujoco import Scene, difference, export
 from contactlearn.simulation.mujoco import outcomes
