@@ -467,7 +467,9 @@ MISSPELT = {
     "without its part": ("+sise=50", "unknown setting 'sise'"),
     "of the data": ("data.sizes=3", "unknown setting 'data.sizes', did you mean 'data.size'?"),
     "of the data, after a plus": ("+data.sizes=3", "did you mean 'size'?"),
-    "of other data": ("data.path=a.csv", "data.path is a setting of other choices (data=table, data=tracks)"),
+    "of other data": (
+        "data.path=a.csv", "data.path is a setting of other choices (data=cube_tosses, data=table, data=tracks)"
+    ),
     "of another law": ("law.e_t=0.3", "law.e_t is a setting of other choices (law=chatterjee_ruina), not of these"),
     "a name with brackets": ("+data.columns={vx: v (m)}", 'stands in double quotes: {x: "x (mm)"}'),
     "effect": ("effect=[spin_dampin]", "unknown effect 'spin_dampin', did you mean 'spin_damping'?"),

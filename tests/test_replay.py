@@ -15,6 +15,7 @@ from test_report_page import draw_everything, opened, silent, until
 from contactlearn import ContactModel, laws
 from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
+from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.replay import STARTS, Replay, ReplayErrors, replays
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.shapes import Cuboid, Ellipse
@@ -36,7 +37,7 @@ SHAPE = f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("takes")
-    write_recordings(simulate(8, Camera(frames=250), seed=3)[0], folder)
+    write_recordings(simulate(8, Camera(frames=400), seed=3)[0], folder)
     return folder
 
 
@@ -58,6 +59,15 @@ def test_the_law_that_made_recordings_follows_them(shown):
     assert sticky.distance.median > 5 * true.distance.median
     assert sticky.lost_after is not None
     assert all(one.errors("sticky")[one.bounces == 0].max() < 0.01 for one in shown)
+
+
+def test_a_model_of_a_larger_body_flies_as_high_above_its_own_floor(found):
+    """Before its first contact a prediction does not depend on the outline."""
+    sizes = {"shape_error": find_effect("shape_error")().at(torch.tensor([0.25, 0.25]))}
+    larger = ContactModel(MODELS["true"].base, effects=sizes)
+    for one in replays(MODELS | {"larger": larger}, found):
+        flying = one.bounces == 0
+        assert torch.allclose(one.predicted["larger"][flying], one.predicted["true"][flying], atol=1e-9)
 
 
 def test_errors_are_distances_over_the_width_and_angles(shown):

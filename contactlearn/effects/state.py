@@ -226,6 +226,12 @@ class State:
         return lowest
 
     @property
+    def height(self) -> Float[Tensor, "... n"]:
+        """Height in m of the contact point."""
+        height = self.q[..., self.r.shape[-1] - 1] + self.r[..., -1]
+        return height if self.offset is None else height + self.offset[..., -1]
+
+    @property
     def mass_centre(self) -> Float[Tensor, "... n 2"] | None:
         """Centre of mass minus tracked point [..., N, 2] in world axes, m; None where they are one point."""
         return self.offset if self.offset is None or self.tilt is None else _rotated(self.offset, self.tilt)

@@ -304,7 +304,7 @@ class _Bodies:
         A displacement M⁻¹Jᵀ (0, p) lifts the contact by W_nn p and needs the energy g p: that which the impact took, or
         more of the motion.
         """
-        d, body, height = self.space.d, (now.mass, now.world_inertia), self.height(now)
+        d, body, height = self.space.d, (now.mass, now.world_inertia), now.height
         before, moving = (squared_mass_norm(*body, one.v_pre) / 2 for one in (earlier, now))
         lost = (before - moving).clamp_min(0)
         p = (-height.clamp_max(0) / now.W[:, -1, -1]).minimum((lost + moving) / self.gravity)
@@ -331,15 +331,10 @@ class _Bodies:
         body = torch.full((len(rows),), body_code(self.name))
         return self.actual(State(mass, inertia, r, pose, velocity, order, self.shape, body=body), rows)
 
-    def height(self, now: State) -> Tensor:
-        """Return the height in m of the lowest point."""
-        up = now.q[..., self.space.d - 1] + now.r[..., -1]
-        return up if now.offset is None else up + now.offset[..., -1]
-
     def gap(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return height in m and velocity in m/s of the lowest point."""
         now = self.real(rows, pose, velocity)
-        return self.height(now), now.v_n
+        return now.height, now.v_n
 
     def gap_of(self, rows: Tensor, some: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor]:
         """Return `gap` of some of the rows."""

@@ -41,6 +41,8 @@ def write_replay(run: str, source: SourceSettings, out: Path, start: str = START
     said = f"{len(shown)} of {found.survey.recordings} recordings, from {begin}"
     if known:
         said += f"; {len(known)} to which the run was fitted are left out" if some else "; the run was fitted to them"
+    elif fitted is None:
+        said += "; the model may have been fitted to some of them"
     try:
         out.mkdir(parents=True, exist_ok=True)
         with atomic_write(out / "replay.json") as part:

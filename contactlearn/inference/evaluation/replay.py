@@ -4,15 +4,15 @@
         one.errors("law")
 
 A prediction starts with the flight before the first accepted contact of a recording, or with its first frames, and
-knows nothing of what comes later.  Recorded poses are corrected as the impacts are, and heights are above the floor
-that the accepted contacts show.  Errors are those of Acosta, Yang & Posa, RA-L 2022: the mean over frames of the
-distance over the body's width, and of the angle.
+knows nothing of what comes later.  Recorded poses are corrected as the impacts are.  Heights are above the floor that
+the accepted contacts show, by the contact points that each model has.  Errors are those of Acosta, Yang & Posa, RA-L
+2022: the mean over frames of the distance over the body's width, and of the angle.
 """
 
 import math
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -28,13 +28,14 @@ from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
+from contactlearn.effects import State
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import in_world, swept
 from contactlearn.mechanics.shapes import Shape, Solid, contact_point
-from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.roll_out import Until
+from contactlearn.models.contact_model import ContactModel, actual_state
+from contactlearn.models.roll_out import RECORDING, Until
 
 _BOUNCES = 1000  # after which a prediction ends
 _ABOVE = 0.02  # widths above the floor from which on a flight is predicted
@@ -169,7 +170,8 @@ def replays(
         shape=shape,
         object=impacts.object[0],
     )
-    predicted = _predicted(models, state, [take.time for take in kept], found.rig)
+    floors = {name: _floor(model, impacts) - floor for name, model in models.items()}
+    predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
     return [
         Replay(
             recording=take.recording,
@@ -202,17 +204,30 @@ def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
     )
 
 
+def _floor(model: ContactModel, impacts: Impacts) -> Float[Tensor, ""]:
+    """Height of the floor in m on which contact points lie as the model has the body."""
+    effects = {name: effect for name, effect in model.under.effects.items() if name not in RECORDING}
+    return actual_state(effects, State.of(impacts)).height.median()
+
+
 def _predicted(
-    models: Mapping[str, ContactModel], state: BodyState, times: Sequence[Array], rig: Apparatus
+    models: Mapping[str, ContactModel],
+    state: BodyState,
+    floors: Mapping[str, Tensor],
+    times: Sequence[Array],
+    rig: Apparatus,
 ) -> dict[str, Float[Tensor, "n t pose"]]:
-    """Poses of bodies at times of their own, padded, by model; a body at rest stays there."""
+    """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there."""
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
     drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
     predicted = {}
     for name, model in models.items():
         until = Until(bounces=_BOUNCES, time=time.nan_to_num(0).max().item())
-        path = model.roll_out(state, until=until, gravity=rig.gravity.value, drag=drag)
-        predicted[name] = path.at(torch.minimum(time, path.end[:, None]))
+        raised = torch.zeros_like(state.pose[0])
+        raised[state.space.d - 1] = floors[name]
+        above = replace(state, pose=state.pose - raised)
+        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag)
+        predicted[name] = path.at(torch.minimum(time, path.end[:, None])) + raised
     return predicted
 
 
