@@ -33,6 +33,7 @@ from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec, rotation
+from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.export.mujoco import export
 from contactlearn.models.roll_out import Until
 from contactlearn.simulation.mujoco import engine
@@ -48,6 +49,11 @@ class Engine:
     """A scene of MuJoCo that rolls out as a `ContactModel` does, in air without drag."""
 
     xml: str
+    body: ContactModel
+
+    def contact_heights(self, impacts: Impacts) -> Tensor:
+        """Return the heights of the contact points of the body of the scene."""
+        return self.body.contact_heights(impacts)
 
     def roll_out(self, state: BodyState, *, until: Until, gravity: float, drag: float) -> SimpleNamespace:
         """Return when trajectories end, and their poses `at` times [N, T]."""
@@ -80,10 +86,11 @@ def models_of(impacts: Impacts, contact_time: float) -> dict[str, Any]:
     """Fit, and return scenes and models by name."""
     fitted = {name: identify_jointly("wang_mason", effects, impacts).model for name, effects in FITTED.items()}
     size, moments = (" ".join(map(str, one)) for one in (impacts.shape.half, impacts.inertia[0].tolist()))
-    found = {"usual": Engine(USUAL.format(size=size, mass=impacts.mass[0].item(), moments=moments))}
+    usual = USUAL.format(size=size, mass=impacts.mass[0].item(), moments=moments)
+    found = {"usual": Engine(usual, fitted["stated"])}
     for name, model in fitted.items():
         print(f"{name}: {model}")
-        found[name] = Engine(replace(export(model, impacts).scene, contact_time=contact_time).xml())
+        found[name] = Engine(replace(export(model, impacts).scene, contact_time=contact_time).xml(), model)
     return found | {f"{name}, roll-out": model for name, model in fitted.items()}
 
 

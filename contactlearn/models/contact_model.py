@@ -113,6 +113,11 @@ class ContactModel:
         )
         return outcome.reshaped(state.batch)
 
+    def contact_heights(self, impacts: Impacts) -> Float[Tensor, "... n"]:
+        """Return the heights [N] in m of the contact points of the body as its roll-outs have it."""
+        effects = {name: effect for name, effect in self.under.effects.items() if name not in RECORDING}
+        return actual_state(effects, State.of(impacts)).height
+
     def roll_out(
         self,
         state: BodyState,

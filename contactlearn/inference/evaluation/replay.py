@@ -28,14 +28,13 @@ from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
-from contactlearn.effects import State
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import in_world, swept
 from contactlearn.mechanics.shapes import Shape, Solid, contact_point
-from contactlearn.models.contact_model import ContactModel, actual_state
-from contactlearn.models.roll_out import RECORDING, Until
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.roll_out import Until
 
 _BOUNCES = 1000  # after which a prediction ends
 _ABOVE = 0.02  # widths above the floor from which on a flight is predicted
@@ -170,7 +169,7 @@ def replays(
         shape=shape,
         object=impacts.object[0],
     )
-    floors = {name: _floor(model, impacts) - floor for name, model in models.items()}
+    floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
     predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
     return [
         Replay(
@@ -202,12 +201,6 @@ def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
         q=torch.from_numpy(np.concatenate([take.pose for take in takes])),
         v_pre=torch.from_numpy(np.concatenate([take.velocity for take in takes])),
     )
-
-
-def _floor(model: ContactModel, impacts: Impacts) -> Float[Tensor, ""]:
-    """Height of the floor in m on which contact points lie as the model has the body."""
-    effects = {name: effect for name, effect in model.under.effects.items() if name not in RECORDING}
-    return actual_state(effects, State.of(impacts)).height.median()
 
 
 def _predicted(
