@@ -107,8 +107,8 @@ class Search:
                 self._exchange(smaller)
         rigid = self.pool.best()
         for few in range(1, len(rigid.spec.effects) + 1):
-            if not self.late:
-                self._transfer(self.models(few)[0], refining=True)
+            for model in self.models(few)[: not self.late]:
+                self._transfer(model, refining=True)
         if self.pool.best() is not rigid:
             self.improve()
         return not self.late
