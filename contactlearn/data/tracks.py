@@ -34,6 +34,7 @@ from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_mar
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
@@ -282,6 +283,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         orientation=floor.orientation,
         **_with_flights(floor.outline, centre_of_mass(found.wobbles)),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
+        **(rocked(found.rocking, np.array(options.moments), frame.gravity, floor.outline) if found.rocking else {}),
     )
 
 

@@ -127,6 +127,7 @@ class Found:
         refusals: of the other parts.
         rests: where the body is still.
         wobbles: of flights that turn, see `wobble`.
+        rocking: on edges, see `rocking`.
     """
 
     track: Track
@@ -136,3 +137,4 @@ class Found:
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
     wobbles: tuple[Float[Array, "two d e"], ...] = ()
+    rocking: Float[Array, "w 4 16"] | None = None

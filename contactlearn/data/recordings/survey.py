@@ -25,6 +25,7 @@ from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest
+from contactlearn.data.recordings.rocking import Rocking, rocking
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
 from contactlearn.data.recordings.wobble import Wobble, wobbles
@@ -78,6 +79,7 @@ class Survey:
         refusals: of recordings and their parts.
         rests: where a body is still, in the order of the files.
         wobbles: of flights that turn.
+        rocking: on edges, of the recordings in which a body rocks.
     """
 
     frame: Frame
@@ -86,6 +88,7 @@ class Survey:
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
     wobbles: tuple[Wobble, ...]
+    rocking: tuple[Rocking, ...]
 
     @classmethod
     def of(cls, frame: Frame, parts: Iterable["Survey"]) -> "Survey":
@@ -98,6 +101,7 @@ class Survey:
             refusals=tuple(refusal for part in parts for refusal in part.refusals),
             rests=tuple(rest for part in parts for rest in part.rests),
             wobbles=tuple(wobble for part in parts for wobble in part.wobbles),
+            rocking=tuple(one for part in parts for one in part.rocking),
         )
 
 
@@ -168,7 +172,7 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
     point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
     rests, turning = find_rests(point, lies, found.sigma), wobbles(point, found.flights, found.sigma)
-    return replace(found, rests=rests, wobbles=turning)
+    return replace(found, rests=rests, wobbles=turning, rocking=rocking(point, options.solid))
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -239,6 +243,7 @@ def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
         refusals=tuple(refusals),
         rests=tuple(rest for found in founds for rest in found.rests),
         wobbles=tuple(wobble for found in founds for wobble in found.wobbles),
+        rocking=tuple(found.rocking for found in founds if found.rocking is not None and len(found.rocking)),
     )
 
 
