@@ -13,7 +13,7 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
 from contactlearn.mechanics.rigid_body import rotation
-from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export.mujoco import difference, export, solref
@@ -66,6 +66,10 @@ GEOMETRY = {
 }
 ON = {None: [*GEOMETRY][:5], SQUARE: ["com_offset", "orientation_offset", "corner_radius"], EGG: [*GEOMETRY][:5]}
 ON |= {BOX: ["com_offset", "orientation_offset", "corner_radius"], Sphere(0.025): ["torsional_friction:sliding"]}
+PYRAMID = Polyhedron(
+    ((0.05, 0.0, -0.02), (-0.05, 0.0, -0.02), (0.0, 0.04, -0.02), (0.0, -0.04, -0.02), (0.0, 0.0, 0.06))
+)
+ON |= {PYRAMID: ["com_offset", "orientation_offset", "corner_radius"]}
 
 
 def tosses(shape, count=100):
@@ -131,13 +135,13 @@ def test_the_hook_sets_coefficients_that_depend_on_the_state(shape, eps_0):
         hook["set_contact"](engine, mujoco.MjData(engine))
 
 
-@pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025)], ids=str)
+@pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025), PYRAMID], ids=str)
 def test_a_body_at_rest_stays(shape):
     drops = synthetic.load(5, shape=shape) if shape is SQUARE else tosses(shape)
     scene = export(ContactModel(find("mirtich").at(0.15, 0.6)), drops).scene
     model = mujoco.MjModel.from_xml_string(scene.xml())
     data = mujoco.MjData(model)
-    data.qpos[: scene.space.d] = [0.0] * (scene.space.d - 1) + [0.02 if shape is SQUARE else 0.025]
+    data.qpos[: scene.space.d] = [0.0] * (scene.space.d - 1) + [0.02 if shape in (SQUARE, PYRAMID) else 0.025]
     start = data.qpos.copy()
     for _ in range(20_000):
         mujoco.mj_step(model, data)

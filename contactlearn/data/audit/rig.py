@@ -44,7 +44,7 @@ from contactlearn.mechanics.rigid_body import (
     swept,
     turn_quaternion,
 )
-from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid
+from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Shape, Solid
 from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
@@ -143,12 +143,10 @@ def one_point(
 def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
     """Return a shape with other corners or semi-axes; a body of another kind stays as it is."""
     match shape:
-        case Polygon():
+        case Cornered():
             return replace(
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
-        case Cuboid():
-            return replace(shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), min(shape.half)))
         case Ellipse(semi_axes=(a, b)):
             longer = change.get("oblong", 0.0)
             return Ellipse((a + longer * (a > b), b + longer * (a <= b)))

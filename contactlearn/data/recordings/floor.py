@@ -29,13 +29,13 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
-from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
+from contactlearn.data.recordings.poses import Array, away, displaced, orientation, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity, rotation
-from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid, contact_point
+from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
@@ -178,7 +178,7 @@ def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float
 def _changes(shape: Shape) -> tuple[str, ...]:
     """Names of changes of a shape that heights can show."""
     match shape:
-        case Polygon() | Cuboid():
+        case Cornered() if shape.largest_corner():
             return ("corner",)
         case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
             return ("oblong",)
@@ -252,7 +252,7 @@ def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], l
             name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
-        if isinstance(shape, Cuboid) and "corner" in found:  # no radius is less than 0
+        if isinstance(shape, Cornered) and "corner" in found:  # no radius is less than 0
             found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
         done = {name: found[name].value for name in _changes(shape) if name in found}
         floor = Floor(
@@ -271,13 +271,13 @@ def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], l
 
 
 def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tuple[list[Rest], Float[Array, " r"]]:
-    """Bodies in space at rest, and the height of the floor below each; a cuboid that leans is left out."""
+    """Bodies in space at rest, and the height of the floor below each; a body that leans on no face is left out."""
     q = torch.from_numpy(np.reshape([rest.pose[3:] for rest in rests], (-1, 4)))
-    if not isinstance(shape, Cuboid):
+    if not isinstance(shape, Polytope):
         return [*rests], contact_point(shape, q)[:, 2].numpy()
-    upright, face = rotation(q)[:, 2].abs().max(-1)
+    upright, face = (-rotation(q)[:, 2] @ shape.hull.normals.mT).max(-1)
     flat = upright > math.cos(limits.leaning)
-    down = -torch.tensor(shape.half, dtype=torch.float64)[face[flat]].numpy()
+    down = -shape.hull.heights[face[flat]].numpy()
     return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
 
 
@@ -528,17 +528,14 @@ def off_the_floor(
 
 
 def _alone(contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
-    """Height in m of the second corner of a cuboid above the lowest, less three errors and its way while they last."""
-    if not isinstance(shape, Cuboid):
+    """Height in m of the second corner in space above the lowest, less three errors and its way while they last."""
+    if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)
     pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
-    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), -1).reshape(-1, 3)
-    corners = rotated(pose[:, None, 3:], signs * (np.array(shape.half) - shape.corner))
-    first, second = np.argsort(corners[..., 2], 1)[:, :2].T
-    every = np.arange(len(pose))
-    apart = corners[every, second] - corners[every, first]
+    first, second = (one.numpy() for one in shape.lowest_corners(torch.from_numpy(pose[:, 3:])))
+    apart = second - first
     lean = np.stack((apart[:, 1], -apart[:, 0]), -1)
     errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
     error = np.sqrt(np.einsum("ni,nij,nj->n", lean, errors, lean))
-    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], corners[every, second])[:, 2])
+    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], second)[:, 2])
     return apart[:, 2] - REACH * error - sinks * [hit.lasting for hit in contacts]
