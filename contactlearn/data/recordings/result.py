@@ -137,4 +137,4 @@ class Found:
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
     wobbles: tuple[Float[Array, "two d e"], ...] = ()
-    rocking: Float[Array, "w 4 16"] | None = None
+    rocking: Float[Array, "w 4 18"] | None = None
