@@ -4,6 +4,7 @@ All of them take broadcastable tensors and assume an approach, v_n < 0, and a po
 a quantity that may vanish in a branch that is not taken is guarded, so that gradients stay finite there.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,6 +17,9 @@ Values = Float[Tensor, "*#batch"]
 """Values of each trial, broadcast against [..., N]."""
 Impulse = tuple[Values, Values, Values]
 """(P_1, P_2, P_n) in N s along the slip, across it and along the normal."""
+
+Pair = tuple[Values, Values]
+"""Components along the slip and across it."""
 
 
 class Contact(NamedTuple):
@@ -124,6 +128,11 @@ def complementary_in_space(contact: SpatialContact, mu: Values, target: Values) 
     n = target / torch.where(sticks, 1.0, w_nn + mu * (u_1 * w_1n + u_2 * w_2n))
     slides = mu * n * u_1, mu * n * u_2, n
     return where(sticks, stuck, slides)
+
+
+def dot(a: Sequence[Values], b: Sequence[Values]) -> Values:
+    """Return a_1 b_1 + a_2 b_2."""
+    return torch.addcmul(a[0] * b[0], a[1], b[1])
 
 
 def where(condition: Values, yes: Impulse, no: Impulse) -> Impulse:
