@@ -99,7 +99,7 @@ class Hodograph:
 
     def __init__(self, contact: SpatialContact, mu: Tensor, steps: int = STEPS):
         self.contact, self.mu, self.steps = contact, mu, steps
-        w_11, w_12, w_22, w_1n, w_2n, w_nn, _, _ = contact
+        w_11, w_12, w_22, w_1n, w_2n, _, _, _ = contact
         det = torch.addcmul(w_11 * w_22, w_12, w_12, value=-1)
         self._inverse = w_22 / det, -w_12 / det, w_11 / det
         self._stuck = _times(self._inverse, (w_1n, w_2n))  # friction that keeps a slip that has ended
@@ -150,9 +150,9 @@ class Hodograph:
         ahead = left(at, torch.maximum(rates[2], flat))
         for count in range(self.steps, 1, -1):
             share, slowing = 1 / count, 1 - ((count - 1) / count) ** 2
-            square, braking = dot(at.slip, at.slip), -dot(at.slip, rates)
-            slows = slowing * (moving * square / braking.clamp_min(_LEAST))
-            friction = self._middle(at.slip, square, braking, torch.minimum(share * ahead, slows))
+            square, growth = dot(at.slip, at.slip), dot(at.slip, rates)
+            slows = -slowing * (moving * square / growth.clamp_max(-_LEAST))
+            friction = self._middle(at.slip, square, growth, torch.minimum(share * ahead, slows))
             rates = self._rates(friction)
             whole = left(at, torch.maximum(rates[2], flat))
             step = torch.minimum(share * whole, slows)
@@ -178,7 +178,7 @@ class Hodograph:
         inverse = root / square.clamp_min(_NONE)
         to_rest = torch.where(at.ended, 0.0, inverse.reciprocal())
         guess = torch.minimum(ahead, to_rest)
-        f_1, f_2 = self._middle(at.slip, dot(at.slip, at.slip), -dot(at.slip, rates), guess)
+        f_1, f_2 = self._middle(at.slip, dot(at.slip, at.slip), dot(at.slip, rates), guess)
         whole = left(at, self._rates((f_1, f_2))[2].clamp_min(_LEAST))
         step, stops = torch.minimum(whole, to_rest), to_rest < whole
         f_1 = torch.where(stops, torch.addcmul(self._stuck[0], x[0], inverse), f_1)
@@ -186,15 +186,16 @@ class Hodograph:
         end = at.moved(torch.where(step < _MOST, step, guess), self._rates((f_1, f_2)), (f_1, f_2))
         return end._replace(ended=at.ended | stops | (whole > _MOST))
 
-    def _middle(self, v: Pair, square: Tensor, braking: Tensor, step: Tensor) -> Pair:
-        """Friction −dP_t/dP_n in the middle of a step: implicit in the slip v, but for its speed, which falls evenly."""
+    def _middle(self, v: Pair, square: Tensor, growth: Tensor, step: Tensor) -> Pair:
+        """Friction −dP_t/dP_n in the middle of a step: implicit in v but for its length, which falls evenly."""
         w_11, w_12, w_22, w_1n, w_2n, _, _, _ = self.contact
-        least = torch.maximum(torch.addcmul(square, step, braking, value=-1), _LEFT * square).clamp_min(_NONE)
+        least = torch.maximum(torch.addcmul(square, step, growth), _LEFT * square).clamp_min(_NONE)
         share = self._half_mu * step * least.rsqrt()
         a_11, a_22 = torch.addcmul(self._one, share, w_11), torch.addcmul(self._one, share, w_22)
-        a_12 = -share * w_12
+        a_12 = share * w_12
         b = torch.addcmul(v[0], step, w_1n, value=0.5), torch.addcmul(v[1], step, w_2n, value=0.5)
-        u_1, u_2 = dot((a_22, a_12), b), dot((a_12, a_11), b)
+        u_1 = torch.addcmul(a_22 * b[0], a_12, b[1], value=-1)
+        u_2 = torch.addcmul(a_11 * b[1], a_12, b[0], value=-1)
         per_length = self.mu * dot((u_1, u_2), (u_1, u_2)).clamp_min(_NONE).rsqrt()
         return per_length * u_1, per_length * u_2
 
