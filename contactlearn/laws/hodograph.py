@@ -24,7 +24,7 @@ from torch import Tensor
 
 from contactlearn.laws.contact import Impulse, Pair, SpatialContact, dot, opposing
 
-STEPS = 6
+STEPS = 5
 """Midpoint steps of a phase."""
 _LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
 _NONE = 1e-200  # (m/s)²: a slip is none below it
