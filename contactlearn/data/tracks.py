@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
+from contactlearn.core.workers import one_by_one
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import ANGLES, ORDERS, SENSES, Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
@@ -81,13 +83,19 @@ class Tracked:
 
         Files that cannot be read are left out.
         """
-        ready, files = self.options.in_air(self.survey.frame), recording_files(self.path)
+        frame, files = self.survey.frame, recording_files(self.path)
         alone = [file for file in files if file.stem in names]
-        for file in alone if {file.stem for file in alone} == {*names} else files:
-            with suppress(ContactLearnError):
-                for recording in read(file, self.options.layout):
-                    if isinstance(recording, Recording) and recording.name in names:
-                        yield tracked(recording, self.survey.frame, ready)
+        chosen = alone if {file.stem for file in alone} == {*names} else files
+        search = partial(tracked, frame=frame, options=self.options.in_air(frame))
+        return one_by_one(search, (one for file in chosen for one in _named(file, names, self.options.layout)))
+
+
+def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:
+    """Yield the recordings of a file that can be read and have one of some names."""
+    with suppress(ContactLearnError):
+        for recording in read(file, layout):
+            if isinstance(recording, Recording) and recording.name in names:
+                yield recording
 
 
 def load(**settings: Any) -> Impacts:

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.workers import WorkerPool
+from contactlearn.core.workers import WorkerPool, one_by_one
 from contactlearn.data.recordings.contacts import find_contacts, refuse
 from contactlearn.data.recordings.conventions import Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
@@ -121,9 +121,9 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     search = partial(_search, frame=frame, options=options.in_air(frame))
     if len(files) == 1:
         pieces = progress(_pieces(files[0], layout))
-        parts = map(search, pieces) if workers == 1 else _shared(search, pieces, workers)
+        parts = one_by_one(search, pieces) if workers == 1 else _shared(search, pieces, workers)
     elif workers == 1 or len(files) < _MANY:
-        parts = (search(piece) for file in progress(files) for piece in _pieces(file, layout))
+        parts = one_by_one(search, (piece for file in progress(files) for piece in _pieces(file, layout)))
     else:
         parts = _shared(partial(_search_file, frame=frame, options=options.in_air(frame)), progress(files), workers)
     return Survey.of(frame, parts)
