@@ -272,11 +272,11 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
-    frame, shown = found.frame, len(found.contacts) + floor.rests
+    (gravity, drag), shown = found.frame.measured, len(found.contacts) + floor.rests
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
-        gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
-        drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
+        gravity=gravity,
+        drag=drag if math.isfinite(drag.error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
