@@ -26,7 +26,6 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import (
     Air,
-    centre_of_flights,
     fit,
     frame_noise,
     long_flights,
@@ -38,6 +37,7 @@ from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
+from contactlearn.data.recordings.wobble import centre_of_mass, wobble
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
@@ -321,15 +321,15 @@ def find_frame(
     long = long_flights(map(frame.track, recordings), frame.air)
     k, own = frame.air.k, long[0][1].air.own if long else frame.own
     for _ in range(2):  # own accelerations are known better where the wobble is
-        measured = centre_of_flights(long, own)
+        measured = centre_of_mass([wobble(track, flight, own) for track, flight, _ in long])
         if measured is not None:
-            centre, covariance = measured
-            sure = (centre**2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()
-            frame = replace(frame, centre=tuple((centre * bool(sure)).tolist()))
+            sure = any(abs(one.value) > _CENTRE_SIGMAS * one.error for one in measured)
+            frame = replace(frame, centre=tuple(one.value * sure for one in measured))
         of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
         own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
     steady, (*level, falling), turning = own[0], own[1][: frame.air.d], own[1][frame.air.d :]
-    return replace(frame, own=(steady, (*level, math.hypot(falling, GRAVITY * min(frame.measured[1].error, 1.0)), *turning)))
+    falling = math.hypot(falling, GRAVITY * min(frame.measured[1].error, 1.0))
+    return replace(frame, own=(steady, (*level, falling, *turning)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

@@ -399,7 +399,7 @@ class _Problem:
         if by_angle or by_height:
             parts["orientation"] = (np.append(-rising, none), -1.0)
         if by_height:
-            angles = np.append(theta, lies)
+            angles = np.append(theta + turned, lies)
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
             v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in self.contacts])) for name in _SIDES)
             r = torch.from_numpy(points - [hit.pose[:2] for hit in self.contacts])
@@ -410,7 +410,7 @@ class _Problem:
             spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
             parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
             known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
-            changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
+            changed = {name: -_raised(shape, name, angles) for name in _changes(shape)}
             parts |= {name: (column, 0.0) for name, column in changed.items()}
             known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
             known |= {name: Estimate(value=-change.get(name, 0.0), error=_CHANGE * size) for name in changed}
