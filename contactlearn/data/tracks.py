@@ -49,7 +49,6 @@ from contactlearn.mechanics.shapes import Shape, Solid, Sphere, contact_point
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
-_WOBBLES = 0.08  # error of the outline's place, of the distance of the tracked point from the centre of mass
 _ROUNDING = 1e-9
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
@@ -281,30 +280,31 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
-    frame, shown = found.frame, len(found.contacts) + floor.rests
+    (gravity, drag), shown = found.frame.measured, len(found.contacts) + floor.rests
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
-        gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
-        drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
+        gravity=gravity,
+        drag=drag if math.isfinite(drag.error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        **_with_flights(floor.outline, centre_of_mass(found.wobbles)),
+        **floor.outline,
+        **_centre(found, floor.orientation),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
         **(rocked(found.rocking, np.array(options.moments), frame.gravity, floor.outline) if found.rocking else {}),
     )
 
 
-def _with_flights(outline: Mapping[str, Estimate], centre: tuple[Estimate, ...] | None) -> dict[str, Estimate | None]:
-    """Outline and centre of mass; a tracked point that wobbles flies on no parabola, which moves both a little."""
-    if centre is None:
-        return {**outline}
-    off = _WOBBLES * math.hypot(*(one.value for one in centre))
-    rig = {**outline, **{f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}}
-    wobbling = ("middle", "centre")
-    return {
-        name: replace(x, error=math.hypot(x.error, off)) if name.startswith(wobbling) else x for name, x in rig.items()
-    }
+def _centre(found: Survey, zero: Estimate | None) -> dict[str, Estimate]:
+    """The centre of mass that flights show, in the plane along the axes of the body whose zero of θ is right."""
+    centre = centre_of_mass(found.wobbles) or ()
+    if zero is not None and len(centre) == 2:
+        (a, b), c, s = centre, math.cos(zero.value), math.sin(zero.value)
+        centre = (
+            Estimate(value=c * a.value + s * b.value, error=math.hypot(c * a.error, s * b.error)),
+            Estimate(value=c * b.value - s * a.value, error=math.hypot(c * b.error, s * a.error)),
+        )
+    return {f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}
 
 
 def _find_angles(

@@ -129,10 +129,11 @@ def find_rests(
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
 _FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
-_ROUGH = {"late": 0.07, "corner": 0.15, "oblong": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
+_ROUGH = {"late": 0.07, "corner": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
 _GAP = 3e-4  # s, standard deviation that is expected between the instants at which heights and angles meet
 _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
+_FREE = 0.05  # of a contact's residual, at least, that its own leverage leaves
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
 _SIDES = ("v_pre", "v_post")
@@ -399,7 +400,7 @@ class _Problem:
         if by_angle or by_height:
             parts["orientation"] = (np.append(-rising, none), -1.0)
         if by_height:
-            angles = np.append(theta, lies)
+            angles = np.append(theta + turned, lies)
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
             v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in self.contacts])) for name in _SIDES)
             r = torch.from_numpy(points - [hit.pose[:2] for hit in self.contacts])
@@ -410,7 +411,7 @@ class _Problem:
             spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
             parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
             known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
-            changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
+            changed = {name: -_raised(shape, name, angles) for name in _changes(shape)}
             parts |= {name: (column, 0.0) for name, column in changed.items()}
             known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
             known |= {name: Estimate(value=-change.get(name, 0.0), error=_CHANGE * size) for name in changed}
@@ -457,19 +458,23 @@ def _weighted(
 ) -> tuple[Array, Array, float]:
     """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
 
-    `own` is the scatter within bodies at rest, of heights and of angles.
+    Some contacts scatter more than others, and not at random among the columns: errors follow from their own residuals
+    (MacKinnon and White 1985, HC3).  `own` is the scatter within bodies at rest, of heights and of angles.
     """
     hits, rests, angles, _ = kinds
     sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
     rows, fit, errors = np.concatenate(kinds), np.zeros(0), np.zeros(0)
+    uneven = np.ones(len(value))
     for _ in range(_COMPONENTS):
         sigma[hits], sigma[rests], sigma[angles] = spread, lies, turns
         scaled = design / sigma[:, None]
         size = np.linalg.norm(scaled[rows], axis=0)
         inverse = np.linalg.pinv(scaled[rows].T @ scaled[rows] / np.outer(size, size), hermitian=True)
         inverse = inverse / np.outer(size, size)
-        fit, errors = inverse @ scaled[rows].T @ (value / sigma)[rows], np.sqrt(inverse.diagonal())
-        squares, free = (value - design @ fit) ** 2, 1 - ((scaled @ inverse) * scaled).sum(1)
+        fit, toward = inverse @ scaled[rows].T @ (value / sigma)[rows], scaled @ inverse
+        squares, free = (value - design @ fit) ** 2, 1 - (toward * scaled).sum(1)
+        uneven[hits] = squares[hits] / (sigma * np.maximum(free, _FREE))[hits] ** 2
+        errors = np.sqrt((uneven[:, None] * toward**2)[rows].sum(0))
         spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
         lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= _ENOUGH else spread
         turns = _between(squares[angles], free[angles], own[1])

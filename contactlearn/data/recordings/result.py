@@ -126,7 +126,7 @@ class Found:
         contacts: accepted contacts.
         refusals: of the other parts.
         rests: where the body is still.
-        wobbles: of flights that turn, see `wobble`.
+        wobbles: of the flights, see `wobble`.
         rocking: on edges, see `rocking`.
     """
 
@@ -136,5 +136,5 @@ class Found:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
-    wobbles: tuple[Float[Array, "two d e"], ...] = ()
+    wobbles: tuple[Float[Array, "d e"], ...] = ()
     rocking: Float[Array, "w 4 18"] | None = None

@@ -28,7 +28,7 @@ from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Res
 from contactlearn.data.recordings.rocking import Rocking, rocking
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
-from contactlearn.data.recordings.wobble import Wobble, wobbles
+from contactlearn.data.recordings.wobble import Wobble, wobble
 from contactlearn.mechanics.shapes import Solid, contact_point
 
 _SAMPLE = 24  # recordings from which conventions are found
@@ -78,7 +78,7 @@ class Survey:
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
         rests: where a body is still, in the order of the files.
-        wobbles: of flights that turn.
+        wobbles: of all flights.
         rocking: on edges, of the recordings in which a body rocks.
     """
 
@@ -171,8 +171,9 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
     point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
-    rests, turning = find_rests(point, lies, found.sigma), wobbles(point, found.flights, found.sigma)
-    return replace(found, rests=rests, wobbles=turning, rocking=rocking(point, options.solid))
+    rests, own = find_rests(point, lies, found.sigma), options.flight.air.own
+    every = tuple(wobble(point, flight, own) for flight in found.flights)
+    return replace(found, rests=rests, wobbles=every, rocking=rocking(point, options.solid))
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
