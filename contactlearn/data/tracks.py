@@ -34,6 +34,7 @@ from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_mar
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
@@ -274,8 +275,10 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
     frame, shown = found.frame, len(found.contacts) + floor.rests
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
+    gravity = math.hypot(*frame.gravity)
     return Apparatus(
-        gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
+        gravity=Estimate(value=gravity, error=frame.gravity_error),
+        friction=friction_of(found.slides, gravity, frame.drag),
         drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,

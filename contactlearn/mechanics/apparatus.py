@@ -2,6 +2,7 @@
 
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
+    friction      μ of bodies that slide on a side until they stop, which need not be that of impacts
     delay         of the states at contact, which are those of the instant at which two flights meet
     late          time from the instant of a frame's angle to that of its position, from the heights of contacts
     slope         of the floor along x against the upward axis, in space slope_b along y, from the heights of contacts
@@ -13,7 +14,7 @@
     centre        of mass about the tracked point, in the body's axes, from the wobble of free flights
     inertia       ln I/I₀ about the stated one, from the moment balance of impacts
 
-Gravity, drag and delay are what they are; each of the others is an amount by which the stated value is to be changed,
+Gravity, drag, friction and delay are what they are; each of the others is an amount by which the stated value is to be changed,
 and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
 
 Fits keep an effect's parameter between 0 and three standard errors beyond its estimate from free flight: the estimate
@@ -121,6 +122,7 @@ _HEIGHTS = "heights of contacts against θ"
 _LISTED = (
     ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
     ("drag", "drag of the air", "k", "1/s", None, "free flights"),
+    ("friction", "friction of slides", "μ", "–", None, "slides on a side to rest"),
     ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("slope_b", "slope of the floor along y", "ψ", "rad", 0.0, "heights of contacts and rests"),
@@ -149,6 +151,7 @@ class Apparatus:
 
     gravity: Estimate
     drag: Estimate | None = None
+    friction: Estimate | None = None
     delay: Estimate
     slope: Estimate | None = None
     slope_b: Estimate | None = None

@@ -212,6 +212,7 @@ def _predicted(
 ) -> dict[str, Float[Tensor, "n t pose"]]:
     """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there."""
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
+    friction = None if rig.friction is None else rig.friction.value
     drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
     predicted = {}
     for name, model in models.items():
@@ -219,7 +220,7 @@ def _predicted(
         raised = torch.zeros_like(state.pose[0])
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
-        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag)
+        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag, friction=friction)
         predicted[name] = path.at(torch.minimum(time, path.end[:, None])) + raised
     return predicted
 
