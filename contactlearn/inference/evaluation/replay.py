@@ -28,6 +28,7 @@ from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
+from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
@@ -170,7 +171,8 @@ def replays(
         object=impacts.object[0],
     )
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
-    predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
+    moved = {name: _about_the_centre(model, impacts) for name, model in models.items()}
+    predicted = _predicted(moved, state, floors, [take.time for take in kept], found.rig)
     return [
         Replay(
             recording=take.recording,
@@ -193,6 +195,16 @@ def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[i
     if not hits:
         raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
     return hits
+
+
+def _about_the_centre(model: ContactModel, impacts: Impacts) -> ContactModel:
+    """The model of a body whose mass centre lies beside the middle of its shape, as the rig card has corrected r."""
+    if isinstance(model.base, ContactModel):
+        return replace(model, base=_about_the_centre(model.base, impacts))
+    made = {} if impacts.apparatus is None else {row.name: row.estimate.applied for row in impacts.apparatus.applied}
+    beside = [made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc"[: impacts.space.d]]
+    effects = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])} if any(beside) else {}
+    return replace(model, effects=effects | dict(model.effects))
 
 
 def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
