@@ -14,8 +14,8 @@
     centre        of mass about the tracked point, in the body's axes, from the wobble of free flights
     inertia       ln I/I₀ about the stated one, from the moment balance of impacts
 
-Gravity, drag, friction and delay are what they are; each of the others is an amount by which the stated value is to be changed,
-and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
+Gravity, drag, friction and delay are what they are; each of the others is an amount by which the stated value is to be
+changed, and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
 
 Fits keep an effect's parameter between 0 and three standard errors beyond its estimate from free flight: the estimate
 bounds the effect, and leaves it free to be absent.

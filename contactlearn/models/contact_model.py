@@ -133,7 +133,8 @@ class ContactModel:
         """Follow bodies through flights and bounces; see `roll_out.follow`.
 
         With `samples` each body is followed with so many draws of the parameters from their covariance, along a new
-        first axis: a fan of trajectories.  `friction` is that of bodies that slide, by default the law's.  Effects of the recording, such as a sampling delay, are left out.
+        first axis: a fan of trajectories.  `friction` is that of bodies whose contacts have piled up, by default the
+        law's with its effects.  Effects of the recording, such as a sampling delay, are left out.
 
         Raises:
             ContactLearnError: samples, and the model has no covariance of its parameters.

@@ -1,7 +1,7 @@
 """Friction of bodies that slide on a side until they stop, from their deceleration: no law of contact is needed.
 
-A body that lies on a side and does not roll has v̇ = −μ g − c v along its way, whatever its shape and mass are.  The way to its
-end is a parabola of the time; gravity in the same units of length and time cancels errors of both.
+A body that lies on a side and does not roll has v̇ = −μ g − c v along its way, whatever its shape and mass are.  The way
+to its end is a parabola of the time; gravity in the same units of length and time cancels errors of both.
 """
 
 import math
@@ -50,7 +50,10 @@ def find_slides(track: Track, spans: Sequence[tuple[float, float]], sigma: Float
 
 
 def friction_of(slides: Sequence[Slide], gravity: float, drag: float) -> Estimate | None:
-    """Estimate μ, beside the drag of the air, as the median over slides, with its error from their quartiles; None of too few slides."""
+    """Estimate μ, beside the drag of the air in 1/s: the median over slides, None of too few.
+
+    Its error is that of a median, by their quartiles.
+    """
     if len(slides) < _FEWEST:
         return None
     low, mu, high = np.quantile(

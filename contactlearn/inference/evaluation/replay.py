@@ -171,8 +171,7 @@ def replays(
         object=impacts.object[0],
     )
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
-    moved = {name: _about_the_centre(model, impacts) for name, model in models.items()}
-    predicted = _predicted(moved, state, floors, [take.time for take in kept], found.rig)
+    predicted = _predicted(_about_the_centre(models, impacts), state, floors, [take.time for take in kept], found.rig)
     return [
         Replay(
             recording=take.recording,
@@ -197,14 +196,20 @@ def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[i
     return hits
 
 
-def _about_the_centre(model: ContactModel, impacts: Impacts) -> ContactModel:
-    """The model of a body whose mass centre lies beside the middle of its shape, as the rig card has corrected r."""
-    if isinstance(model.base, ContactModel):
-        return replace(model, base=_about_the_centre(model.base, impacts))
+def _about_the_centre(models: Mapping[str, ContactModel], impacts: Impacts) -> Mapping[str, ContactModel]:
+    """The models of a body whose mass centre the rig card has moved away from the middle of its shape."""
     made = {} if impacts.apparatus is None else {row.name: row.estimate.applied for row in impacts.apparatus.applied}
     beside = [made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc"[: impacts.space.d]]
-    effects = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])} if any(beside) else {}
-    return replace(model, effects=effects | dict(model.effects))
+    if not any(beside):
+        return models
+    rig = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])}
+
+    def moved(model: ContactModel) -> ContactModel:
+        if isinstance(model.base, ContactModel):
+            return replace(model, base=moved(model.base))
+        return replace(model, effects=rig | dict(model.effects))
+
+    return {name: moved(model) for name, model in models.items()}
 
 
 def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
