@@ -190,6 +190,16 @@ class Apparatus:
         """Names of the effects that say what was applied."""
         return frozenset(name.partition(".")[0] for name, one in self.parameters() if one.applied)
 
+    @property
+    def beside(self) -> tuple[float, float, float]:
+        """Mass centre in m from the middle of the outline, along the body's axes, as far as corrections have moved it.
+
+        Contact points have it; the shape, whose middle is its origin, does not.
+        """
+        made = {row.name: row.estimate.applied for row in self.applied}
+        a, b, c = (made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc")
+        return a, b, c
+
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""
         known = (

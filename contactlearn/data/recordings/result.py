@@ -116,7 +116,7 @@ class Rest:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Slide:
+class SlideToRest:
     """A body that slides on a side until it stops.
 
     Args:
@@ -151,5 +151,5 @@ class Found:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
-    slides: tuple[Slide, ...] = ()
+    slides: tuple[SlideToRest, ...] = ()
     wobbles: tuple[Float[Array, "two d e"], ...] = ()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.data.recordings.poses import Array, away
-from contactlearn.data.recordings.result import Slide
+from contactlearn.data.recordings.result import SlideToRest
 from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.apparatus import Estimate
 
@@ -22,7 +22,9 @@ _STILL = 5.0  # standard deviations of a frame within which a height or a place 
 _TURNED = 0.05  # rad about a horizontal axis, of a body that does not roll
 
 
-def find_slides(track: Track, spans: Sequence[tuple[float, float]], sigma: Float[Array, "k"]) -> tuple[Slide, ...]:
+def find_slides(
+    track: Track, spans: Sequence[tuple[float, float]], sigma: Float[Array, "k"]
+) -> tuple[SlideToRest, ...]:
     """Find how a body slides until it stops.
 
     Args:
@@ -30,7 +32,7 @@ def find_slides(track: Track, spans: Sequence[tuple[float, float]], sigma: Float
         spans: times in s of first and last frames between which to look; each has one slide at most, at its end.
         sigma: standard deviations of a frame's pose.
     """
-    found, up = list[Slide](), track.d - 1
+    found, up = list[SlideToRest](), track.d - 1
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))
         pose, time = track.pose[frames], track.time[frames]
@@ -45,11 +47,11 @@ def find_slides(track: Track, spans: Sequence[tuple[float, float]], sigma: Float
         way, t = way[: moving[-1] + 1], time[first:][: moving[-1] + 1] - time[first]
         along = way @ way[0] / np.linalg.norm(way[0])
         slows, speed = 2 * float(np.polyfit(t, along, 2)[0]), float(along[0] - along[-1]) / float(t[-1])
-        found.append(Slide(recording=track.name, deceleration=slows, speed=speed))
+        found.append(SlideToRest(recording=track.name, deceleration=slows, speed=speed))
     return tuple(found)
 
 
-def friction_of(slides: Sequence[Slide], gravity: float, drag: float) -> Estimate | None:
+def friction_of(slides: Sequence[SlideToRest], gravity: float, drag: float) -> Estimate | None:
     """Estimate μ, beside the drag of the air in 1/s: the median over slides, None of too few.
 
     Its error is that of a median, by their quartiles.

@@ -24,7 +24,7 @@ from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest, Slide
+from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest, SlideToRest
 from contactlearn.data.recordings.slides import find_slides
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
@@ -87,7 +87,7 @@ class Survey:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
-    slides: tuple[Slide, ...]
+    slides: tuple[SlideToRest, ...]
     wobbles: tuple[Wobble, ...]
 
     @classmethod

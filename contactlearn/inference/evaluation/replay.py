@@ -198,8 +198,7 @@ def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[i
 
 def _about_the_centre(models: Mapping[str, ContactModel], impacts: Impacts) -> Mapping[str, ContactModel]:
     """The models of a body whose mass centre the rig card has moved away from the middle of its shape."""
-    made = {} if impacts.apparatus is None else {row.name: row.estimate.applied for row in impacts.apparatus.applied}
-    beside = [made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc"[: impacts.space.d]]
+    beside = () if impacts.apparatus is None else impacts.apparatus.beside[: impacts.space.d]
     if not any(beside):
         return models
     rig = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])}
