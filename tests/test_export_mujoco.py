@@ -12,6 +12,7 @@ from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -64,6 +65,7 @@ GEOMETRY = {
     "corner_radius": {"rho_c": 5e-3},
     "torsional_friction:sliding": {"c": 0.01},
 }
+CARD = {"gravity": 9.81, "delay": 0.0, "centre_a": 4e-3, "middle_b": 2e-3}
 ON = {None: [*GEOMETRY][:5], SQUARE: ["com_offset", "orientation_offset", "corner_radius"], EGG: [*GEOMETRY][:5]}
 ON |= {BOX: ["com_offset", "orientation_offset", "corner_radius"], Sphere(0.025): ["torsional_friction:sliding"]}
 PYRAMID = Polyhedron(
@@ -104,6 +106,24 @@ def test_geometry_is_that_of_the_effect(name, shape):
     assert error.median() < CLOSE
     alone = mass_error(against, ContactModel(law).predict(drops))[ended]
     assert alone.median() > 2 * error.median(), "without the effect the outcome is another"
+
+
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=str)
+def test_a_mass_centre_that_the_rig_card_has_moved_is_in_the_scene(shape):
+    drops = synthetic.load(100, shape=shape, velocity_noise=0, spin_noise=0) if shape is SQUARE else tosses(shape)
+    card = Apparatus(**{name: Estimate(value=at, error=1e-5) for name, at in CARD.items()})
+    drops = correct(drops.replace(apparatus=card, validate=False), ["rig"])
+    state = State.of(drops)
+    drops = drops[(state.v_n < -0.3) & (state.lever > 0.1)].replace(validate=False)
+    model = ContactModel(find("spring_dashpot" if shape is SQUARE else "wang_mason_newton").at(0.15, 0.6))
+    scene, expected = export(model, drops).scene, model.predict(drops)
+    against = drops.replace(v_post=expected.v_post)
+    right, wrong = (
+        mass_error(against, replace(expected, v_post=outcomes(one, drops))).nanmedian()
+        for one in (scene, replace(scene, centre=(0.0, 0.0, 0.0)))
+    )
+    assert right < CLOSE
+    assert wrong > 3 * right
 
 
 @pytest.mark.parametrize(("shape", "eps_0"), [(None, 0.6), (EGG, 0.6), (EGG, 0.12)], ids=str)

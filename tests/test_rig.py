@@ -1,7 +1,6 @@
 """The rig card: a square with round corners and a zero that is off, tracked and balanced elsewhere, without a law."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest

@@ -37,6 +37,7 @@ from contactlearn.data.recordings.poses import Array, conjugate, orientation, ro
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.rocking import rocked
+from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
@@ -284,6 +285,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
         gravity=gravity,
+        friction=friction_of(found.slides, gravity.value, drag.value),
         drag=drag if math.isfinite(drag.error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
@@ -291,7 +293,11 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         **floor.outline,
         **_centre(found, floor.orientation),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
-        **(rocked(found.rocking, np.array(options.moments), frame.gravity, floor.outline) if found.rocking else {}),
+        **(
+            rocked(found.rocking, np.array(options.moments), found.frame.gravity, floor.outline)
+            if found.rocking
+            else {}
+        ),
     )
 
 

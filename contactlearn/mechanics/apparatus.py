@@ -2,6 +2,7 @@
 
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
+    friction      μ of bodies that slide on a side until they stop, which need not be that of impacts
     delay         of the states at contact, which are those of the instant at which two flights meet
     late          time from the instant of a frame's angle to that of its position, from the heights of contacts
     slope         of the floor along x against the upward axis, in space slope_b along y, from the heights of contacts
@@ -14,8 +15,9 @@
     inertia       ln I/I₀ about the stated one, from the moment balance of impacts
     rocking       the same inertia and centre of mass as bodies show them that rock on an edge: other frames
 
-Gravity, drag, delay and what rocking shows are what they are; each of the others is an amount by which the stated value
-is to be changed, and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
+Gravity, drag, friction, delay and what rocking shows are what they are; each of the others is an amount by which the
+stated value is to be changed, and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that
+were stated.
 
 Fits keep an effect's parameter between 0 and three standard errors beyond its estimate from free flight: the estimate
 bounds the effect, and leaves it free to be absent.
@@ -124,6 +126,7 @@ _HEIGHTS, _EDGES = "heights of contacts against θ", "rocking on edges, a second
 _LISTED = (
     ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
     ("drag", "drag of the air", "k", "1/s", None, "free flights"),
+    ("friction", "friction of slides", "μ", "–", None, "slides on a side to rest"),
     ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("slope_b", "slope of the floor along y", "ψ", "rad", 0.0, "heights of contacts and rests"),
@@ -156,6 +159,7 @@ class Apparatus:
 
     gravity: Estimate
     drag: Estimate | None = None
+    friction: Estimate | None = None
     delay: Estimate
     slope: Estimate | None = None
     slope_b: Estimate | None = None
@@ -197,6 +201,16 @@ class Apparatus:
     def settled(self) -> frozenset[str]:
         """Names of the effects that say what was applied."""
         return frozenset(name.partition(".")[0] for name, one in self.parameters() if one.applied)
+
+    @property
+    def beside(self) -> tuple[float, float, float]:
+        """Mass centre in m from the middle of the outline, along the body's axes, as far as corrections have moved it.
+
+        Contact points have it; the shape, whose middle is its origin, does not.
+        """
+        made = {row.name: row.estimate.applied for row in self.applied}
+        a, b, c = (made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc")
+        return a, b, c
 
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""

@@ -201,7 +201,9 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
     delta_a, delta, delta_c = known("orientation_offset", "delta_a", "delta", "delta_c")
     turn = delta_a, -delta, delta_c
     offset = torch.tensor(_embedded(known("com_offset", *(f"delta_{one}" for one in axes))), dtype=torch.float64)
-    offset = rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), offset)
+    beside = (0.0,) * 3 if impacts.apparatus is None else impacts.apparatus.beside
+    rig = torch.tensor(_embedded(beside[: impacts.space.d]), dtype=torch.float64)
+    offset, rig = (rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), one) for one in (offset, rig))
     tracked = "com_offset" in model.effects and model.effects["com_offset"].form == "tracked"
     inertia = impacts.inertia.median(0).values * math.exp(known("inertia_error", "kappa")[0])
     return Scene(
@@ -212,7 +214,7 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
         eps=eps,
         tilt=(psi, -phi, 0.0),
         mass_centre=tuple(offset.tolist()) if tracked else (0.0, 0.0, 0.0),
-        centre=(0.0, 0.0, 0.0) if tracked else tuple((-offset).tolist()),
+        centre=tuple((-rig if tracked else -rig - offset).tolist()),
         turn=turn,
         torsion=known("torsional_friction", "c")[0],
     )
