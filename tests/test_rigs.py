@@ -13,6 +13,7 @@ import pytest
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.track import Recording
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
@@ -100,6 +101,23 @@ def test_gravity_is_found_though_bodies_rest_for_most_of_the_time():
     rig = replace(QUIET, noise=5e-5, duration=3e-3)
     found = find_gravity(recordings(record(rig, move([rig] * 6, seed=0, seconds=1.2, step=2e-4), seed=0)))
     assert abs(found.size - GRAVITY) < 3 * found.error < 0.05
+
+
+@pytest.mark.parametrize(("rate", "duration"), [(250.0, 2.5e-3), (1000.0, 2e-3)])
+def test_contacts_of_milliseconds_are_found(rate, duration):
+    """Lever arms turn and friction changes while they last, so flights miss each other by many errors."""
+    rig = replace(QUIET, noise=2e-5, duration=duration, rate=rate)
+    seen = record(rig, move([rig] * 12, seed=2, seconds=0.6, step=STEP), seed=0)
+    clean, found = set(), set()
+    for number, recording in enumerate(recordings(seen), 1):
+        mine = [one for one in seen.contacts if one.recording == number]
+        clean |= {id(o) for o in mine if min(o.frames) >= rate / 15 and np.ptp(o.time) <= 3e-3}
+        for hit in find_contacts(Frame(scale=1.0, axes=np.eye(2)).track(recording)).contacts:
+            true = min(mine, key=lambda one: abs(one.stated - hit.time))
+            assert abs(true.stated - hit.time) < np.ptp(true.time) / 2 + 0.5 / rate
+            found.add(id(true))
+    assert len(clean) >= 10
+    assert clean <= found
 
 
 def recordings(filmed):

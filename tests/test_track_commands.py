@@ -15,6 +15,7 @@ from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table, tracks
 from contactlearn.data.recordings import survey
+from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
@@ -104,6 +105,19 @@ def test_wrong_conventions_are_caught(tmp_path, camera, settings, fragments):
         found_in(tmp_path, **settings)
     for fragment in fragments:
         assert any(part in str(caught.value) for part in fragment.split("|"))
+
+
+def test_the_sense_is_found_though_the_zero_of_angles_is_off(tmp_path):
+    """Friction alone shows the sense of a symmetric body, and a zero off by 5° makes a torque as large as it."""
+    recordings, truth = simulate(8, mu=0.02, seed=4)
+    off = np.radians(5)
+    write_recordings([replace(one, angle=one.angle + off) for one in recordings], tmp_path)
+    found = found_in(tmp_path)
+    assert found.survey.frame.sense == 1
+    hit = found.survey.contacts[0]
+    mine = truth.recording == int(hit.recording) - 1
+    j = np.flatnonzero(mine)[np.abs(truth.time[mine] - hit.time).argmin()]
+    assert abs(turn(hit.pose[2] - truth.q[j, 2] - off)) < 0.02
 
 
 def test_the_order_is_asked_for_where_both_fit(tmp_path):

@@ -6,10 +6,9 @@
 Rigs have every fault at once (`rigs.py`): scale, frame rate, zero and sense of angles, dimensions, round corners, mass
 centre, inertia, plates, lasting contacts and skipped frames; a fifth of their scenes are no drops.
 
-A contact is clean if the flights before and after it have one frame more than the search requires.  An accepted one
-is false if one of its flights has three frames fewer, if no true contact is within half a frame, or if it is not one
-contact with the floor.  Shares have
-Wilson's 95 % intervals.
+A contact is clean if the flights before and after it have one frame more than the search requires, and if it lasts no
+longer than the search allows.  An accepted one is false if one of its flights has three frames fewer, if no true
+contact is within half a frame, or if it is not one contact with the floor.  Shares have Wilson's 95 % intervals.
 """
 
 import argparse
@@ -169,7 +168,10 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
         start = time.process_time()
         try:
             found = find_impacts(file, mass=1.0, shape=rig.shape)
+            spent = time.process_time() - start
             survey, turn_of = found.survey, math.pi / 2 if rig.body == "square" else math.pi
+            few = found.again({"001", "002", "003"})
+            width = max(find_flights(one.track, FlightOptions(air=survey.frame.air)).width for one in few)
             for name, truth in rig.card().items():
                 one, whole = getattr(found.impacts.apparatus, name), turn_of if name == "orientation" else math.inf
                 if one is not None:
@@ -177,8 +179,7 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
                     tally.card[name].append((off - whole * round(off / whole) if whole < math.inf else off) / one.error)
         except DataError as error:
             print(f"<!-- {error} -->")
-            survey = None
-        spent = time.process_time() - start
+            survey, width, spent = None, FlightOptions().narrowest, time.process_time() - start
     hit = set[int]()
     for contact in survey.contacts if survey else ():
         tally.accepted += 1
@@ -192,7 +193,10 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
         hit.add(j)
         v = (true.v + true.a * since[:, None] / rig.pace) * (1, 1, survey.frame.sense)
         tally.add(contact, v, late * rig.rate, true.skipped)
-    clean = {j for j, one in enumerate(seen.contacts) if one.single and min(one.frames) > FlightOptions().narrowest}
+    clean = {
+        j for j, one in enumerate(seen.contacts)
+        if one.single and np.ptp(one.time) <= FlightOptions().contact_time and min(one.frames) > width
+    }  # fmt: skip
     tally.clean, tally.found = tally.clean + len(clean), tally.found + len(hit & clean)
     return spent
 

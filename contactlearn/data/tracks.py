@@ -5,8 +5,9 @@ Units, axes and orders that are not stated are found from the flights; what cann
 refusal has its reason and number.
 
 Unit and sense of angles follow from the moment balance of the impacts, I Δω = r_x P_n − r_y P_t: it holds in the right
-unit and sense alone, of bodies that spin.  A stated reading in which it does not hold, though it holds in another one,
-contradicts the recordings.
+unit and sense alone, of bodies that spin, at some zero of θ.  (Heights of contacts do not show the sense of a body with
+an axis of symmetry.)  A stated reading in which it does not hold, though it holds in another one, contradicts the
+recordings.
 """
 
 import math
@@ -51,6 +52,8 @@ _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
+_CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
+_ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -329,7 +332,7 @@ def _find_angles(
     units = [named] if named else known
     left = _imbalances(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
     best, *others = sorted(left, key=lambda reading: left[reading])
-    if left[best] > limit and (len(units) < len(known) or stated.sense):
+    if left[best] > _CLOSES and (len(units) < len(known) or stated.sense):
         every = _imbalances(recordings, options, known, [*SENSES], shape, gyration)
         closing = min(every, key=lambda reading: every[reading])
         if every[closing] <= limit * min(left[best], 1.0):
@@ -391,17 +394,18 @@ def _imbalances(
 
 
 def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: Any, sense: int = 1) -> float:
-    """Median residual of the moment balance relative to its terms, in [0, 1], if angles grow in this sense."""
+    """Median residual of the moment balance relative to its terms, in [0, 1], if angles grow in this sense.
+
+    In the plane it is that of the zero of θ at which it is least.
+    """
     pose = np.stack([contact.pose for contact in contacts])
     change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
     if isinstance(shape, Solid):
         return _misread(pose, change, shape, gyration_squared, sense)
-    r = contact_point(shape, torch.from_numpy(sense * pose[:, 2])).numpy()
-    change = change * (1, 1, sense)
-    terms = np.stack(
-        (change[:, 2], -r[:, 0] * change[:, 1] / gyration_squared, r[:, 1] * change[:, 0] / gyration_squared)
-    )
-    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12)))
+    r = contact_point(shape, torch.from_numpy(sense * pose[:, 2] + _ZEROS[:, None])).numpy()
+    u, v, spun = (change * (1, 1, sense)).T
+    terms = np.stack(np.broadcast_arrays(spun, -r[..., 0] * v / gyration_squared, r[..., 1] * u / gyration_squared))
+    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12), axis=1).min())
 
 
 def _misread(pose: Array, change: Array, shape: Solid, gyration_squared: Any, sense: int) -> float:

@@ -9,9 +9,10 @@ which gives the instant between frames; the k − 1 degrees of freedom that are 
 the recording skips m frames at contact without a gap in its time stamps, whatever follows contact happened m frame
 times later than it states: each m is tried, and its probability follows from how well the flights then meet.
 
-The history of the impulse is not resolved: where friction and normal force act at different times the flights miss each
-other by the difference of their velocities in a part of the contact's duration, which is allowed for.  A contact lasts
-as long as frames about its instant are in neither flight.
+The history of the impulse is not resolved: friction and normal force act at different times, and lever arms turn, so
+the flights miss each other by the difference of their velocities in a part of the contact's duration, which is allowed
+for.  A contact lasts as long as frames about its instant are in neither flight, or as long as any where flights that
+miss each other ask for it.
 
 before the first flight, after the last   a hand, a body at rest, rolling or sliding, or frames that are too few
 between two flights                       one contact if both meet at an instant; otherwise
@@ -47,7 +48,9 @@ from contactlearn.data.recordings.track import Track, about_centre
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
 _BRIEF = 5e-4  # s, of a contact without a frame; a longer one is seen at 1000 frames a second
-_QUARTER = 0.25  # of the contact's duration: by so much the instants of two coordinates differ
+_QUARTER = 0.25  # of the contact's duration: by so much rotations meet at another instant, since lever arms turn
+_ASIDE = 0.01  # of the whole change in the duration, in units of the noise: friction does not follow the normal force
+_LONG = 0.01  # prior probability that a contact lasts longer than its frames show
 _ROUNDS = 3
 
 
@@ -75,7 +78,12 @@ class Meeting:
 
 
 def meeting(
-    before: Flight, after: Flight, window: tuple[float, float], step: float, most_missing: int, lasting: float
+    before: Flight,
+    after: Flight,
+    window: tuple[float, float],
+    step: float,
+    most_missing: int,
+    lasting: tuple[float, float],
 ) -> Meeting:
     """Find where two flights meet.
 
@@ -85,7 +93,7 @@ def meeting(
         window: times in s of the last frame before contact and of the first after it.
         step: time between two frames in s.
         most_missing: frames that may be missing.
-        lasting: duration of the contact in s.
+        lasting: durations of the contact in s, shown by frames and at most; the longer one is improbable.
     """
     skipped: Array = np.arange(most_missing + 1.0) * step
     low, high = window[0], window[1] + skipped
@@ -97,22 +105,25 @@ def meeting(
         gain = -change / S / information[:, None]
         time = np.clip(time + (gain * d).sum(1), low - 2 * step, high + 2 * step)
     d, S, change = _apart(before, after, time, skipped)
-    S = S + (_QUARTER * lasting * change) ** 2
-    loose = (change**2 / S).sum(1)
-    d = d - change * ((change * d / S).sum(1) / loose)[:, None]  # at the nearest point, in units of the softer scatter
+    lasts, rotates = np.array(lasting)[:, None], np.arange(before.air.k) >= before.air.d
+    aside = _ASIDE * before.sigma * np.linalg.norm(change / before.sigma, axis=1, keepdims=True)
+    S = S + lasts[..., None] ** 2 * ((_QUARTER * change * rotates) ** 2 + aside**2)
+    loose = (change**2 / S).sum(-1)
+    d = d - change * ((change * d / S).sum(-1) / loose)[..., None]  # at the nearest point, in units of this scatter
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
-    apart = (d**2 / S).sum(1) + (outside / (information**-0.5 + lasting / 2)) ** 2
-    weight = -(apart + np.log(loose) + np.log(S).sum(1)) / 2 + skipped / step * np.log(_SKIPS)
+    apart = (d**2 / S).sum(-1) + (outside / (information**-0.5 + lasts / 2)) ** 2
+    weight = -(apart + np.log(loose) + np.log(S).sum(-1)) / 2 + skipped / step * np.log(_SKIPS)
+    weight[1:] += np.log(_LONG)
     share = np.exp(weight - weight.max())
-    best = int(share.argmax())
+    how, best = np.unravel_index(int(share.argmax()), share.shape)
     return Meeting(
         time=float(time[best]),
-        missing=best,
-        certainty=float(share[best] / share.sum()),
-        apart=float(apart[best]),
-        distance=float(np.linalg.norm(d[best, : before.air.d])),
+        missing=int(best),
+        certainty=float(share[:, best].sum() / share.sum()),
+        apart=float(apart[how, best]),
+        distance=float(np.linalg.norm(d[how, best, : before.air.d])),
         gain=gain[best],
-        lasting=lasting,
+        lasting=float(lasting[how]),
     )
 
 
@@ -187,25 +198,21 @@ def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
     return after.first - before.last - 1 <= 2 * options.most_missing + 2
 
 
-def meet(
-    track: Track, before: Flight, after: Flight, options: FlightOptions, limits: TrackThresholds
-) -> tuple[Meeting, int]:
+def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[Meeting, int]:
     """Find where two flights of a track meet, and how many frames are in neither though the contact does not last.
 
-    In space a contact without a frame in neither flight may last as well: six coordinates show by how much flights miss
-    each other, and a body that turns during contact moves its other coordinates.
+    A contact without a frame in neither flight may last as well, which the flights show that miss each other.
     """
     window = (float(track.time[before.last]), float(track.time[after.first]))
     between = np.arange(before.last + 1, after.first)
     times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
-    met = meeting(before, after, window, track.step, options.most_missing, brief)
+    durations = (brief, options.contact_time)
+    met = meeting(before, after, window, track.step, options.most_missing, durations)
     away = np.minimum(np.abs(times - met.time), np.abs(times + met.missing * track.step - met.time))
     within = away <= options.contact_time
-    lasting = float(away[within].max(initial=brief))
-    if lasting == brief and track.d == 3 and met.apart > limits.meets_in(track.k):
-        lasting = options.contact_time
-    if lasting > brief:
-        met = meeting(before, after, window, track.step, options.most_missing, lasting)
+    seen = float(away[within].max(initial=brief))
+    if seen > brief:
+        met = meeting(before, after, window, track.step, options.most_missing, (seen, options.contact_time))
     return met, int((~within).sum())
 
 
@@ -308,7 +315,7 @@ def _one_contact(
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    met, neither = meet(track, before, after, options, limits)
+    met, neither = meet(track, before, after, options)
     return met if met.apart <= limits.meets_in(track.k) and neither <= 1 else None
 
 
@@ -325,7 +332,7 @@ def _between(
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
-    met, neither = meet(track, before, after, options, limits)
+    met, neither = meet(track, before, after, options)
     change, errors = apart(before, after, met.time)
     k, d = track.k, track.d
     changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
