@@ -164,7 +164,7 @@ def test_the_centre_of_mass_is_found_from_the_wobble_within_its_error():
             track = Track(name="", time=time, pose=pose, apart=0 * time, tilted=0 * time)
             found.append(wobble(track, fit(time, pose, np.arange(40), sigma, air), air.own))
         scores += [(one.value - truth) / one.error for one, truth in zip(centre_of_mass(found), centre, strict=True)]
-    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    assert 0.65 < np.sqrt(np.mean(np.square(scores))) < 1.25  # noise alone is no less
     assert (np.abs(scores) > 2.3).sum() <= 4
     assert centre_of_mass(found[:3]) is None
 

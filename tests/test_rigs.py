@@ -120,6 +120,18 @@ def test_contacts_of_milliseconds_are_found(rate, duration):
     assert clean <= found
 
 
+def test_gravity_is_what_falls_though_bodies_roll_for_longer_and_slow_alike():
+    rng, taken = np.random.default_rng(0), []
+    for number in range(8):
+        flies, rolls = np.arange(60) / 250, np.arange(350) / 250
+        x = np.append(0.5 * flies, 0.12 + 2 * rolls - rolls**2 / 2)
+        y = np.append(0.5 - GRAVITY * flies**2 / 2, np.full(350, 0.03))
+        position = np.stack((x, y), 1) + rng.normal(0, 5e-5, (410, 2))
+        taken.append(Recording(name=str(number), source="", time=np.arange(410) / 250, position=position, angle=0 * x))
+    found = find_gravity(taken)
+    assert abs(found.size - GRAVITY) < 4 * found.error < 0.1
+
+
 def recordings(filmed):
     return [
         Recording(name=str(name), source="rig", time=one.time.to_numpy(), position=one[["x", "y"]].to_numpy(),

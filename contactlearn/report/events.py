@@ -138,7 +138,8 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
     if found.ladder and found.budget is not None:
         lines.append(f"error: {phrase('size', found)}")
     if found.corrections:
-        lines.append(f"audit: {phrase('corrected', found.corrections)}")
+        rig = ["rig"] if any(finding.name == "rig_applied" for finding in found.findings) else []
+        lines.append(f"audit: {phrase('corrected', [*rig, *found.corrections])}")
     lines += [f"audit: {sentence(one.sentence)}" for one in found.findings if one.mistake and not one.correction]
     lines += [f"{one.level}: {phrase('named', one)}" for one in found.missing]
     if found.candidates:

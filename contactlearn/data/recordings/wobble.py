@@ -2,7 +2,8 @@
 
 The centre of mass, c from the tracked point, flies as `Air` says, with an own acceleration of each flight, and the
 tracked point of a body that spins wobbles about it.  Each flight shows c by weighted least squares.  A few fast ones
-show most of it, so that the error is that of the jackknife over flights (Efron & Stein 1981).
+show most of it, so that the error is that of the jackknife over flights (Efron & Stein 1981), and no less than noise
+and accelerations make.
 """
 
 from collections.abc import Sequence
@@ -47,5 +48,5 @@ def centre_of_mass(flights: Sequence[Wobble]) -> tuple[Estimate, ...] | None:
     total[:, :-1] += np.eye(len(total)) / _OFF**2
     left = total - np.concatenate((0 * every[:1], every))  # with all flights, and without each
     found, *others = np.linalg.solve(left[..., :-1], left[..., -1:])[..., 0]
-    errors = np.std(others, 0) * (count - 1) ** 0.5
+    errors = np.maximum(np.std(others, 0) * (count - 1) ** 0.5, np.linalg.inv(total[:, :-1]).diagonal() ** 0.5)
     return tuple(Estimate(value=float(x), error=float(error)) for x, error in zip(found, errors, strict=True))
