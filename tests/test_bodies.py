@@ -308,7 +308,7 @@ def test_the_page_draws_the_body_of_the_trial(files, printed, browser):
 
 def test_commands_take_shapes_by_body(files, printed):
     """Diagnose and evaluate a table of two bodies; pages are drawn again from their folders."""
-    assert "computed: the inertia from the shape and the mass, at uniform density; rx, ry" in printed
+    assert "computed: the inertia from the shape and the mass, at uniform density; contact points from" in printed
     assert Record.load(files / "found").impacts.shape == make_shapes(SPECS)
     small = ("train.repetitions=2", "figures.repetitions=2", "bootstrap=20", "effect=[shape_error]", "model=[]")
     run("evaluate.py", *WORDS, *small, "hydra.run.dir=used", cwd=files)

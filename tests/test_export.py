@@ -15,6 +15,7 @@ from spatial import tossed
 from contactlearn.__main__ import main
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import State, find_effect
+from contactlearn.effects.formula.effect import formula
 from contactlearn.laws import catalogue, find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
@@ -95,6 +96,9 @@ def with_effects(space=PLANE):
         effects[name] = one.at(
             [0.6 * p.low + 0.4 * p.high if p.low < 0 else p.low + p.high / 3 for p in one.parameters]
         )
+    if space is SPACE:
+        own = formula(P1="-a*m*slip", taun="-b*rho*Pn*sign(twist)", parameters={"a": [-1, 1], "b": [-1, 1]})
+        effects["mine"] = own.at([0.1, 0.05])
     return ContactModel(find("mirtich").at(0.2, 0.5), effects=effects), drops
 
 

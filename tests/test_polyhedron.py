@@ -132,7 +132,8 @@ def test_contact_points_and_rounding_are_those_of_linear_programmes(shape):
     """The lowest point in the half-spaces of the faces, and of these moved inwards by the radius of a ball."""
     q, hull, vertices = quaternions(20), shape.hull, np.array(shape.vertices)
     assert (vertices @ hull.normals.numpy().T - hull.heights.numpy()).max() < 1e-12
-    assert (TETRAHEDRON.largest_corner() > 0.01, ROCK.largest_corner()) == (True, TETRAHEDRON.largest_corner() * 0)
+    assert TETRAHEDRON.largest_corner() > 0.01
+    assert ROCK.largest_corner() == 0
     for radius in (0.0, 0.005) if shape is TETRAHEDRON else (0.0,):
         found = contact_point(replace(shape, corner=radius), q)
         for R, r in zip(rotation(q).numpy(), found.numpy(), strict=True):
@@ -264,7 +265,8 @@ WRONG = {
     "nothing": ({}, "one of them"),
     "both": ({"vertices": [[1, 0, 0]], "file": "a.obj"}, "one of them"),
     "scale": ({"vertices": BRICK.corners().tolist(), "scale": 0}, "scale"),
-    "turn": ({"vertices": BRICK.corners().tolist(), "turn": [1, 0]}, r"quaternion \[w, x, y, z\], got \(1, 0\)"),
+    "turn": ({"vertices": BRICK.corners().tolist(), "turn": [1, 0]}, r"\[w, x, y, z\] of length 1, got \(1, 0\)"),
+    "long turn": ({"vertices": BRICK.corners().tolist(), "turn": [1, 1, 0, 0]}, r"of length 1, got \(1, 1, 0, 0\)"),
     "too round": ({"vertices": BRICK.corners().tolist(), "corner": 0.03}, r"at most 0\.02 m, got corner=0\.03"),
     "never round": ({"vertices": ROCK.vertices, "corner": 1e-4}, "touch no common sphere"),
     "misspelt": ({"vertexes": []}, "takes vertices, corner, file, scale, centre, turn; got vertexes"),

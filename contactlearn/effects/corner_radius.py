@@ -8,7 +8,7 @@ from contactlearn.mechanics.space import BOTH
 
 
 class CornerRadius(Effect):
-    """The corners of a polygon are arcs of radius ρ_c within its two sides, those of a box spheres within its three.
+    """The corners of a polygon are arcs of radius ρ_c within its two sides, those of a solid spheres within its faces.
 
     The contact point lies ρ_c below the centre of the arc, so r is shorter than to the sharp vertex and moves along the
     corner with θ.  A body of another shape has no corners, and nothing depends on ρ_c; several polygons

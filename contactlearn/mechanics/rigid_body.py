@@ -165,14 +165,14 @@ def slip_axes(W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"]) 
     In space these axes are 1 along the slip, 2 across it and the normal, so that a model in them turns with the
     impact about the normal.  In the plane both are the same.
     """
-    d = v_c.shape[-1]
-    turn = torch.eye(3 * d - 3).to(v_c).expand(*v_c.shape[:-1], -1, -1)
-    if d == 3:
-        turn = turn.clone()
-        c, s, _ = slip_heading(W, v_c)
-        for k in (0, 3):
-            turn[..., k, k], turn[..., k, k + 1], turn[..., k + 1, k], turn[..., k + 1, k + 1] = c, -s, s, c
-    return turn
+    if v_c.shape[-1] == 2:
+        return torch.eye(3).to(v_c).expand(*v_c.shape[:-1], -1, -1)
+    c, s, _ = slip_heading(W, v_c)
+    none, one = torch.zeros_like(c), torch.ones_like(c)
+    rows = (c, -s, none), (s, c, none), (none, none, one)
+    turn = torch.stack([torch.stack(row, -1) for row in rows], -2)
+    apart = torch.zeros_like(turn)
+    return torch.cat((torch.cat((turn, apart), -1), torch.cat((apart, turn), -1)), -2)
 
 
 def apply_wrench(

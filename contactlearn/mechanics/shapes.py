@@ -26,6 +26,7 @@ from contactlearn.mechanics.rigid_body import matvec, rotate, rotation
 from contactlearn.mechanics.space import SPACE, Space
 
 _OFF = 1e-6  # of an origin from the centroid over the body's size, and of products of inertia, at most
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _TOUCHING = 1e-6  # of a sphere of radius 1 from the faces of a corner, at most
 
 
@@ -477,10 +478,12 @@ def polyhedron(
     points = torch.tensor(_triples(vertices if file is None else mesh_points(file)), dtype=torch.float64)
     size, middle = finite_number("scale", scale, 0, above=True), torch.tensor(_triples([centre]), dtype=torch.float64)
     try:
-        axes = rotation(torch.tensor(turn, dtype=torch.float64).reshape(4))
+        quaternion = torch.tensor(turn, dtype=torch.float64).reshape(4)
     except (TypeError, ValueError, RuntimeError):
-        raise DataError(f"turn of a polyhedron is a quaternion [w, x, y, z], got {turn!r}") from None
-    placed = (size * points - middle) @ axes
+        quaternion = torch.zeros(4, dtype=torch.float64)
+    if not abs(quaternion.norm() - 1) < _UNIT:
+        raise DataError(f"turn of a polyhedron is a quaternion [w, x, y, z] of length 1, got {turn!r}")
+    placed = (size * points - middle) @ rotation(quaternion)
     return Polyhedron(tuple((x, y, z) for x, y, z in placed.tolist()), corner)
 
 

@@ -91,7 +91,7 @@ KNOWN: dict[Space, dict[str, Symbol]] = {
     PLANE: SYMBOLS,
     SPACE: {
         **{name: SYMBOLS[name] for name in ("m", "mu", "eps")},
-        "rho": Symbol("ρ", "m", "mean radius of gyration", of=lambda s: (s.inertia.mean(-1) / s.mass).sqrt()),
+        "rho": Symbol("ρ", "m", "mean radius of gyration", of=lambda s: (s.inertia.sum(-1) / (3 * s.mass)).sqrt()),
         **{name: symbol for name, symbol in IN_SPACE.items() if symbol.of},
         **{
             f"r{axis}": Symbol(
