@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 import torch
 from diagnoses import few, made_up, remainder
-from drops import LAW, NOISE, fitted, normal, rough, thrown
+from drops import LAW, NOISE, fitted, normal, rough, seeded, thrown
 from repetitions import repeated
+from spatial import tossed
 
 from contactlearn import diagnose, laws
 from contactlearn.diagnosis.result import (
@@ -36,6 +37,7 @@ from contactlearn.diagnosis.unexplained.state_dependence import (
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.models.contact_model import ContactModel, predict_with
 from contactlearn.report.events import show_verdict
 from contactlearn.report.page.effects import residual_content
@@ -385,3 +387,31 @@ def test_a_floor_that_is_dented_where_it_was_hit():
     assert phrase("serial_dependence", replace(found, width=0.0132)) == (
         "restitution depends on how many of the last 10 impacts were within 13 mm of the same place"
     )
+
+
+@pytest.mark.parametrize(
+    ("hidden", "coefficient", "variable"),
+    [("nothing", None, None), ("a field", None, "orientation"), ("stripes", Coefficient.FRICTION, "x")],
+)
+def test_a_direction_or_a_place_of_its_own_is_seen_in_space(hidden, coefficient, variable):
+    """A field turns the first axis of each body towards x; stripes of friction are narrower than a body."""
+    tosses, law, n = tossed(400, 1), laws.find("wang_mason").at(0.3, 0.5), 400
+    place = torch.rand(n, generator=seeded(3), dtype=torch.float64)[:, None] * 0.5  # of the contact, m
+    q = torch.cat((place - tosses.r[:, :1], tosses.q[:, 1:]), 1)
+    tosses = tosses.replace(q=q, order=torch.arange(1, n + 1))
+    values = torch.tensor((0.3, 0.5), dtype=torch.float64).repeat(n, 1)
+    if hidden == "stripes":
+        values[:, 0] += 0.12 * (100 * place[:, 0]).sin().sign()
+    v_post = predict_with(law, tosses, values).v_post
+    if hidden == "a field":
+        axis = rotation(q[:, 3:])[..., 0]
+        v_post[:, 3:] += 0.3 * torch.linalg.cross(axis, axis.new_tensor((1.0, 0.0, 0.0)).expand_as(axis))
+    noise = normal(n, 6, seed=2) * v_post.new_tensor((0.01,) * 3 + (0.2,) * 3)
+    tosses = tosses.replace(v_post=v_post + noise, validate=False)
+    found = dependence_of(tosses, identify_jointly(law, {}, tosses))
+    if variable is None:
+        assert found is None
+    else:
+        assert found.coefficient is coefficient
+        assert found.variables[0].symbol == variable
+        assert found.share.low > 0

@@ -15,7 +15,8 @@ from contactlearn import laws
 from contactlearn.cli.config_files import choice_settings, choices
 from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
-from contactlearn.effects.formula.symbols import SYMBOLS
+from contactlearn.effects.formula.symbols import KNOWN, SYMBOLS
+from contactlearn.mechanics.space import SPACE
 from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
@@ -177,6 +178,7 @@ def test_the_document_lists_the_whole_catalogue():
             assert f"[{p.low:g}, {p.high:g}]" in row
     for name, symbol in SYMBOLS.items():
         assert f"| `{name}` | {symbol.unit} | {symbol.description} |" in text
+    assert all(f"`{name}`" in text for name, symbol in KNOWN[SPACE].items() if symbol.of)
 
 
 def test_every_effect_and_law_is_a_choice():

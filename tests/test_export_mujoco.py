@@ -12,8 +12,9 @@ from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.rigid_body import rotation
-from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export.mujoco import difference, export, solref
@@ -64,8 +65,13 @@ GEOMETRY = {
     "corner_radius": {"rho_c": 5e-3},
     "torsional_friction:sliding": {"c": 0.01},
 }
+CARD = {"gravity": 9.81, "delay": 0.0, "centre_a": 4e-3, "middle_b": 2e-3}
 ON = {None: [*GEOMETRY][:5], SQUARE: ["com_offset", "orientation_offset", "corner_radius"], EGG: [*GEOMETRY][:5]}
 ON |= {BOX: ["com_offset", "orientation_offset", "corner_radius"], Sphere(0.025): ["torsional_friction:sliding"]}
+PYRAMID = Polyhedron(
+    ((0.05, 0.0, -0.02), (-0.05, 0.0, -0.02), (0.0, 0.04, -0.02), (0.0, -0.04, -0.02), (0.0, 0.0, 0.06))
+)
+ON |= {PYRAMID: ["com_offset", "orientation_offset", "corner_radius"]}
 
 
 def tosses(shape, count=100):
@@ -102,6 +108,24 @@ def test_geometry_is_that_of_the_effect(name, shape):
     assert alone.median() > 2 * error.median(), "without the effect the outcome is another"
 
 
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=str)
+def test_a_mass_centre_that_the_rig_card_has_moved_is_in_the_scene(shape):
+    drops = synthetic.load(100, shape=shape, velocity_noise=0, spin_noise=0) if shape is SQUARE else tosses(shape)
+    card = Apparatus(**{name: Estimate(value=at, error=1e-5) for name, at in CARD.items()})
+    drops = correct(drops.replace(apparatus=card, validate=False), ["rig"])
+    state = State.of(drops)
+    drops = drops[(state.v_n < -0.3) & (state.lever > 0.1)].replace(validate=False)
+    model = ContactModel(find("spring_dashpot" if shape is SQUARE else "wang_mason_newton").at(0.15, 0.6))
+    scene, expected = export(model, drops).scene, model.predict(drops)
+    against = drops.replace(v_post=expected.v_post)
+    right, wrong = (
+        mass_error(against, replace(expected, v_post=outcomes(one, drops))).nanmedian()
+        for one in (scene, replace(scene, centre=(0.0, 0.0, 0.0)))
+    )
+    assert right < CLOSE
+    assert wrong > 3 * right
+
+
 @pytest.mark.parametrize(("shape", "eps_0"), [(None, 0.6), (EGG, 0.6), (EGG, 0.12)], ids=str)
 def test_the_hook_sets_coefficients_that_depend_on_the_state(shape, eps_0):
     drops = synthetic.load(12, velocity_noise=0, spin_noise=0) if shape is None else tosses(shape, 12)
@@ -131,13 +155,13 @@ def test_the_hook_sets_coefficients_that_depend_on_the_state(shape, eps_0):
         hook["set_contact"](engine, mujoco.MjData(engine))
 
 
-@pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025)], ids=str)
+@pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025), PYRAMID], ids=str)
 def test_a_body_at_rest_stays(shape):
     drops = synthetic.load(5, shape=shape) if shape is SQUARE else tosses(shape)
     scene = export(ContactModel(find("mirtich").at(0.15, 0.6)), drops).scene
     model = mujoco.MjModel.from_xml_string(scene.xml())
     data = mujoco.MjData(model)
-    data.qpos[: scene.space.d] = [0.0] * (scene.space.d - 1) + [0.02 if shape is SQUARE else 0.025]
+    data.qpos[: scene.space.d] = [0.0] * (scene.space.d - 1) + [0.02 if shape in (SQUARE, PYRAMID) else 0.025]
     start = data.qpos.copy()
     for _ in range(20_000):
         mujoco.mj_step(model, data)

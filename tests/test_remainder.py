@@ -123,12 +123,12 @@ def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
     given = {}
     for override in OverridesParser.create().parse_overrides(list(best.overrides())):
         given[override.key_or_group] = override.value()
-    output = best.component.output
+    output = best.output
     prefix, names = f"effect.mine.{output}", [f"c{k + 1}" for k in range(len(best.terms))]
     assert set(given) == {prefix, *(f"effect.mine.parameters.{key}" for key in names)}
     parameters = {key: given[f"effect.mine.parameters.{key}"] for key in names}
     effect = formula(parameters, **{output: given[prefix]})
-    assert effect.equation == formula_effect(best.component, best.terms, best.ranges).equation
+    assert effect.equation == formula_effect(best.output, best.terms, best.ranges).equation
     again = identify_jointly(fit.model.base, {"mine": effect}, drops)
     assert again.values[2:].tolist() == pytest.approx(best.coefficients, rel=1e-3)
 
@@ -215,7 +215,7 @@ def test_every_term_is_accepted_as_an_effect(component):
     library, y = Library.of(drops, fit.model, component)
     assert torch.allclose(library.columns.norm(dim=0), torch.ones(len(library.terms), dtype=y.dtype))
     for term in library.terms:
-        formula_effect(component, (term,), ((-1.0, 1.0),)).prepare(drops)
+        formula_effect(component.output(), (term,), ((-1.0, 1.0),)).prepare(drops)
     drops, _, fit = hidden(seed=3)
     assert formulas(drops, fit.model, component, folds(drops)) == ()
 

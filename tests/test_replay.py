@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pandas as pd
@@ -17,6 +18,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.replay import STARTS, Replay, ReplayErrors, replays
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.shapes import Cuboid, Ellipse
 from contactlearn.mechanics.space import SPACE
@@ -153,6 +155,21 @@ def test_in_space_the_law_that_made_recordings_follows_them(tossed, tmp_path):
         assert page.execute_script("return !get('view').closest('p').hidden")
         assert silent(page)
         assert nothing_sticks_out(page)
+
+
+def test_a_mass_centre_on_the_rig_card_is_that_of_an_effect(tossed):
+    """Corrected recordings with the law, and recordings as they are with the effect, turn alike."""
+    delta = 0.006
+    card = Apparatus(
+        gravity=tossed.rig.gravity, delay=tossed.rig.delay, centre_c=Estimate(value=delta, error=delta / 100)
+    )
+    known = replace(tossed, impacts=tossed.impacts.replace(apparatus=card))
+    offset = find_effect("com_offset", "tracked")().at([torch.tensor(x) for x in (0.0, 0.0, delta)])
+    other = ContactModel(MODELS["true"].base, effects={"com_offset": offset})
+    corrected, stated = replays({"law": MODELS["true"]}, known, ["rig"]), replays({"law": other}, known)
+    for one, two in zip(corrected, stated, strict=True):
+        assert (two.errors("law")[:, 1] - one.errors("law")[:, 1]).abs().max() < 1e-6
+        assert (two.errors("law")[-1, 1]) > 0.01
 
 
 def test_an_angle_in_space_is_that_of_the_turn_between():

@@ -243,6 +243,19 @@ def test_a_ball_on_the_floor_rolls_on():
     assert speed.item() == pytest.approx(5 / 7 * 0.5, rel=1e-3)  # slides until it rolls: 5/7 of the speed
 
 
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize(("friction", "mu"), [(None, 0.2), (0.35, 0.35)], ids=["the law's", "its own"])
+def test_a_body_slides_as_far_as_its_friction_lets_it(space, friction, mu):
+    flat = BodyState(pose=(0, 0.02, 0), velocity=(0.5, 0, 0), shape=SQUARE, **BODY)
+    pose, velocity = in_space(flat) if space else (flat.pose, flat.velocity)
+    box = Cuboid((0.02, 0.02, 0.02)) if space else SQUARE
+    path = MODEL.roll_out(
+        BodyState(pose=pose, velocity=velocity, shape=box, **BODY), until=Until(time=1), friction=friction
+    )
+    way = path.at(path.end[None])[..., 0].item()
+    assert way == pytest.approx(0.5**2 / (2 * mu * GRAVITY), rel=0.06)  # corner by corner, in steps of 1 ms
+
+
 def test_a_fan_spreads_as_the_parameters_are_uncertain():
     drops = synthetic.load(60, seed=2)
     model = identify_jointly("wang_mason", {"gravity_impulse": find_effect("gravity_impulse")()}, drops).model

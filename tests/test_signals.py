@@ -165,6 +165,16 @@ def test_calls_are_shared_by_two_processes_and_their_results_in_order(copied):
         assert len({pid for _, pid in workers.side_by_side([partial(taken, 0)] * 8)}) == 2
 
 
+def test_items_are_taken_a_few_at_a_time(copied):
+    read = []
+    done = workers.one_by_one(partial(taken, seconds=0.01), (read.append(k) or k for k in range(30)))
+    first = next(done)
+    assert len(read) < 30  # not all are in memory
+    numbers, processes = zip(first, *done, strict=True)
+    assert numbers == tuple(range(30))
+    assert len({*processes}) == 2
+
+
 def test_without_a_second_core_this_process_makes_the_calls():
     assert {pid for _, pid in workers.side_by_side([partial(taken, 0)] * 4)} == {os.getpid()}
 

@@ -25,7 +25,6 @@ from contactlearn.mechanics.shapes import Cuboid, contact_point
 
 RATE, MASS, NOISE = 148.0, 0.4, (5e-5, 5e-4)  # 1/s, kg, m and rad
 BOX = Cuboid((0.05, 0.05, 0.05))
-GYRATION = BOX.gyration_squared()
 LAW = find("wang_mason").at(0.18, 0.5)
 MOMENTS = {"equal": None, "a box": (1.0, 1.3, 1.6), "a rod": (1.0, 9.0, 9.5)}
 
@@ -68,16 +67,17 @@ def test_a_flight_in_space_is_fitted_with_its_covariance(moments):
     assert np.mean(scores) == pytest.approx(12, abs=1.6)  # χ² with 12 degrees of freedom; 4 standard errors, and 3 %
 
 
-def toss(rng, number, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
+def toss(rng, number, solid=BOX, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
     """Rows of frames about one impact, the velocities before and after it of the tracked point, and the instant."""
-    shape, I = replace(BOX, corner=corner), MASS * heavier * torch.diag(GYRATION)  # noqa: E741
+    gyration = solid.gyration_squared()
+    shape, I = replace(solid, corner=corner), MASS * heavier * torch.diag(gyration)  # noqa: E741
     while True:
         turn = Rotation.random(random_state=rng)
         R = torch.tensor(turn.as_matrix())
         q = torch.tensor(turn.as_quat(scalar_first=True))
         d = turn.apply(centre)
         r = contact_point(shape, q).numpy()
-        corners = turn.apply(np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * BOX.half)
+        corners = turn.apply(solid.corners())
         heights = np.sort(corners[:, 2])
         before = np.concatenate((rng.normal(0, 0.7, 2), (-rng.uniform(0.8, 1.5),), rng.normal(0, 6, 3)))
         body = torch.tensor(MASS)[None].double(), (R @ I @ R.mT)[None], torch.tensor(r - d)[None]
@@ -93,7 +93,7 @@ def toss(rng, number, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
     for count in range(-14, 13):
         t = (count + place) / RATE
         v = before if t < 0 else after
-        turned, _ = poses.free_turn(q.numpy(), v[3:], np.array(t), tuple(GYRATION.tolist()))
+        turned, _ = poses.free_turn(q.numpy(), v[3:], np.array(t), tuple(gyration.tolist()))
         position = np.array((0, 0, -r[2])) + d + v[:3] * t - (0, 0, 0.5 * GRAVITY * t**2)
         position = position - Rotation.from_quat(turned, scalar_first=True).apply(centre) + rng.normal(0, NOISE[0], 3)
         noisy = poses.product(poses.quaternion(rng.normal(0, NOISE[1], 3)), turned)

@@ -2,9 +2,9 @@
 
     python benchmarks/accuracy/case_study.py [--seed 0]
 
-First the drops as published, under the best law; then the ladder of the diagnosis, law and effect after effect,
-on the drops that it corrects.  On each rung Gaussian processes learn what the model leaves, from the state (the
-paper's 10-D space), on 450 trials of each fold:
+First the drops as published, under the best law; then a ladder of effects, one after the other, on the drops that the
+diagnosis corrects, with the parameters of all.  On each rung Gaussian processes learn what the model leaves, from the
+state (the paper's 10-D space), on 450 trials of each fold:
 
     rigid     (P_t, P_n), the impulse at the contact point that comes nearest to the outcome in the mass norm
     wrench    (P_t, P_n, τ), any outcome at all
@@ -23,10 +23,10 @@ from torch import Tensor
 
 from contactlearn import diagnose
 from contactlearn.data import ellipse_drops
-from contactlearn.effects import Effect
+from contactlearn.effects import Effect, find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.joint import JointFit, identify_jointly
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
@@ -34,10 +34,16 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.regressor import Regressor
 
 TRIALS = 450
+LADDER = (
+    ("location_dependent_restitution", None), ("surface_tilt", None), ("contact_patch", None),
+    ("parameter_drift", "friction"), ("sampling_delay", None), ("inertia_error", None),
+    ("orientation_dependent_restitution", "spot"),
+)  # fmt: skip
+"""Effects and their forms."""
 
 
-def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds):
-    """Held-out errors [N] of a law with effects: alone, with a learned impulse, and with a learned wrench."""
+def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds) -> tuple[JointFit, list[Tensor]]:
+    """Fit, and held-out errors [N]: of a law with effects alone, with a learned impulse, and with a learned wrench."""
     fit = identify_jointly(find(law), effects, impacts)
     base = identify_jointly(find(law), effects, impacts, folds.fitted, start=fit.values).model.predict(impacts)
     rows = folds.fitted[:, :TRIALS]
@@ -53,7 +59,7 @@ def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds
         learned = torch.nn.functional.pad(learned, (0, 3 - learned.shape[-1]))
         changed = base.v_post + (rigid_body.velocity_per_wrench(*body) @ learned[..., None])[..., 0]
         errors.append(folds.scores(mass_error(impacts, Prediction(changed, base.wrench + learned))))
-    return errors
+    return fit, errors
 
 
 def line(name: str, errors: list[Tensor], bound: Tensor) -> str:
@@ -76,17 +82,20 @@ def main() -> None:
     found = diagnose(published, seed=seed)
     print(f"{found.equation}\n")
     print("| model | alone | + rigid | + wrench | rigid − wrench | IRB bound |\n|---|---|---|---|---|---|")
-    for impacts, missing in ((published, ()), (found.record.impacts, found.missing)):
+    for impacts in (published, found.record.impacts):
         folds = Folds.draw(len(impacts), torch.Generator().manual_seed(seed), repeats=1)
         bound = mass_error(impacts, bounds.irb(impacts, "mass"))
         frame = "as published" if impacts is published else "corrected"
-        errors = rung(found.law, {}, impacts, folds)
+        fit, errors = rung(found.law, {}, impacts, folds)
         print(line(f"{found.law}, {frame}", errors, bound), flush=True)
-        effects = {}
-        for one in missing:
-            effects[one.effect.name] = found.record.model.effects[one.effect.name]
-            errors = rung(found.law, effects, impacts, folds)
-            print(line(f"+ {one.effect}", errors, bound), flush=True)
+    effects = dict[str, Effect]()
+    for name, form in LADDER:
+        effects[name] = find_effect(name, form)()
+        fit, errors = rung(found.law, effects, impacts, folds)
+        print(line(f"+ {name}", errors, bound), flush=True)
+    print()
+    for parameter, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
+        print(f"{parameter.name} = {value:.4g} ± {error:.2g} {parameter.unit}")
 
 
 if __name__ == "__main__":

@@ -1,22 +1,24 @@
-"""Do cubes tossed in MuJoCo follow the recorded ones?  Three scenes, and roll-outs of the same models.
+"""Do bodies tossed in MuJoCo follow the recorded ones?  Three scenes, and roll-outs of the same models.
 
-    python benchmarks/accuracy/replays_mujoco.py [--tosses 60] [--contact-time 2e-3]
+    python benchmarks/accuracy/replays_mujoco.py cubes|squares [--contact-time 2e-3]
 
-Laws are fitted to the published tosses of even number, in CONTACTLEARN_DATA.  They predict those of odd number that
+Laws are fitted to the published recordings of even number, in CONTACTLEARN_DATA.  They predict those of odd number that
 have an accepted contact: to the end, from the fitted first flight or, as published engines, from the first row.  All
-have the gravity that the recordings show.
+have the gravity and the drag that the recordings show, and roll-outs also the friction of slides: a scene has one.
 
-    usual        stated body and friction, with MuJoCo's default contact, solver and step of 2 ms
+    usual        stated body, with MuJoCo's default contact, solver and step of 2 ms
     stated       the scene of a law, fitted to the stated body
-    identified   the scene of a law, fitted with mass centre, corner radius and inertia
+    identified   the scene of a law, fitted with what differs from the stated body
+    card         a law, fitted after the correction `rig`
 
-Errors are the means over the frames of a toss of distance over width and of angle: mean ± standard deviation over
-tosses, and median.  A prediction is lost where the distance exceeds a tenth of the width.
+Errors are the means over the frames of a recording of distance over width and of angle: mean ± standard deviation over
+recordings, 95 % interval of the mean, and median.  A prediction is lost where the distance exceeds a tenth of the
+width.
 """
 
 import argparse
 import math
-import random
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -28,7 +30,8 @@ from torch import Tensor
 from contactlearn.cli.commands.impacts import find_recorded
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
-from contactlearn.inference.evaluation.replay import STARTS, ReplayErrors, Spread, replays
+from contactlearn.data.audit.corrections import correct
+from contactlearn.inference.evaluation.replay import STARTS, ReplayErrors, Spread, replays, width
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
@@ -38,15 +41,29 @@ from contactlearn.models.export.mujoco import export
 from contactlearn.models.roll_out import Until
 from contactlearn.simulation.mujoco import engine
 
-FITTED = {"stated": (), "identified": ("com_offset", "corner_radius", "inertia_error")}
-USUAL = """<mujoco><default><geom friction="0.18 0.005 0.0001"/></default><worldbody>
-<geom type="plane" size="0 0 1"/><body><freejoint/><geom type="box" size="{size}"/>
-<inertial pos="0 0 0" mass="{mass}" diaginertia="{moments}"/></body></worldbody></mujoco>"""  # friction as published
+BODY = ("com_offset", "corner_radius", "inertia_error")
+SQUARE = [
+    *("data=tracks", "data.path=${oc.env:CONTACTLEARN_DATA}/square_drops/recordings.parquet", "data.mass=0.0485"),
+    "data.shape={kind:polygon,vertices:[[-0.03,-0.03],[0.03,-0.03],[0.03,0.03],[-0.03,0.03]]}",
+    *("data.columns={position:[x,z],angle:th,recording:recording}", "data.rate=250"),
+]
+CASES = {
+    "cubes": (["data=cube_tosses"], BODY, 0.18),  # friction as published
+    "squares": (SQUARE, (*BODY, "orientation_offset", "surface_tilt"), None),
+}
+"""Configuration, effects of the identified body, and stated friction; that of the fitted law if None."""
+JOINTS = {
+    2: '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 -1 0"/>',
+    3: "<freejoint/>",
+}
+USUAL = """<mujoco><default><geom friction="{mu} 0.005 0.0001"/></default><worldbody>
+<geom type="plane" size="0 0 1"/><body>{joints}<geom type="box" size="{half} {half} {half}"/>
+<inertial pos="0 0 0" mass="{mass}" diaginertia="{moments}"/></body></worldbody></mujoco>"""
 
 
 @dataclass(frozen=True)
 class Engine:
-    """A scene of MuJoCo that rolls out as a `ContactModel` does, in air without drag."""
+    """A scene of MuJoCo that rolls out as a `ContactModel` does, with one friction."""
 
     xml: str
     body: ContactModel
@@ -55,12 +72,13 @@ class Engine:
         """Return the heights of the contact points of the body of the scene."""
         return self.body.contact_heights(impacts)
 
-    def roll_out(self, state: BodyState, *, until: Until, gravity: float, drag: float) -> SimpleNamespace:
+    def roll_out(
+        self, state: BodyState, *, until: Until, gravity: float, drag: float, friction: float | None
+    ) -> SimpleNamespace:
         """Return when trajectories end, and their poses `at` times [N, T]."""
-        assert drag == 0
         mujoco, _ = engine()
         model = mujoco.MjModel.from_xml_string(self.xml)
-        model.opt.gravity[2] = -gravity
+        model.opt.gravity[2], model.dof_damping[: state.space.d] = -gravity, drag * model.body_mass[-1]
         rows = [*zip(state.pose, state.velocity, strict=True)]
         end = torch.full((len(rows),), until.time, dtype=torch.float64)
         return SimpleNamespace(
@@ -70,11 +88,12 @@ class Engine:
 
 
 def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor) -> Tensor:
-    """Poses [T, 7] at times; between steps the body flies on, and where a time is nan so is the pose."""
+    """Poses [T, 3 or 7] at times; between steps the body flies on, and where a time is nan so is the pose."""
     mujoco, _ = engine()
-    data, poses = mujoco.MjData(model), torch.full((len(time), 7), torch.nan, dtype=torch.float64)
-    data.qpos[:] = pose
-    data.qvel[:] = torch.cat((velocity[:3], matvec(rotation(pose[3:]).mT, velocity[3:])))  # spin in the body's axes
+    data, poses = mujoco.MjData(model), torch.full((len(time), len(pose)), torch.nan, dtype=torch.float64)
+    if len(pose) == 7:
+        velocity = torch.cat((velocity[:3], matvec(rotation(pose[3:]).mT, velocity[3:])))  # spin in the body's axes
+    data.qpos[:], data.qvel[:] = pose, velocity
     for row, t in zip(poses.numpy(), time[time.isfinite()].tolist(), strict=False):
         mujoco.mj_step(model, data, nstep=int((t - data.time) / model.opt.timestep))
         row[:] = data.qpos
@@ -82,23 +101,29 @@ def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor) -> Tensor:
     return poses
 
 
-def models_of(impacts: Impacts, contact_time: float) -> dict[str, Any]:
+def models_of(impacts: Impacts, effects: tuple[str, ...], mu: float | None, contact_time: float) -> dict[str, Any]:
     """Fit, and return scenes and models by name."""
-    fitted = {name: identify_jointly("wang_mason", effects, impacts).model for name, effects in FITTED.items()}
-    size, moments = (" ".join(map(str, one)) for one in (impacts.shape.half, impacts.inertia[0].tolist()))
-    usual = USUAL.format(size=size, mass=impacts.mass[0].item(), moments=moments)
-    found = {"usual": Engine(usual, fitted["stated"])}
+    kinds = {"stated": (), "identified": effects}
+    fitted = {name: identify_jointly("wang_mason", some, impacts).model for name, some in kinds.items()}
+    usual = USUAL.format(
+        mu=fitted["stated"].law.mu.item() if mu is None else mu, joints=JOINTS[impacts.space.d],
+        half=width(impacts.shape) / 2, mass=impacts.mass[0].item(),
+        moments=" ".join(map(str, impacts.inertia[0].expand(3).tolist())),
+    )  # fmt: skip
+    found: dict[str, Any] = {"usual": Engine(usual, fitted["stated"])}
     for name, model in fitted.items():
         print(f"{name}: {model}")
         found[name] = Engine(replace(export(model, impacts).scene, contact_time=contact_time).xml(), model)
     return found | {f"{name}, roll-out": model for name, model in fitted.items()}
 
 
-def line(name: str, errors: Mapping[str, ReplayErrors]) -> str:
+def line(name: str, errors: Mapping[str, ReplayErrors], count: int) -> str:
     """A row of the table, with the errors by start."""
 
     def cell(x: Spread, unit: float, sign: str) -> str:
-        return f"{x.mean * unit:.1f} ± {x.deviation * unit:.1f}{sign}, {x.median * unit:.1f}"
+        low, high = (x.mean + k * 1.96 * x.deviation / math.sqrt(count) for k in (-1, 1))
+        about = f"[{low * unit:.1f}, {high * unit:.1f}], {x.median * unit:.1f}"
+        return f"{x.mean * unit:.1f} ± {x.deviation * unit:.1f}{sign}, {about}"
 
     cells = [name]
     for one in errors.values():
@@ -109,21 +134,27 @@ def line(name: str, errors: Mapping[str, ReplayErrors]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tosses", type=int, default=60, help="replayed, drawn among those of odd number")
+    parser.add_argument("bodies", choices=CASES)
     parser.add_argument("--contact-time", type=float, default=2e-3, help="of the exported scenes, s")
     given = parser.parse_args()
-    found = find_recorded(SourceSettings.from_config(compose("diagnose", ["data=cube_tosses"])))
+    words, effects, mu = CASES[given.bodies]
+    found = find_recorded(SourceSettings.from_config(compose("diagnose", words)))
     recordings = [trial.rpartition("#")[0] for trial in found.impacts.trial]
-    odd = sorted({name for name in recordings if int(name) % 2})
-    drawn = random.Random(0).sample(odd, min(given.tosses, len(odd)))
-    models = models_of(found.impacts[torch.tensor([int(name) % 2 == 0 for name in recordings])], given.contact_time)
-    errors = {}
+    even = torch.tensor([int(re.findall(r"\d+", name)[-1]) % 2 == 0 for name in recordings])
+    fitted_to = {name for name, fits in zip(recordings, even.tolist(), strict=True) if fits}
+    models = models_of(found.impacts[even], effects, mu, given.contact_time)
+    card = identify_jointly("wang_mason", (), correct(found.impacts, ["rig"])[even]).model
+    print(f"card: {card}\nfriction of slides: {found.rig.friction}")
+    rows, count = {name: {} for name in (*models, "card, roll-out")}, 0
     for start in STARTS:
-        shown = replays(models, found, without={*recordings} - {*drawn}, start=start)
-        print(f"{start}: {len(shown)} tosses")
-        errors[start] = {name: ReplayErrors.of(shown, name) for name in models}
-    for name in models:
-        print(line(name, {start: errors[start][name] for start in STARTS}))
+        shown = replays(models, found, without=fitted_to, start=start)
+        corrected = replays({"card, roll-out": card}, found, ["rig"], without=fitted_to, start=start)
+        count = len(shown)
+        print(f"{start}: {count} of {len({*recordings} - fitted_to)} recordings")
+        for name, errors in rows.items():
+            errors[start] = ReplayErrors.of(shown if name in models else corrected, name)
+    for name, errors in rows.items():
+        print(line(name, errors, count))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ ACCEPTED_OF_IMPULSE = {
 }  # fmt: skip
 """Likewise of those that the simulator in steps of impulse can hide alone."""
 UNKNOWN = {
-    "stripes": ("mu", "x"), "magnet": (None, "theta"), "lift": (None, "omega"),
+    "stripes": ("mu", "x"), "magnet": (None, "orientation"), "lift": (None, "spin"),
 }  # fmt: skip
 """Facts that no catalogue has: the coefficient that varies and a variable that it depends on."""
 

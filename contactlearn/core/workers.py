@@ -7,9 +7,11 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import islice
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from types import TracebackType
@@ -22,6 +24,7 @@ from torch import Tensor
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
+_Item = TypeVar("_Item")
 
 
 class WorkerPool(ProcessPoolExecutor):
@@ -116,6 +119,15 @@ def side_by_side(calls: Sequence[Callable[[], _Result]]) -> list[_Result]:
     return [done[k] if k in done else call() for k, call in enumerate(calls)]
 
 
+def one_by_one(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
+    """Yield what `work` makes of each item, in order; a second core shares a few at a time, if one is idle."""
+    rest = iter(items)
+    with second_core():
+        while some := [*islice(rest, _TOGETHER)]:
+            yield from side_by_side([partial(work, item) for item in some])
+
+
+_TOGETHER = 12  # items that are in memory at once
 _OTHERS = 0.5  # mean of the processes that wait for a core, beyond which a copy would be one more
 _PATIENCE = 60.0  # s, after which a copy that says nothing is given up
 

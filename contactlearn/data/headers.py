@@ -25,7 +25,8 @@ OPEN = "???"
 
 _SHAPE = (
     "lengths in m: {kind: ellipse, semi_axes: [a, b]}, {kind: disc, radius: R} or {kind: polygon, vertices: "
-    "[[x, y], …]} about the centre of mass; of several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
+    "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
+    "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
 _BEFORE, _AFTER, _IMPACT = ("pre", "before"), ("post", "after"), ("impact", "contact", "collision")
 _WORDS = {"velocity": "v", "speed": "v", "vel": "v", "position": "", "pos": "", "pose": "", "of": ""}
@@ -193,7 +194,7 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
 def _table(path: Path, known: _Columns) -> Iterator[Setting]:
     """The settings of a table of impacts."""
     lacking = [column for column in REQUIRED if column not in known.names]
-    computed = [column for columns in COMPUTED.values() if {*columns} <= {*lacking} for column in columns]
+    computed = [column for columns in COMPUTED[PLANE].values() if {*columns} <= {*lacking} for column in columns]
     stated = {quantity: next(iter(units)) for quantity, units in known.units.items() if len(units) == 1}
     units = Units(SI | stated)
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")

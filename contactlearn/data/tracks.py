@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number, whole
+from contactlearn.core.workers import one_by_one
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import ANGLES, ORDERS, SENSES, Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
@@ -35,6 +37,8 @@ from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_mar
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.rocking import rocked
+from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
@@ -47,7 +51,6 @@ from contactlearn.mechanics.shapes import Shape, Solid, Sphere, contact_point
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
-_WOBBLES = 0.08  # error of the outline's place, of the distance of the tracked point from the centre of mass
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
 _ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
@@ -83,13 +86,19 @@ class Tracked:
 
         Files that cannot be read are left out.
         """
-        ready, files = self.options.in_air(self.survey.frame), recording_files(self.path)
+        frame, files = self.survey.frame, recording_files(self.path)
         alone = [file for file in files if file.stem in names]
-        for file in alone if {file.stem for file in alone} == {*names} else files:
-            with suppress(ContactLearnError):
-                for recording in read(file, self.options.layout):
-                    if isinstance(recording, Recording) and recording.name in names:
-                        yield tracked(recording, self.survey.frame, ready)
+        chosen = alone if {file.stem for file in alone} == {*names} else files
+        search = partial(tracked, frame=frame, options=self.options.in_air(frame))
+        return one_by_one(search, (one for file in chosen for one in _named(file, names, self.options.layout)))
+
+
+def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:
+    """Yield the recordings of a file that can be read and have one of some names."""
+    with suppress(ContactLearnError):
+        for recording in read(file, layout):
+            if isinstance(recording, Recording) and recording.name in names:
+                yield recording
 
 
 def load(**settings: Any) -> Impacts:
@@ -275,29 +284,36 @@ def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[Trac
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
-    frame, shown = found.frame, len(found.contacts) + floor.rests
+    (gravity, drag), shown = found.frame.measured, len(found.contacts) + floor.rests
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
-        gravity=Estimate(value=math.hypot(*frame.gravity), error=frame.gravity_error),
-        drag=Estimate(value=frame.drag, error=frame.drag_error) if math.isfinite(frame.drag_error) else None,
+        gravity=gravity,
+        friction=friction_of(found.slides, gravity.value, drag.value),
+        drag=drag if math.isfinite(drag.error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
-        **_with_flights(floor.outline, centre_of_mass(found.wobbles)),
+        **floor.outline,
+        **_centre(found, floor.orientation),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
+        **(
+            rocked(found.rocking, np.array(options.moments), found.frame.gravity, floor.outline)
+            if found.rocking
+            else {}
+        ),
     )
 
 
-def _with_flights(outline: Mapping[str, Estimate], centre: tuple[Estimate, ...] | None) -> dict[str, Estimate | None]:
-    """Outline and centre of mass; a tracked point that wobbles flies on no parabola, which moves both a little."""
-    if centre is None:
-        return {**outline}
-    off = _WOBBLES * math.hypot(*(one.value for one in centre))
-    rig = {**outline, **{f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}}
-    wobbling = ("middle", "centre")
-    return {
-        name: replace(x, error=math.hypot(x.error, off)) if name.startswith(wobbling) else x for name, x in rig.items()
-    }
+def _centre(found: Survey, zero: Estimate | None) -> dict[str, Estimate]:
+    """The centre of mass that flights show, in the plane along the axes of the body whose zero of θ is right."""
+    centre = centre_of_mass(found.wobbles) or ()
+    if zero is not None and len(centre) == 2:
+        (a, b), c, s = centre, math.cos(zero.value), math.sin(zero.value)
+        centre = (
+            Estimate(value=c * a.value + s * b.value, error=math.hypot(c * a.error, s * b.error)),
+            Estimate(value=c * b.value - s * a.value, error=math.hypot(c * b.error, s * a.error)),
+        )
+    return {f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}
 
 
 def _find_angles(

@@ -7,7 +7,7 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
               matrix [..., 3, 3] from axes of the contact to the world's
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
-`stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of a polygon's corners in m.
+`stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of its corners in m.
 `body` is a number for the name of each trial's object (`mechanics.bodies`), which selects its shape.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
@@ -25,7 +25,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import AnyShape, per_body
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Cuboid, Polygon, Shape, contact_point
+from contactlearn.mechanics.shapes import contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 Coefficients = tuple[Float[Tensor, "..."], Float[Tensor, "..."]]
@@ -211,19 +211,7 @@ class State:
         """
         if self.shape is None:
             raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
-        return per_body(self.shape, self.body, lambda one: self._contact_point(one, theta))
-
-    def _contact_point(self, shape: Shape, theta: Float[Tensor, "..."]) -> Float[Tensor, "... n d"]:
-        """Contact points [..., N, d] of bodies that all have this shape."""
-        lowest = contact_point(shape, theta, self.stretch)
-        if isinstance(shape, Polygon):
-            down = torch.stack((-theta.sin(), -theta.cos()), -1)
-            return lowest + rigid_body.rotate(shape.rounding(shape.facing(down), down, self.corner), theta)
-        if isinstance(shape, Cuboid):
-            R = rigid_body.rotation(theta)
-            down = -R[..., 2, :]
-            return lowest + rigid_body.matvec(R, shape.rounding(shape.facing(down), down, self.corner))
-        return lowest
+        return per_body(self.shape, self.body, lambda one: contact_point(one, theta, self.stretch, self.corner))
 
     @property
     def height(self) -> Float[Tensor, "... n"]:

@@ -4,6 +4,7 @@ All of them take broadcastable tensors and assume an approach, v_n < 0, and a po
 a quantity that may vanish in a branch that is not taken is guarded, so that gradients stay finite there.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,6 +17,9 @@ Values = Float[Tensor, "*#batch"]
 """Values of each trial, broadcast against [..., N]."""
 Impulse = tuple[Values, Values, Values]
 """(P_1, P_2, P_n) in N s along the slip, across it and along the normal."""
+
+Pair = tuple[Values, Values]
+"""Components along the slip and across it."""
 
 
 class Contact(NamedTuple):
@@ -126,20 +130,24 @@ def complementary_in_space(contact: SpatialContact, mu: Values, target: Values) 
     return where(sticks, stuck, slides)
 
 
+def dot(a: Sequence[Values], b: Sequence[Values]) -> Values:
+    """Return a_1 b_1 + a_2 b_2."""
+    return torch.addcmul(a[0] * b[0], a[1], b[1])
+
+
 def where(condition: Values, yes: Impulse, no: Impulse) -> Impulse:
     """Choose between impulses, contact by contact."""
     first, second, third = (torch.where(condition, *pair) for pair in zip(yes, no, strict=True))
     return first, second, third
 
 
-def opposing(
-    A: tuple[Values, Values, Values], b: tuple[Values, Values], radius: Values, pull: tuple[Values, Values]
-) -> tuple[Values, Values]:
+def opposing(A: Impulse, b: Pair, radius: Values, pull: Pair) -> Pair:
     """Return the direction u of the friction P_t = −λ⁻¹ v_t⁺ with v_t⁺ = A P_t + b, |P_t| = radius − pull·P_t, λ > 0.
 
-    P_t(λ) = −(A + λ)⁻¹ b, and (radius − pull·P_t)/|P_t| grows from below 1, if friction cannot end the slip, without
-    bound: it is nearly linear in λ, and Newton's method finds where it is 1 (Conn, Gould & Toint 2000, §7.3).  The last
-    step is taken with gradients, which makes them exact (implicit function theorem).
+    P_t(λ) = −(A + λ)⁻¹ b = −T/d with d = det(A + λ) and T linear in λ.  N/|T|, N = d (radius − pull·P_t), grows from
+    below 1, if friction cannot end the slip, to a straight line.  Newton's method finds where it is 1 from where that
+    line is (Conn, Gould & Toint 2000, §7.3).  The last step is taken with gradients, which makes them exact (implicit
+    function theorem).
 
     Args:
         A: 11, 12 and 22 of a positive definite matrix.
@@ -147,49 +155,45 @@ def opposing(
         radius: of the cone.
         pull: fall of the radius by P_t.
     """
+    t = A[2] * b[0] - A[1] * b[1], A[0] * b[1] - A[1] * b[0]
+    det, trace = A[0] * A[2] - A[1] * A[1], A[0] + A[2]
     with torch.no_grad():
-        q_1, q_2 = shifted(A, b, torch.zeros_like(radius))
-        least = _LEAST * torch.hypot(q_1, q_2).clamp_min(1e-200)
+        least = _LEAST * (torch.hypot(*t) / det).clamp_min(1e-200)
     radius = torch.maximum(radius, least)
+    n = torch.addcmul(dot(pull, t), radius, det), torch.addcmul(dot(pull, b), radius, trace), radius
+
+    def excess(shift: Values) -> tuple[Values, Values]:
+        """N − |T|, and the derivative of N/|T| times |T|."""
+        T = torch.addcmul(t[0], shift, b[0]), torch.addcmul(t[1], shift, b[1])
+        N, square = value(n, shift), dot(T, T).clamp_min(1e-300)
+        return N - square * square.rsqrt(), slope(n, shift) - N * (dot(T, b) / square)
+
     with torch.no_grad():
-        low = torch.zeros_like(least)
-        high = torch.hypot(*b) * (1 + torch.hypot(*pull)) / radius
-        shift = low
+        square = dot(b, b).clamp_min(1e-300)
+        shift = ((square.sqrt() - n[1]) / radius + dot(t, b) / square).clamp_min(0)
         for _ in range(_STEPS):
-            excess, slope = _beyond(A, b, radius, pull, shift)
-            low, high = torch.where(excess < 0, shift, low), torch.where(excess < 0, high, shift)
-            shift = shift - excess / slope
-            shift = torch.where((shift >= low) & (shift <= high), shift, 0.5 * (low + high))
-    excess, slope = _beyond(A, b, radius, pull, shift)
-    q_1, q_2 = shifted(A, b, shift - excess / slope.detach())
-    length = torch.hypot(q_1, q_2).clamp_min(1e-150)
-    return -q_1 / length, -q_2 / length
+            gap, rate = excess(shift)
+            shift = (shift - gap / rate).clamp_min(0)
+    gap, rate = excess(shift)
+    shift = shift - gap / rate.detach()
+    return towards(torch.addcmul(t[0], shift, b[0]), torch.addcmul(t[1], shift, b[1]))
 
 
 _LEAST = 1e-10  # of the impulse that ends the slip: the direction is then that of no friction at all
-_STEPS = 5  # of 10⁵ random contacts all are then at rounding error
+_STEPS = 4  # before the last one: of 10⁵ random contacts all are then at rounding error
 
 
-def shifted(A: tuple[Values, Values, Values], b: tuple[Values, Values], shift: Values) -> tuple[Values, Values]:
-    """(A + shift)⁻¹ b."""
-    a_11, a_12, a_22 = A[0] + shift, A[1], A[2] + shift
-    det = a_11 * a_22 - a_12 * a_12
-    return (a_22 * b[0] - a_12 * b[1]) / det, (a_11 * b[1] - a_12 * b[0]) / det
+def towards(T_1: Values, T_2: Values) -> Pair:
+    """Return the direction of −T."""
+    per_length = -dot((T_1, T_2), (T_1, T_2)).clamp_min(1e-300).rsqrt()
+    return per_length * T_1, per_length * T_2
 
 
-def _beyond(
-    A: tuple[Values, Values, Values],
-    b: tuple[Values, Values],
-    radius: Values,
-    pull: tuple[Values, Values],
-    shift: Values,
-) -> tuple[Values, Values]:
-    """(radius + pull·q)/|q| − 1 of q = (A + shift)⁻¹ b, and its derivative in the shift."""
-    a_11, a_12, a_22 = A[0] + shift, A[1], A[2] + shift
-    inverse = 1 / (a_11 * a_22 - a_12 * a_12)
-    q_1, q_2 = inverse * (a_22 * b[0] - a_12 * b[1]), inverse * (a_11 * b[1] - a_12 * b[0])
-    g_1, g_2 = inverse * (a_22 * q_1 - a_12 * q_2), inverse * (a_11 * q_2 - a_12 * q_1)
-    square = (q_1 * q_1 + q_2 * q_2).clamp_min(1e-300)
-    length = square.sqrt()
-    reach = (radius + pull[0] * q_1 + pull[1] * q_2) / length
-    return reach - 1, reach * (q_1 * g_1 + q_2 * g_2) / square - (pull[0] * g_1 + pull[1] * g_2) / length
+def value(p: Sequence[Values], x: Values) -> Values:
+    """Return p_0 + p_1 x + p_2 x²."""
+    return torch.addcmul(p[0], x, torch.addcmul(p[1], x, p[2]))
+
+
+def slope(p: Sequence[Values], x: Values) -> Values:
+    """Return the derivative of `value`."""
+    return torch.addcmul(p[1], x, p[2], value=2)

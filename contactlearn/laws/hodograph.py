@@ -9,6 +9,9 @@ midpoint steps, implicit in the slip, to the nearer of its two ends.  Steps shri
 exact in v_n and its work.  The order is two where the slip lasts.  Restitution is followed once, up to an elastic one,
 and ends within one of its steps: all ε of a grid share the path.
 
+The steps are the cost of a law in space.  They have neither choices nor square roots but of reciprocals, which take
+PyTorch three to ten times as long as a product.
+
 Sources: Keller 1986; Batlle 1996; Bhatt & Koechling 1995; Stronge 2000.
 """
 
@@ -19,12 +22,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from contactlearn.laws.contact import Impulse, SpatialContact, opposing
+from contactlearn.laws.contact import Impulse, Pair, SpatialContact, dot, opposing
 
-STEPS = 6
+STEPS = 5
 """Midpoint steps of a phase."""
-_ROUNDS = 2  # of the speed in the middle of a step
-_LEAST, _MOST = 1e-100, 1e100  # N s: a shorter step is none, and a longer one has no end
+_LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
+_NONE = 1e-200  # (m/s)²: a slip is none below it
+_FLAT = 0.05  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
+_LEFT = 0.06  # of the square of the slip, in the middle of a step at least, for a first guess
 
 
 class Slide(NamedTuple):
@@ -40,23 +45,37 @@ class Slide(NamedTuple):
     ended: Tensor  # whether the first slip has ended
 
     @property
+    def slip(self) -> Pair:
+        """v_t in m/s."""
+        return self.v_1, self.v_2
+
+    @property
     def impulse(self) -> Impulse:
         """The impulse so far."""
         return self.P_1, self.P_2, self.P_n
 
+    def moved(self, step: Tensor, rates: Impulse, friction: Pair) -> "Slide":
+        """Return the point after a straight step of P_n with dv_c/dP_n and −dP_t/dP_n."""
+        v_n = torch.addcmul(self.v_n, step, rates[2])
+        return Slide(
+            torch.addcmul(self.v_1, step, rates[0]),
+            torch.addcmul(self.v_2, step, rates[1]),
+            v_n,
+            torch.addcmul(self.P_1, step, friction[0], value=-1),
+            torch.addcmul(self.P_2, step, friction[1], value=-1),
+            self.P_n + step,
+            torch.addcmul(self.work, step, self.v_n + v_n, value=0.5),
+            self.ended,
+        )
+
 
 Left = Callable[[Slide, Tensor], Tensor]
-"""Normal impulse until a phase ends from a point of the path, if v_n rises at a rate (1/kg) per impulse."""
+"""Normal impulse until a phase ends from a point of the path, if v_n rises at a rate (1/kg) > 0 per impulse."""
 
 
 def until(rise: Tensor) -> Left:
     """Phase that ends where v_n is `rise` (m/s)."""
-
-    def left(at: Slide, rate: Tensor) -> Tensor:
-        gap, rises = rise - at.v_n, rate > 0
-        return torch.where(rises, gap / torch.where(rises, rate, 1.0), torch.where(gap > 0, torch.inf, 0.0))
-
-    return left
+    return lambda at, rate: (rise - at.v_n) / rate
 
 
 def after_impulse(total: Tensor) -> Left:
@@ -69,11 +88,8 @@ def after_work(total: Tensor) -> Left:
 
     def left(at: Slide, rate: Tensor) -> Tensor:
         missing = (total - at.work).clamp_min(0)
-        square = at.v_n**2 + 2 * rate * missing
-        reached = (missing > 0) & (square > 0) & ((at.v_n > 0) | (rate > 0))
-        root = torch.where(reached, square, 1.0).sqrt()
-        length = 2 * missing / torch.where(reached, at.v_n + root, 1.0)
-        return torch.where(reached, length, torch.where(missing > 0, torch.inf, 0.0))
+        square = torch.addcmul(at.v_n * at.v_n, rate, missing, value=2).clamp_min(_NONE)
+        return 2 * missing / torch.addcmul(at.v_n, square, square.rsqrt()).clamp_min(_LEAST)
 
     return left
 
@@ -83,22 +99,20 @@ class Hodograph:
 
     def __init__(self, contact: SpatialContact, mu: Tensor, steps: int = STEPS):
         self.contact, self.mu, self.steps = contact, mu, steps
-        w_11, w_12, w_22, w_1n, w_2n, w_nn, _, _ = contact
-        det = w_11 * w_22 - w_12**2
+        w_11, w_12, w_22, w_1n, w_2n, _, _, _ = contact
+        det = torch.addcmul(w_11 * w_22, w_12, w_12, value=-1)
         self._inverse = w_22 / det, -w_12 / det, w_11 / det
-        q_1, q_2 = (w_12 * w_2n - w_22 * w_1n) / det, (w_12 * w_1n - w_11 * w_2n) / det
-        self.y_1, self.y_2, self._room = -q_1, -q_2, mu**2 - q_1**2 - q_2**2
-        self._divisor = torch.where(mu > 0, mu, 1.0)
-        none = torch.zeros_like(det)
+        self._stuck = _times(self._inverse, (w_1n, w_2n))  # friction that keeps a slip that has ended
+        self._room = mu * mu - dot(self._stuck, self._stuck)
+        none, self._one, self._half_mu = torch.zeros_like(self._room), torch.ones_like(self._room), 0.5 * mu
         u_1, u_2 = opposing((w_11, w_12, w_22), (w_1n, w_2n), mu + none, (none, none))
-        sticks = q_1**2 + q_2**2 <= mu**2
-        self.q_1, self.q_2 = torch.where(sticks, q_1, mu * u_1), torch.where(sticks, q_2, mu * u_2)
-        self.after = tuple(
-            torch.where(sticks, none, rate)
-            for rate in (w_1n + w_11 * self.q_1 + w_12 * self.q_2, w_2n + w_12 * self.q_1 + w_22 * self.q_2)
+        sticks = self._room >= 0
+        self.q_1, self.q_2 = (
+            torch.where(sticks, -stuck, mu * u) for stuck, u in zip(self._stuck, (u_1, u_2), strict=True)
         )
-        self.stiffness_after = w_nn + w_1n * self.q_1 + w_2n * self.q_2
-        self._rough = mu * w_11, mu * w_12, mu * w_22, mu * w_1n, mu * w_2n
+        rate_1, rate_2, self.stiffness_after = self._rates((-self.q_1, -self.q_2))
+        rate_1, rate_2 = (torch.where(sticks, none, rate) for rate in (rate_1, rate_2))
+        self._rates_after = rate_1, rate_2, self.stiffness_after
 
     def start(self) -> Slide:
         """Return the point before contact."""
@@ -112,11 +126,10 @@ class Hodograph:
 
     def restored(self, at: Slide, elastic: Left, left: Left) -> Impulse:
         """Return the impulse at which a phase of restitution ends on the path of an elastic one."""
-        P_1, P_2, P_n = at.impulse
-        taken = torch.ones_like(P_n)
+        (P_1, P_2, P_n), taken = at.impulse, self._one
         for first, last in pairwise(self.points(at, elastic)):
             step, before = (last.P_n - first.P_n).clamp_min(_LEAST), taken
-            taken = (left(first, (last.v_n - first.v_n) / step).clamp_max(_MOST) / step).clamp(0, 1)
+            taken = (left(first, ((last.v_n - first.v_n) / step).clamp_min(_LEAST)) / step).clamp(0, 1)
             taken = torch.where(before < 1, 0.0, taken)
             P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
             P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)
@@ -131,80 +144,71 @@ class Hodograph:
     def points(self, at: Slide, left: Left) -> Iterator[Slide]:
         """Yield the points of a phase, from its first to its last."""
         yield at
-        straight, ended = at.ended, at.ended
-        for count in range(self.steps, 0, -1):
+        moving, flat = torch.where(at.ended, 0.0, self._one), _FLAT * self.contact.w_nn
+        speed = dot(at.slip, at.slip).clamp_min(_NONE).rsqrt().reciprocal()
+        rates = self._rates((self.mu / speed * at.v_1, self.mu / speed * at.v_2))
+        ahead = left(at, torch.maximum(rates[2], flat))
+        for count in range(self.steps, 1, -1):
             share, slowing = 1 / count, 1 - ((count - 1) / count) ** 2
-            v_1 = torch.where(straight, 1.0, at.v_1)
-            speed = (v_1 * v_1 + at.v_2 * at.v_2).sqrt()
-            to_rest, q_1, q_2 = self._to_rest(v_1, at.v_2)
-            step = torch.minimum(share * left(at, self._rates(v_1 / speed, at.v_2 / speed)[2]), slowing * to_rest)
-            step = torch.where(step < torch.inf, step, 0.3 * speed / self.contact.w_11)
-            c, s = self._middle(v_1, at.v_2, speed, step)
-            whole = left(at, self._rates(c, s)[2])
-            step = torch.minimum(share * whole, slowing * to_rest)
-            if count == 1:
-                stops = to_rest < whole
-                ended = straight | stops | (step == torch.inf)
-                c, s = torch.where(stops, -q_1 / self._divisor, c), torch.where(stops, -q_2 / self._divisor, s)
-            step = torch.where(straight, 0.0, torch.where(step < torch.inf, step, 0.3 * speed / self.contact.w_11))
-            rate_1, rate_2, rate_n = self._rates(c, s)
-            at = Slide(
-                at.v_1 + step * rate_1,
-                at.v_2 + step * rate_2,
-                at.v_n + step * rate_n,
-                at.P_1 - self.mu * step * c,
-                at.P_2 - self.mu * step * s,
-                at.P_n + step,
-                at.work + step * (at.v_n + 0.5 * step * rate_n),
-                straight,
-            )
+            square, growth = dot(at.slip, at.slip), dot(at.slip, rates)
+            slows = -slowing * (moving * square / growth.clamp_max(-_LEAST))
+            friction = self._middle(at.slip, square, growth, torch.minimum(share * ahead, slows))
+            rates = self._rates(friction)
+            whole = left(at, torch.maximum(rates[2], flat))
+            step = torch.minimum(share * whole, slows)
+            at, ahead = at.moved(step, rates, friction), whole - step
             yield at
-        step = torch.where(ended, left(at, self.stiffness_after), 0.0)
-        v_1, v_2 = (torch.where(ended & ~straight, 0.0, v) for v in (at.v_1, at.v_2))
-        yield Slide(
-            v_1 + step * self.after[0],
-            v_2 + step * self.after[1],
-            at.v_n + step * self.stiffness_after,
-            at.P_1 + step * self.q_1,
-            at.P_2 + step * self.q_2,
-            at.P_n + step,
-            at.work + step * (at.v_n + 0.5 * step * self.stiffness_after),
-            ended,
-        )
+        before, at = at.ended, self._to_the_end(at, left, rates, ahead)
+        yield at._replace(ended=before)
+        step, stopped = torch.where(at.ended, left(at, self.stiffness_after), 0.0), at.ended & ~before
+        v_1, v_2 = (torch.where(stopped, 0.0, v) for v in at.slip)
+        yield at._replace(v_1=v_1, v_2=v_2).moved(step, self._rates_after, (-self.q_1, -self.q_2))
 
-    def _to_rest(self, v_1: Tensor, v_2: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Normal impulse h after which a straight path ends the slip, inf if none does, and its friction q per P_n.
+    def _to_the_end(self, at: Slide, left: Left, rates: Impulse, ahead: Tensor) -> Slide:
+        """Return the point at which a phase or the slip ends, whichever is nearer.
 
-        v_t = −h (W_tn + W_tt q), |q| = μ, is quadratic in 1/h; q = −(x/h + y), x = W_tt⁻¹ v_t, y = W_tt⁻¹ W_tn.
+        A straight path ends the slip after the normal impulse h with v_t = −h (W_tn − W_tt f), |f| = μ, which is
+        quadratic in 1/h; f = x/h + y, x = W_tt⁻¹ v_t, y = W_tt⁻¹ W_tn.
         """
-        i_11, i_12, i_22 = self._inverse
-        x_1, x_2 = i_11 * v_1 + i_12 * v_2, i_12 * v_1 + i_22 * v_2
-        square, half, rest = x_1 * x_1 + x_2 * x_2, -(x_1 * self.y_1 + x_2 * self.y_2), self._room
-        disc = half * half + square * rest
-        fits = disc > 0
-        root = half + torch.where(fits, disc, 1.0).sqrt()
-        fits = fits & (root > 0)
-        inverse = torch.where(fits, root, 1.0) / square
-        to_rest = torch.where(fits, 1 / inverse, torch.inf)
-        return to_rest, -(x_1 * inverse + self.y_1), -(x_2 * inverse + self.y_2)
+        x = _times(self._inverse, at.slip)
+        square, half = dot(x, x), -dot(x, self._stuck)
+        disc = torch.addcmul(half * half, square, self._room)
+        root = disc.clamp_min(_NONE)
+        root = torch.where(disc > 0, torch.addcmul(half, root, root.rsqrt()), 0.0).clamp_min(_LEAST)
+        inverse = root / square.clamp_min(_NONE)
+        to_rest = torch.where(at.ended, 0.0, inverse.reciprocal())
+        guess = torch.minimum(ahead, to_rest)
+        f_1, f_2 = self._middle(at.slip, dot(at.slip, at.slip), dot(at.slip, rates), guess)
+        whole = left(at, self._rates((f_1, f_2))[2].clamp_min(_LEAST))
+        step, stops = torch.minimum(whole, to_rest), to_rest < whole
+        f_1 = torch.where(stops, torch.addcmul(self._stuck[0], x[0], inverse), f_1)
+        f_2 = torch.where(stops, torch.addcmul(self._stuck[1], x[1], inverse), f_2)
+        end = at.moved(torch.where(step < _MOST, step, guess), self._rates((f_1, f_2)), (f_1, f_2))
+        return end._replace(ended=at.ended | stops | (whole > _MOST))
 
-    def _middle(self, v_1: Tensor, v_2: Tensor, speed: Tensor, step: Tensor) -> tuple[Tensor, Tensor]:
-        """Direction of the slip in the middle of a step: implicit in v_t, with a speed that is found in two rounds."""
-        m_11, m_12, m_22 = self._rough[:3]
-        half = 0.5 * step
-        b_1, b_2 = v_1 + half * self.contact.w_1n, v_2 + half * self.contact.w_2n
-        c, s = b_1, b_2
-        for _ in range(_ROUNDS):
-            share = half / speed
-            a_11, a_12, a_22 = 1 + share * m_11, share * m_12, 1 + share * m_22
-            x_1, x_2 = a_22 * b_1 - a_12 * b_2, a_11 * b_2 - a_12 * b_1
-            length = (x_1 * x_1 + x_2 * x_2).clamp_min(1e-300).sqrt()
-            speed, c, s = length / (a_11 * a_22 - a_12 * a_12), x_1 / length, x_2 / length
-        return c, s
+    def _middle(self, v: Pair, square: Tensor, growth: Tensor, step: Tensor) -> Pair:
+        """Friction −dP_t/dP_n in the middle of a step: implicit in v but for its length, which falls evenly."""
+        w_11, w_12, w_22, w_1n, w_2n, _, _, _ = self.contact
+        least = torch.maximum(torch.addcmul(square, step, growth), _LEFT * square).clamp_min(_NONE)
+        share = self._half_mu * step * least.rsqrt()
+        a_11, a_22 = torch.addcmul(self._one, share, w_11), torch.addcmul(self._one, share, w_22)
+        a_12 = share * w_12
+        b = torch.addcmul(v[0], step, w_1n, value=0.5), torch.addcmul(v[1], step, w_2n, value=0.5)
+        u_1 = torch.addcmul(a_22 * b[0], a_12, b[1], value=-1)
+        u_2 = torch.addcmul(a_11 * b[1], a_12, b[0], value=-1)
+        per_length = self.mu * dot((u_1, u_2), (u_1, u_2)).clamp_min(_NONE).rsqrt()
+        return per_length * u_1, per_length * u_2
 
-    def _rates(self, c: Tensor, s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """dv_c/dp (1/kg) in a direction of the slip."""
-        m_11, m_12, m_22, m_1, m_2 = self._rough
-        rate_1 = self.contact.w_1n - (m_11 * c + m_12 * s)
-        rate_2 = self.contact.w_2n - (m_12 * c + m_22 * s)
-        return rate_1, rate_2, self.contact.w_nn - (m_1 * c + m_2 * s)
+    def _rates(self, friction: Pair) -> Impulse:
+        """dv_c/dP_n (1/kg) with a friction −dP_t/dP_n."""
+        w_11, w_12, w_22, w_1n, w_2n, w_nn, _, _ = self.contact
+        rate_1, rate_2, rate_n = (
+            torch.addcmul(torch.addcmul(rate, a, friction[0], value=-1), b, friction[1], value=-1)
+            for rate, a, b in ((w_1n, w_11, w_12), (w_2n, w_12, w_22), (w_nn, w_1n, w_2n))
+        )
+        return rate_1, rate_2, rate_n
+
+
+def _times(A: Impulse, b: Pair) -> Pair:
+    """A b of a symmetric A, by its 11, 12 and 22."""
+    return dot((A[0], A[1]), b), dot((A[1], A[2]), b)

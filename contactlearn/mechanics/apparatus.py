@@ -2,6 +2,7 @@
 
     gravity       in free flight: differs from 9.81 m/s² where the scale or the frame rate is wrong
     drag          of the air, which the velocities at contact already allow for
+    friction      μ of bodies that slide on a side until they stop, which need not be that of impacts
     delay         of the states at contact, which are those of the instant at which two flights meet
     late          time from the instant of a frame's angle to that of its position, from the heights of contacts
     slope         of the floor along x against the upward axis, in space slope_b along y, from the heights of contacts
@@ -12,9 +13,11 @@
     middle        of the body's outline about the tracked point, in the body's axes, from the same heights
     centre        of mass about the tracked point, in the body's axes, from the wobble of free flights
     inertia       ln I/I₀ about the stated one, from the moment balance of impacts
+    rocking       the same inertia and centre of mass as bodies show them that rock on an edge: other frames
 
-Gravity, drag and delay are what they are; each of the others is an amount by which the stated value is to be changed,
-and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that were stated.
+Gravity, drag, friction, delay and what rocking shows are what they are; each of the others is an amount by which the
+stated value is to be changed, and is 0 once it has been.  `Apparatus.rows` lists all of them beside the values that
+were stated.
 
 Fits keep an effect's parameter between 0 and three standard errors beyond its estimate from free flight: the estimate
 bounds the effect, and leaves it free to be absent.
@@ -98,7 +101,7 @@ class Row:
         """Value and error as people read them: 1.96 ± 0.02°; an inertia as a ratio."""
         factor, unit = _SHOWN.get(self.unit, (1.0, "" if self.unit == "–" else f" {self.unit}"))
         value, error = self._value, self.estimate.error
-        if self.name == "inertia":
+        if self.symbol == "κ":
             value, error = math.exp(value), math.exp(value) * error
         return f"{number(factor * value, 3)} ± {number(factor * error, 1)}{unit}"
 
@@ -117,10 +120,13 @@ _IN_THE_BODY = ("middle_a", "middle_b", "middle_c", "centre_a", "centre_b", "cen
 CHANGES = ("slope", "slope_b", "orientation", "late", "corner", "oblong", *_IN_THE_BODY, "inertia")
 """Fields of `Apparatus` by which impacts can be corrected."""
 _OF_HEIGHTS = ("corner", "oblong")
-_HEIGHTS = "heights of contacts against θ"
+ROCKING = ("rocking_inertia", "rocking_a", "rocking_b", "rocking_c")
+"""Fields of `Apparatus` that bodies show which rock on an edge."""
+_HEIGHTS, _EDGES = "heights of contacts against θ", "rocking on edges, a second witness"
 _LISTED = (
     ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
     ("drag", "drag of the air", "k", "1/s", None, "free flights"),
+    ("friction", "friction of slides", "μ", "–", None, "slides on a side to rest"),
     ("delay", "delay of the states", "Δt", "s", 0.0, "contacts at which two flights meet"),
     ("slope", "slope of the floor", "φ", "rad", 0.0, "heights of contacts and rests"),
     ("slope_b", "slope of the floor along y", "ψ", "rad", 0.0, "heights of contacts and rests"),
@@ -135,6 +141,10 @@ _LISTED = (
     ("centre_b", "centre of mass along y", "δ_b", "m", 0.0, "wobble of flights, moment balance"),
     ("centre_c", "centre of mass along z", "δ_c", "m", 0.0, "wobble of flights, moment balance"),
     ("inertia", "inertia over the stated one", "κ", "–", 0.0, "moment balance of impacts"),
+    ("rocking_inertia", "inertia over the stated one", "κ", "–", None, _EDGES),
+    ("rocking_a", "centre of mass along x", "δ_a", "m", None, _EDGES),
+    ("rocking_b", "centre of mass along y", "δ_b", "m", None, _EDGES),
+    ("rocking_c", "centre of mass along z", "δ_c", "m", None, _EDGES),
 )
 PROPERTIES: dict[str, dict[str, Any]] = {
     name: {"quantity": quantity, "symbol": symbol, "unit": unit, "stated": stated, "known_from": known_from}
@@ -149,6 +159,7 @@ class Apparatus:
 
     gravity: Estimate
     drag: Estimate | None = None
+    friction: Estimate | None = None
     delay: Estimate
     slope: Estimate | None = None
     slope_b: Estimate | None = None
@@ -163,6 +174,10 @@ class Apparatus:
     centre_b: Estimate | None = None
     centre_c: Estimate | None = None
     inertia: Estimate | None = None
+    rocking_inertia: Estimate | None = None
+    rocking_a: Estimate | None = None
+    rocking_b: Estimate | None = None
+    rocking_c: Estimate | None = None
 
     def rows(self) -> tuple[Row, ...]:
         """The rig card: every estimate beside the stated value."""
@@ -187,6 +202,16 @@ class Apparatus:
         """Names of the effects that say what was applied."""
         return frozenset(name.partition(".")[0] for name, one in self.parameters() if one.applied)
 
+    @property
+    def beside(self) -> tuple[float, float, float]:
+        """Mass centre in m from the middle of the outline, along the body's axes, as far as corrections have moved it.
+
+        Contact points have it; the shape, whose middle is its origin, does not.
+        """
+        made = {row.name: row.estimate.applied for row in self.applied}
+        a, b, c = (made.get(f"centre_{axis}", 0.0) - made.get(f"middle_{axis}", 0.0) for axis in "abc")
+        return a, b, c
+
     def parameters(self) -> Iterator[tuple[str, Estimate]]:
         """Yield the estimates of effects' parameters, by `effect.parameter`."""
         known = (
@@ -204,8 +229,11 @@ class Apparatus:
         return ((name, one) for name, one in known if one is not None)
 
     def without(self, *names: str) -> "Apparatus":
-        """Return the apparatus without some of its optional estimates, which make no sense in other units or axes."""
-        return replace(self, **dict.fromkeys(names))
+        """Return the apparatus without some of its optional estimates, which make no sense in other units or axes.
+
+        Rocking is left out with them.
+        """
+        return replace(self, **dict.fromkeys((*names, *ROCKING)))
 
     def with_x_mirrored(self) -> "Apparatus":
         """Return the estimates in axes whose x is mirrored, and whose θ is not."""

@@ -2,15 +2,18 @@
 
 `contact_point` is the body's lowest point at orientation θ, in space at a quaternion, relative to the centre of mass
 and in world axes: r [..., d] in metres, its last component < 0, differentiable in the orientation and in the body's
-scale (a polygon's and a box's, between the jumps from corner to corner).  `gyration_squared` is I/m of the body if its
+scale (of a body with corners, between the jumps from one to the next).  `gyration_squared` is I/m of the body if its
 density is uniform.  Shapes are plain values; `None` stands for an unknown shape.
 """
 
+import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, dataclass, fields
+from functools import cached_property, lru_cache
+from inspect import signature
+from typing import Any, ClassVar, Protocol
 
 import torch
 from jaxtyping import Float, Int
@@ -18,8 +21,12 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import finite_number
+from contactlearn.mechanics.hull import Hull, convex_hull, mesh_points
 from contactlearn.mechanics.rigid_body import matvec, rotate, rotation
 from contactlearn.mechanics.space import SPACE, Space
+
+_OFF = 1e-6  # of an origin from the centroid over the body's size, and of products of inertia, at most
+_TOUCHING = 1e-6  # of a sphere of radius 1 from the faces of a corner, at most
 
 
 class Shape(Protocol):
@@ -42,20 +49,28 @@ def contact_point(
     shape: Shape,
     theta: Float[Tensor, "..."],
     scale: Sequence[Float[Tensor, "*#batch"] | float] = (1.0, 1.0),
+    corner: Tensor | float = 0.0,
 ) -> Float[Tensor, "..."]:
     """Lowest point r [..., d] in m at orientation θ [...] in rad, in space at a quaternion [..., 4].
 
     The body may be stretched by `scale` along its own x and y (and z) axes: the farthest point of S K in the
-    direction d is S times that of K in the direction S d.
+    direction d is S times that of K in the direction S d.  Its corners, if any, are rounder by `corner` in m.
     """
-    if isinstance(shape, Solid):
-        R = rotation(theta)
-        s = torch.stack(torch.broadcast_tensors(*(R.new_ones(()) * one for one in (*scale, 1.0)[:3])), -1)
-        return matvec(R, s * shape.support(-R[..., 2, :] * s))
-    s_x, s_y, *_ = scale
-    down = torch.stack((-theta.sin() * s_x, -theta.cos() * s_y), -1)  # world −y in the body frame, times S
-    x, y = shape.support(down).unbind(-1)
-    return rotate(torch.stack((s_x * x, s_y * y), -1), theta)
+    down, in_world = _placed(theta, 3 if isinstance(shape, Solid) else 2)
+    s = torch.stack(torch.broadcast_tensors(*(down.new_ones(()) * x for x in (*scale, 1.0)[: down.shape[-1]])), -1)
+    lowest = s * shape.support(down * s)
+    if isinstance(shape, Cornered) and (isinstance(corner, Tensor) or corner):
+        lowest = lowest + shape.rounding(shape.facing(down), down, corner)
+    return in_world(lowest)
+
+
+def _placed(orientation: Float[Tensor, "..."], d: int) -> tuple[Float[Tensor, "*batch d"], Callable[[Tensor], Tensor]]:
+    """Straight down in the axes of a body, and the way from these to the world's."""
+    if d == 2:
+        down = torch.stack((-orientation.sin(), -orientation.cos()), -1)
+        return down, lambda vector: rotate(vector, orientation)
+    R = rotation(orientation)
+    return -R[..., 2, :], lambda vector: matvec(R, vector)
 
 
 @dataclass(frozen=True)
@@ -106,14 +121,89 @@ class Disc:
         return Ellipse((self.radius, self.radius)).outline(points)
 
 
-@dataclass(frozen=True)
-class Polygon:
-    """Convex polygon with `vertices` [V, 2] in m, in the body frame, in order around the body.
+class Cornered(ABC):
+    """A body with corners, in the plane or in space.
 
-    Its corners are arcs of radius `corner` in m within their two sides, whose lines meet in the vertices.  On a flat
-    side both ends are lowest; the contact point is then the first of them in the given order, so r jumps there, as it
+    They are arcs of radius `corner` within their two sides, in space parts of spheres within their faces.  On a flat
+    side or an edge several corners are lowest; the contact point is then the first of them, so r jumps there, as it
     does for the real body.
     """
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    corner: float
+
+    @abstractmethod
+    def corners(self) -> Float[Tensor, "v d"]:
+        """Return the places in m in which sides or faces meet, in the body frame."""
+
+    @abstractmethod
+    def edges(self) -> Int[Tensor, "e 2"]:
+        """Return the pairs of corners that an edge joins."""
+
+    @abstractmethod
+    def arc_centres(self) -> Float[Tensor, "v d"]:
+        """Return the way from each corner to the centre of its arc or sphere, of radius 1: a · n = −1 for its sides."""
+
+    def largest_corner(self) -> float:
+        """Largest radius in m at which no two corners overlap: each shortens its edges, of direction e, by a · e."""
+        corners, cut, (one, other) = self.corners(), self.arc_centres(), self.edges().unbind(-1)
+        along = corners[other] - corners[one]
+        length = along.norm(dim=-1)
+        shorter = ((cut[one] - cut[other]) * along).sum(-1) / length
+        return (length / shorter.clamp_min(1e-300)).min().item()
+
+    def facing(self, direction: Float[Tensor, "*batch d"]) -> Int[Tensor, "*batch"]:
+        """The corner of the greatest d · p, the first of equals, by its number."""
+        return (direction @ self.corners().to(direction).T).argmax(-1)
+
+    def support(self, direction: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
+        """The corner that faces d, or the point of its arc with the normal d."""
+        faces = self.facing(direction)
+        sharp = self.corners().to(direction)[faces]
+        return sharp + self.rounding(faces, direction, self.corner) if self.corner else sharp
+
+    def rounding(
+        self, corner: Int[Tensor, "*#batch"], direction: Float[Tensor, "*#batch d"], radius: Tensor | float
+    ) -> Float[Tensor, "*#batch d"]:
+        """From corners to the points of arcs of a radius in m that have these normals, in the body frame."""
+        arcs = self.arc_centres().to(direction)[corner] + direction / direction.norm(dim=-1, keepdim=True)
+        return (arcs.new_ones(()) * radius)[..., None] * arcs
+
+    def lowest_corners(self, orientation: Float[Tensor, "..."]) -> tuple[Float[Tensor, "n d"], Float[Tensor, "n d"]]:
+        """The lowest corner and the next at orientations [N] or [N, 4], from the centre of mass in world axes, m."""
+        sharp = self.corners().to(orientation)
+        down, in_world = _placed(orientation.unsqueeze(1), sharp.shape[1])
+        corners = in_world(sharp + self.rounding(torch.arange(len(sharp)), down, self.corner))
+        every = torch.arange(len(corners), device=orientation.device)
+        first, second = corners[..., -1].topk(2, largest=False).indices.unbind(-1)
+        return corners[every, first], corners[every, second]
+
+
+def _uniform(simplices: Float[Tensor, "s d d"]) -> tuple[Float[Tensor, " d"], Float[Tensor, "d d"]]:
+    """Centroid in m and ∫ x xᵀ / V in m² of simplices with the origin, each by its other d corners p.
+
+    They are Σ V_k Σp / (d + 1) V and Σ V_k (Σ p pᵀ + Σp Σpᵀ) / (d + 1) (d + 2) V.
+    """
+    share, total, d = torch.linalg.det(simplices).abs(), simplices.sum(1), simplices.shape[-1]
+    share = share / share.sum()
+    squares = simplices.mT @ simplices + total[:, :, None] * total[:, None]
+    return share @ total / (d + 1), (share[:, None, None] * squares).sum(0) / ((d + 1) * (d + 2))
+
+
+def _off_centroid(rule: str, centroid: Float[Tensor, " d"]) -> DataError:
+    """The error of a body whose origin is not its centroid."""
+    at = ", ".join(f"{x:.9g}" for x in centroid.tolist())
+    mend = "" if len(centroid) == 2 else f", or state data.shape.centre=[{at}], and give poses of that point"
+    return DataError(f"{rule} is at ({at}) m: subtract it from every vertex{mend}")
+
+
+_INSIDE = "a polyhedron must have its centre of mass, the origin, inside; of uniform density it"
+_CENTRED = "of uniform density has its centre of mass, the origin, at its centroid, but that"
+
+
+@dataclass(frozen=True)
+class Polygon(Cornered):
+    """Convex polygon with `vertices` [V, 2] in m, in the body frame, in order around the body."""
 
     vertices: tuple[tuple[float, float], ...]
     corner: float = 0.0
@@ -152,45 +242,23 @@ class Polygon:
                 f"{self.corner:g}"
             )
 
-    def largest_corner(self) -> float:
-        """Largest radius in m at which the arcs of two neighbouring corners do not overlap."""
-        corners, cut = torch.tensor(self.vertices, dtype=torch.float64), self.arc_centres()
-        reach = (cut.square().sum(-1) - 1).clamp_min(0).sqrt()  # of an arc along its sides, at radius 1
-        return ((corners.roll(-1, 0) - corners).norm(dim=-1) / (reach + reach.roll(-1, 0))).min().item()
+    def corners(self) -> Float[Tensor, "v 2"]:
+        """The vertices."""
+        return _points(self.vertices)
+
+    def edges(self) -> Int[Tensor, "v 2"]:
+        """Each vertex and the next."""
+        every = torch.arange(len(self.vertices))
+        return torch.stack((every, every.roll(-1)), -1)
 
     def arc_centres(self) -> Float[Tensor, "vertices 2"]:
         """From each vertex to the centre of its arc, of radius 1: −(a + b)/(1 + a·b) of its sides' outward normals."""
-        corners = torch.tensor(self.vertices, dtype=torch.float64)
+        corners = self.corners()
         x, y = (corners.roll(-1, 0) - corners).unbind(-1)
         around = (corners[:, 0] * y - corners[:, 1] * x).sum().sign()  # 1 if counter-clockwise
         after = around * torch.stack((y, -x), -1) / torch.hypot(x, y)[:, None]  # of the side that begins at a vertex
         before = after.roll(1, 0)
         return -(before + after) / (1 + (before * after).sum(-1, keepdim=True))
-
-    def facing(self, direction: Float[Tensor, "*batch 2"]) -> Int[Tensor, "*batch"]:
-        """The vertex of the greatest d · p, the first of equals, by its number."""
-        return (direction @ _like(direction, self.vertices).T).argmax(-1)
-
-    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """The vertex that faces d, or the point of its arc with the normal d."""
-        corners, lowest = _like(direction, self.vertices), self.facing(direction)
-        return corners[lowest] + self.rounding(lowest, direction, self.corner) if self.corner else corners[lowest]
-
-    def rounding(
-        self, vertex: Int[Tensor, "*batch"], direction: Float[Tensor, "*batch 2"], radius: Tensor | float
-    ) -> Float[Tensor, "*batch 2"]:
-        """From vertices to the points of arcs of a radius in m that have these normals, in the body frame."""
-        arcs = self.arc_centres().to(direction)[vertex] + direction / direction.norm(dim=-1, keepdim=True)
-        return (arcs.new_ones(()) * radius)[..., None] * arcs
-
-    def lowest_corners(self, theta: Float[Tensor, " n"]) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
-        """The lowest corner and the next at orientations θ [N] in rad, from the centre of mass in world axes, m."""
-        sharp = torch.tensor(self.vertices, dtype=theta.dtype, device=theta.device)
-        down, every = torch.stack((-theta.sin(), -theta.cos()), -1)[:, None], torch.arange(len(sharp))
-        corners = rotate(sharp + self.rounding(every, down, self.corner), theta[:, None])
-        every = torch.arange(len(theta), device=theta.device)
-        first, second = corners[..., 1].topk(2, largest=False).indices.unbind(-1)
-        return corners[every, first], corners[every, second]
 
     def gyration_squared(self) -> float:
         """ρ² = Σ A_k (|p|² + p·q + |q|²) / (6 Σ A_k) over the triangles from the origin to each side (p, q).
@@ -199,17 +267,10 @@ class Polygon:
             DataError: the centroid is not at the origin, so the density cannot be uniform.
         """
         p = self.outline()[:-1]
-        q = p.roll(-1, 0)
-        share = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-        share = share / share.sum()  # of each triangle in the area
-        centroid = share @ (p + q) / 3
-        if centroid.abs().max() > (1e-4 if self.corner else 1e-6) * p.abs().max():  # arcs are chords here
-            x, y = centroid.tolist()
-            raise DataError(
-                "a polygon of uniform density has its centre of mass, the origin, at its centroid, but that is at "
-                f"({x:.9g}, {y:.9g}) m: subtract it from every vertex"
-            )
-        return float(share @ (p * p + p * q + q * q).sum(1)) / 6
+        centroid, second = _uniform(torch.stack((p, p.roll(-1, 0)), 1))
+        if centroid.abs().max() > (1e-4 if self.corner else _OFF) * p.abs().max():  # arcs are chords here
+            raise _off_centroid(f"a polygon {_CENTRED}", centroid)
+        return second.trace().item()
 
     def outline(self, points: int = 181) -> Float[Tensor, "points 2"]:
         """The vertices, and the first again; round corners at equal angles."""
@@ -217,9 +278,6 @@ class Polygon:
             return torch.tensor((*self.vertices, self.vertices[0]), dtype=torch.float64)
         angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)
         return self.support(torch.stack((angle.cos(), angle.sin()), -1))
-
-
-_BESIDE = 1e-9  # of a direction, to either side of a plane of the body's axes
 
 
 class Solid(ABC):
@@ -234,11 +292,9 @@ class Solid(ABC):
         """Return I/m [3] in m² about the body's axes, at uniform density."""
 
     def outline(self, points: int = 181) -> Float[Tensor, "lines 3"]:
-        """Return two closed lines about each axis, with a gap (nan) behind each: edges of a cuboid, else circles."""
-        x, y = Disc(1.0).outline(points).unbind(-1)
-        about = [torch.stack((x, y, torch.full_like(x, side)), -1) for side in (-_BESIDE, _BESIDE)]
-        lines = [self.support(one.roll(axis, -1)) for axis in range(3) for one in about]
-        return torch.cat([torch.cat((line, torch.full_like(line[:1], torch.nan))) for line in lines])
+        """Return a closed line about each axis, with a gap (nan) behind each."""
+        about = torch.cat((Disc(1.0).outline(points), torch.zeros(points, 1, dtype=torch.float64)), -1)
+        return _with_gaps([self.support(about.roll(axis, -1)) for axis in range(3)])
 
 
 @dataclass(frozen=True)
@@ -280,8 +336,105 @@ class Sphere(Solid):
         return torch.full((3,), 0.4 * self.radius**2, dtype=torch.float64)
 
 
+class Polytope(Cornered, Solid):
+    """A convex body with flat faces."""
+
+    @abstractmethod
+    def _places(self) -> tuple[tuple[float, ...], ...]:
+        """The corners in m, in the body frame."""
+
+    @cached_property
+    def hull(self) -> Hull:
+        """Its faces."""
+        return convex_hull(self._places())
+
+    def corners(self) -> Float[Tensor, "v 3"]:
+        """The vertices."""
+        return _points(self._places())
+
+    def edges(self) -> Int[Tensor, "e 2"]:
+        """Pairs of corners of two faces."""
+        touches = self.hull.touches.double()
+        return (touches.mT @ touches).triu(1).ge(2).nonzero()
+
+    @cached_property
+    def _spheres(self) -> tuple[Float[Tensor, "v 3"], bool]:
+        """Centres of spheres of radius 1 that are nearest to touching all faces of a corner, and whether they do."""
+        n, touches = self.hull.normals, self.hull.touches.mT.double()
+        squares = torch.einsum("vf,fi,fj->vij", touches, n, n)
+        centres = -torch.linalg.solve(squares, touches @ n)
+        return centres, bool((touches * (centres @ n.mT + 1)).abs().max() < _TOUCHING)
+
+    def arc_centres(self) -> Float[Tensor, "v 3"]:
+        """Spheres that touch the faces of a corner, or are nearest to it."""
+        return self._spheres[0]
+
+    def largest_corner(self) -> float:
+        """Largest radius; 0 where no sphere touches all faces of some corner."""
+        return super().largest_corner() if self._spheres[1] else 0.0
+
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """I/m by the tetrahedra from the origin to the triangles of its faces; the rounding is left out.
+
+        Raises:
+            DataError: the centroid is not at the origin, or the body's axes are not principal.
+        """
+        centroid, second = self.uniform()
+        if centroid.abs().max() > _OFF * self.corners().abs().max():
+            raise _off_centroid(f"a polyhedron {_CENTRED}", centroid)
+        products = second - torch.diag(second.diagonal())
+        if products.abs().max() > _OFF * second.trace():
+            turn = ", ".join(f"{x:.9g}" for x in _principal_turn(second).tolist())
+            raise DataError(
+                "the axes of a polyhedron of uniform density must be principal axes, and these are turned against them "
+                f"by the quaternion ({turn}): state data.shape.turn=[{turn}], and give poses of those axes"
+            )
+        return second.trace() - second.diagonal()
+
+    def uniform(self) -> tuple[Float[Tensor, "3"], Float[Tensor, "3 3"]]:
+        """Return the centroid in m, and ∫ x xᵀ / V in m² about it."""
+        corners = self.corners()
+        inside = corners.mean(0)
+        off, second = _uniform((corners - inside)[self.hull.triangles])
+        return inside + off, second - torch.outer(off, off)
+
+    def outline(self, points: int = 181) -> Float[Tensor, "lines 3"]:
+        """Return the border of each face, closed, with a gap (nan) behind it."""
+        lines = list[Tensor]()
+        for normal, on in zip(self.hull.normals, self.hull.touches, strict=True):
+            flat = self.corners()[on] + self.corner * (self.arc_centres()[on] + normal)
+            first, *_ = about = flat - flat.mean(0)
+            angle = torch.atan2(about @ torch.linalg.cross(normal, first), about @ first)
+            border = flat[angle.argsort()]
+            lines.append(torch.cat((border, border[:1])))
+        return _with_gaps(lines)
+
+
 @dataclass(frozen=True)
-class Cuboid(Solid):
+class Polyhedron(Polytope):
+    """Convex hull of `vertices` [V, 3] in m, in the body frame, in any order; it keeps those of the hull."""
+
+    vertices: tuple[tuple[float, float, float], ...]
+    corner: float = 0.0
+
+    def __post_init__(self) -> None:
+        given = _triples(self.vertices)
+        object.__setattr__(self, "vertices", tuple(given[k] for k in convex_hull(given).corners.tolist()))
+        if self.hull.heights.min() <= 0:
+            raise _off_centroid(_INSIDE, self.uniform()[0])
+        object.__setattr__(self, "corner", finite_number("corner", self.corner, 0))
+        if self.corner and self.corner > (largest := self.largest_corner()):
+            raise DataError(
+                f"spheres of the corners must fit into the faces of a polyhedron, at most {largest:.4g} m, got corner="
+                f"{self.corner:g}" + ("" if largest else "; some corner's faces touch no common sphere")
+            )
+
+    def _places(self) -> tuple[tuple[float, ...], ...]:
+        return self.vertices
+
+
+@dataclass(frozen=True)
+class Cuboid(Polytope):
     """Cuboid with `half` sides (a, b, c) in m along the body's axes; edges and corners are rounded by `corner` in m."""
 
     half: tuple[float, float, float]
@@ -293,32 +446,58 @@ class Cuboid(Solid):
         if self.corner > min(self.half):
             raise DataError(f"corners of a box have at most the least of its half sides as radius, got {self.corner:g}")
 
-    def facing(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """Corner in a direction, by its signs."""
-        return torch.where(direction < 0, -1.0, 1.0).to(direction)
-
-    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """The corner of the greatest d · p, or the point of its rounding with the normal d."""
-        signs = self.facing(direction)
-        sharp = _like(direction, self.half) * signs
-        return sharp + self.rounding(signs, direction, self.corner) if self.corner else sharp
-
-    def rounding(
-        self, corner: Float[Tensor, "*batch 3"], direction: Float[Tensor, "*batch 3"], radius: Tensor | float
-    ) -> Float[Tensor, "*#batch 3"]:
-        """From corners to the points of spheres of a radius in m, within the sides, that have these normals."""
-        spheres = direction / direction.norm(dim=-1, keepdim=True) - corner
-        return (spheres.new_ones(()) * radius)[..., None] * spheres
-
-    def gyration_squared(self) -> Float[Tensor, "3"]:
-        """(b² + c²)/3 and so on; the rounding is left out."""
-        squares = torch.tensor(self.half, dtype=torch.float64).square()
-        return (squares.sum() - squares) / 3
+    def _places(self) -> tuple[tuple[float, ...], ...]:
+        return tuple(itertools.product(*((x, -x) for x in self.half)))
 
 
-KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid]] = {
+def polyhedron(
+    vertices: Sequence[Sequence[float]] | None = None,
+    corner: float = 0.0,
+    *,
+    file: str | None = None,
+    scale: float = 1.0,
+    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    turn: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+) -> Polyhedron:
+    """Make a polyhedron from vertices, or from those of a mesh.
+
+    Args:
+        vertices: in m.
+        corner: radius in m.
+        file: .obj or .stl, in place of the vertices.
+        scale: metres in the unit of vertices or file.
+        centre: of mass in m, in the axes of vertices or file.
+        turn: quaternion of the body's axes in those.
+
+    Raises:
+        DataError: not one of vertices and file, or an impossible entry.
+    """
+    if (vertices is None) == (file is None):
+        raise DataError("a polyhedron takes vertices, [[x, y, z], …], or the file of a mesh: one of them")
+    points = torch.tensor(_triples(vertices if file is None else mesh_points(file)), dtype=torch.float64)
+    size, middle = finite_number("scale", scale, 0, above=True), torch.tensor(_triples([centre]), dtype=torch.float64)
+    try:
+        axes = rotation(torch.tensor(turn, dtype=torch.float64).reshape(4))
+    except (TypeError, ValueError, RuntimeError):
+        raise DataError(f"turn of a polyhedron is a quaternion [w, x, y, z], got {turn!r}") from None
+    placed = (size * points - middle) @ axes
+    return Polyhedron(tuple((x, y, z) for x, y, z in placed.tolist()), corner)
+
+
+def _principal_turn(second: Float[Tensor, "3 3"]) -> Float[Tensor, "4"]:
+    """Quaternion of the principal axes of a body that are nearest to its own."""
+    from scipy.spatial.transform import Rotation  # SciPy takes long to load
+
+    axes = torch.linalg.eigh(second).eigenvectors
+    axes = max((axes[:, list(k)] for k in itertools.permutations(range(3))), key=lambda one: one.diagonal().abs().sum())
+    axes = axes * axes.diagonal().sign()
+    axes[:, 2] *= torch.linalg.det(axes).sign()
+    return torch.from_numpy(Rotation.from_matrix(axes.numpy()).as_quat(scalar_first=True))
+
+
+KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid | Polyhedron]] = {
     **{"ellipse": Ellipse, "polygon": Polygon, "disc": Disc},
-    **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cuboid": Cuboid},
+    **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cuboid": Cuboid, "polyhedron": Polyhedron},
 }
 
 
@@ -330,11 +509,13 @@ def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
     """
     if shape is not None and isinstance(shape, Solid) != (space is SPACE):
         rule = f"{source}: a body in {'space' if space is SPACE else 'a plane'} has the shape of one"
-        raise DataError(f"{rule}, got {shape}; cuboid, ellipsoid, sphere are of space, other kinds of the plane")
+        raise DataError(
+            f"{rule}, got {shape}; cuboid, ellipsoid, polyhedron, sphere are of space, other kinds of the plane"
+        )
 
 
 def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
-    """Shape from `{kind: ellipse, semi_axes: [a, b]}`, `polygon` with `vertices`, `disc` with `radius`, or None.
+    """Shape from `{kind: ellipse, semi_axes: [a, b]}`, another kind with its fields, as of `polyhedron`, or None.
 
     Raises:
         DataError: a missing, unknown or impossible entry.
@@ -350,10 +531,11 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
         if any(isinstance(value, Mapping) for value in entries.values()):
             raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
         raise UnknownNameError("shape kind", kind, KINDS)
+    make = polyhedron if kind == "polyhedron" else KINDS[kind]
     try:
-        return KINDS[kind](**{key: _plain(value) for key, value in entries.items()})
+        return make(**{key: _plain(value) for key, value in entries.items()})
     except TypeError:
-        wanted = ", ".join(KINDS[kind].__dataclass_fields__)
+        wanted = ", ".join(signature(make).parameters)
         raise DataError(f"shape {kind!r} takes {wanted}; got {', '.join(map(str, entries)) or 'nothing'}") from None
 
 
@@ -364,7 +546,18 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
     if not isinstance(shape, tuple(KINDS.values())):
         raise DataError(f"a shape in a file is one of {', '.join(KINDS)}, got {shape!r}")
     kind = next(name for name, kind in KINDS.items() if type(shape) is kind)
-    return {"kind": kind, **{name: value for name, value in vars(shape).items() if value != 0}}
+    return {"kind": kind, **{f.name: value for f in fields(shape) if (value := getattr(shape, f.name)) != 0}}
+
+
+@lru_cache(maxsize=64)
+def _points(vertices: tuple[tuple[float, ...], ...]) -> Float[Tensor, "v d"]:
+    """Vertices as a tensor, which is not to be changed."""
+    return torch.tensor(vertices, dtype=torch.float64)
+
+
+def _with_gaps(lines: Sequence[Float[Tensor, "_ 3"]]) -> Float[Tensor, "all 3"]:
+    """Lines behind each other, with a gap (nan) behind each."""
+    return torch.cat([torch.cat((line, torch.full_like(line[:1], torch.nan))) for line in lines])
 
 
 def _like(tensor: Tensor, values: Any) -> Tensor:
@@ -376,6 +569,19 @@ def _plain(value: Any) -> Any:
     return (
         tuple(_plain(item) for item in value) if isinstance(value, Sequence) and not isinstance(value, str) else value
     )
+
+
+def _triples(vertices: Any) -> tuple[tuple[float, float, float], ...]:
+    found = list[tuple[float, float, float]]()
+    for one in vertices if isinstance(vertices, Sequence) else [vertices]:
+        try:
+            x, y, z = map(float, one)
+        except (TypeError, ValueError):
+            x = y = z = math.nan
+        if not math.isfinite(x + y + z):
+            raise DataError(f"a point of a polyhedron is three finite numbers, [x, y, z] in metres, got {one!r}")
+        found.append((x, y, z))
+    return tuple(found)
 
 
 def _lengths(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:

@@ -126,13 +126,15 @@ class ContactModel:
         until: Until = Until(),
         gravity: float = GRAVITY,
         drag: float = 0.0,
+        friction: float | None = None,
         samples: int | None = None,
         generator: torch.Generator | None = None,
     ) -> RollOut:
         """Follow bodies through flights and bounces; see `roll_out.follow`.
 
         With `samples` each body is followed with so many draws of the parameters from their covariance, along a new
-        first axis: a fan of trajectories.  Effects of the recording, such as a sampling delay, are left out.
+        first axis: a fan of trajectories.  `friction` is that of bodies whose contacts have piled up, by default the
+        law's with its effects.  Effects of the recording, such as a sampling delay, are left out.
 
         Raises:
             ContactLearnError: samples, and the model has no covariance of its parameters.
@@ -156,8 +158,10 @@ class ContactModel:
 
         def steady(impacts: Impacts, rows: Tensor) -> Prediction:
             own = at(rows).under
-            acting = {name: effect for name, effect in own.effects.items() if effect.place in ("state", "law")}
-            return ContactModel(own.base, effects=acting).predict(impacts)
+            places = ("state", "law") if friction is None else ("state",)
+            acting = {name: effect for name, effect in own.effects.items() if effect.place in places}
+            law = own.law if friction is None else own.law.at(friction, own.law.eps)
+            return ContactModel(law, effects=acting).predict(impacts)
 
         found = follow(
             lambda impacts, rows: at(rows).predict(impacts),

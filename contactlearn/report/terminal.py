@@ -38,7 +38,7 @@ console = Console()
 _log = logging.getLogger("contactlearn")
 _MANY = 20  # trials from which on standard errors cover what they should
 _COMPUTED = {
-    "r": "rx, ry from the shape and theta (rad and counter-clockwise, unless data.units says otherwise)",
+    "r": "contact points from the shape and orientation (rad and counter-clockwise, unless data.units says otherwise)",
     "inertia": "the inertia from the shape and the mass, at uniform density",
 }
 _MOST = 20  # runs in the table of a sweep

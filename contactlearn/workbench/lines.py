@@ -9,10 +9,10 @@ import re
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Formula
 from contactlearn.effects import Effect
-from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import FUNCTIONS
-from contactlearn.effects.formula.symbols import at_place
+from contactlearn.effects.formula.symbols import FORMULA_OUTPUTS, at_place
+from contactlearn.mechanics.space import PLANE, Space
 
 EXAMPLE = "tau = -c*rx*Pn; c = [-1, 1]"
 _LONGEST = 500
@@ -52,7 +52,7 @@ def parse(line: str) -> tuple[str, str, dict[str, list[float]]]:
 def formula_line(found: Formula) -> str:
     """Write a formula that a diagnosis found as a line."""
     ranges = (f"c{k} = [{low:.4g}, {high:.4g}]" for k, (low, high) in enumerate(found.ranges, 1))
-    return "; ".join((f"{found.component.output} = {found.text}", *ranges))
+    return "; ".join((f"{found.output} = {found.text}", *ranges))
 
 
 def parse_effect(line: str) -> Effect:
@@ -72,14 +72,14 @@ def overrides(line: str, name: str) -> list[str]:
     return words + [f"+effect.{name}.parameters.{key}=[{low:g},{high:g}]" for key, (low, high) in ranges.items()]
 
 
-def completions(text: str) -> list[str]:
+def completions(text: str, space: Space = PLANE) -> list[str]:
     """Complete the last word of a line with outputs, or with the symbols and functions that are known there."""
     before, word = re.fullmatch(r"(.*?)([A-Za-z_]\w*)?", text, re.DOTALL).groups("")  # pyright: ignore[reportOptionalMemberAccess]
+    place_of = {output: place for place, outputs in FORMULA_OUTPUTS[space].items() for output in outputs}
     if "=" not in before:
-        return [f"{before}{output} = " for outputs in OUTPUTS.values() for output in outputs if output.startswith(word)]
+        return [f"{before}{output} = " for output in place_of if output.startswith(word)]
     if not word or ";" in before:
         return []
-    output = before.partition("=")[0].strip()
-    place = next((place for place, outputs in OUTPUTS.items() if output in outputs), "state")
-    known = [*at_place(place), *(f"{name}(" for name in FUNCTIONS)]
+    place = place_of.get(before.partition("=")[0].strip(), "state")
+    known = [*at_place(place, [space]), *(f"{name}(" for name in FUNCTIONS)]
     return [before + name for name in known if name.startswith(word) and name != word]

@@ -349,12 +349,13 @@ class SessionCallbacks:
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Show completions of a line, and its equation or its error."""
-        options = [html.Option(value=text) for text in completions(line or "")]
-        if not line:
-            return options, ""
+        options = list[Any]()
         try:
-            effect = parse_effect(line)
-            effect.prepare(self.models.split(Session.read(address or "")).pool)
+            pool = self.models.split(Session.read(address or "")).pool
+            options = [html.Option(value=text) for text in completions(line or "", pool.space)]
+            if not line:
+                return options, ""
+            effect = parse_effect(line).prepare(pool)
         except ContactLearnError as error:
             return options, str(error)
         return options, effect.equation

@@ -21,7 +21,7 @@ is fitted alone in place of the rig; `physical` says how much of the imbalance t
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -44,7 +44,7 @@ from contactlearn.mechanics.rigid_body import (
     swept,
     turn_quaternion,
 )
-from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid
+from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Shape, Solid
 from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
@@ -143,12 +143,10 @@ def one_point(
 def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
     """Return a shape with other corners or semi-axes; a body of another kind stays as it is."""
     match shape:
-        case Polygon():
+        case Cornered():
             return replace(
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
-        case Cuboid():
-            return replace(shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), min(shape.half)))
         case Ellipse(semi_axes=(a, b)):
             longer = change.get("oblong", 0.0)
             return Ellipse((a + longer * (a > b), b + longer * (a <= b)))
@@ -183,27 +181,25 @@ class BalanceFit:
     physical: float
 
 
-def fit_balance(impacts: Impacts, free: Mapping[str, float], known: Mapping[str, Estimate] = {}) -> BalanceFit:
+def fit_balance(impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[str, Estimate] = {}) -> BalanceFit:
     """Fit changes of what was stated to the moment balance.
 
     Args:
         impacts: as stated.
-        free: standard deviations that are expected of changes about which nothing is known.
-        known: estimates from other measurements, which take part with their errors.
+        free: what is expected of changes that are fitted, from measurements that do not share their errors.
+        known: changes that are made as others measured them.  Their errors may be systematic: no number of impacts
+            reduces what they add to the others (Schmidt's consider covariance, 1966).
     """
-    prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)
-    at = {name: one.value for name, one in prior.items()}
-    at, error, left = _fitted(impacts, at, prior, known)
+    estimates, left = _fitted(impacts, free, known)
     given = _spread(_imbalance(impacts, {}))
-    estimates = {name: Estimate(value=at[name], error=error[name]) for name in prior}
     return BalanceFit(estimates=estimates, left=left, given=given, physical=_physical(impacts, known))
 
 
 def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
-    The inertia is fitted with all that changes contact points, as far as that is known.  Systematic errors of the
-    latter do not shrink with the number of impacts: they keep the errors of their own measurement.
+    The inertia and the centre of mass are fitted; what wobble says of the latter takes part with its error.  All else
+    that changes contact points is as heights and flights show it.
 
     Args:
         impacts: as stated.
@@ -211,27 +207,28 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
         meets_below: s_d, where it is known.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
+    few, length = _FEWEST * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
+    expected = {"inertia": _INERTIA, "depth": _DEPTH * length}
     if impacts.space is SPACE:
-        return _with_balance_in_space(impacts, rig, known)
-    theta = impacts.q[:, 2] + (rig.orientation.value if rig.orientation else 0.0)
-    impacts = impacts[one_point(impacts.shape, theta, impacts.v_pre, impacts.v_post)]
-    if len(impacts) < _FEWEST * (len(known) + 1):
+        expected |= {"swing": _TURNS} | {f"centre_{axis}": _SHARE * length for axis in "abc"}
+    else:
+        expected |= {"late": LATE, **_LASTING}
+        theta = impacts.q[:, 2] + (rig.orientation.value if rig.orientation else 0.0)
+        impacts = impacts[one_point(impacts.shape, theta, impacts.v_pre, impacts.v_post)]
+        if meets_below is not None:
+            s, e = meets_below.value, meets_below.error
+            known |= {
+                name: Estimate(value=share * s, error=math.hypot(share * e, spread * s))
+                for name, (share, spread) in _SHARES.items()
+            }
+    if len(impacts) < few:
         return rig
-    depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
-    free = {"inertia": _INERTIA, "late": LATE, "depth": depth, **_LASTING}
-    if meets_below is not None:
-        s, e = meets_below.value, meets_below.error
-        known |= {
-            name: Estimate(value=share * s, error=math.hypot(share * e, spread * s))
-            for name, (share, spread) in _SHARES.items()
-        }
+    free = {name: Estimate(value=0.0, error=error) for name, error in expected.items() if name not in known}
+    free |= {name: known.pop(name) for name in [*known] if name.startswith("centre")}
     fit = fit_balance(impacts, free, known)
-    trusted = fit.left < _CLEARLY * min(fit.physical, fit.given)
-    if not trusted:
+    if fit.left >= _CLEARLY * min(fit.physical, fit.given):
         return rig
-    estimates = {name: one for name, one in fit.estimates.items() if name in CHANGES}
-    errors = {name: one.error for name, one in known.items()}
-    return replace(rig, **{name: replace(one, error=errors.get(name, one.error)) for name, one in estimates.items()})
+    return replace(rig, **{name: one for name, one in fit.estimates.items() if name in CHANGES})
 
 
 def simplest_rig(impacts: Impacts) -> BalanceFit | None:
@@ -241,15 +238,16 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
     """
     some = impacts[torch.linspace(0, len(impacts) - 1, min(len(impacts), _COMPARED)).round().long()]
     length = _SHARE * some.r.norm(dim=-1).median().item()
-    groups = [{"inertia": _INERTIA}]
+    about = lambda error, *names: dict.fromkeys(names, Estimate(value=0.0, error=error))  # noqa: E731
+    groups = [about(_INERTIA, "inertia")]
     if impacts.shape is not None:
         groups += [
-            {"orientation": _SHARE},
-            {"corner": length, "oblong": length},
-            {"middle_a": length, "middle_b": length},
+            about(_SHARE, "orientation"),
+            about(length, "corner", "oblong"),
+            about(length, "middle_a", "middle_b"),
         ]
     fits = [
-        (count, fit_balance(some, {name: error for group in chosen for name, error in group.items()}))
+        (count, fit_balance(some, {name: one for group in chosen for name, one in group.items()}))
         for count in range(1, len(groups) + 1)
         for chosen in combinations(groups, count)
         if len(some) >= _FEWEST * 2 * count
@@ -340,69 +338,46 @@ def _usual_in_space(impacts: Impacts, stated: Impacts) -> Float[Tensor, "n 1"]:
     return (scale + scale.median())[:, None]
 
 
-def _with_balance_in_space(impacts: Impacts, rig: Apparatus, known: Mapping[str, Estimate]) -> Apparatus:
-    """Return a rig card with the inertia and the mass centre as the balance of bodies in space shows them.
-
-    Three numbers of each impact show both; what wobble says of the centre takes part with its error.  The card stays
-    where they do not close the balance clearly better than nothing does.
-    """
-    wobbling = {f"centre_{axis}": _SHARE * impacts.r.norm(dim=-1).median().item() for axis in "abc"}
-    depth = _DEPTH * impacts.r.norm(dim=-1).median().item()
-    free = {"inertia": _INERTIA, "swing": _TURNS, "depth": depth}
-    free |= {name: error for name, error in wobbling.items() if name not in known}
-    if len(impacts) < _FEWEST * (len(known) + len(free)):
-        return rig
-    prior = {name: Estimate(value=0.0, error=error) for name, error in free.items()} | dict(known)
-    fixed = known.keys() - wobbling.keys()
-    at, error, left = _fitted(impacts, {name: one.value for name, one in prior.items()}, prior, fixed)
-    if left >= _CLEARLY * _spread(_imbalance(impacts, {})):
-        return rig
-    shown = ("inertia", *wobbling)
-    return replace(rig, **{name: Estimate(value=at[name], error=error[name]) for name in shown})
-
-
 def _spread(residual: Float[Tensor, " n"]) -> float:
     return (MAD_SCALE * residual.abs().median()).item()
 
 
 def _fitted(
-    impacts: Impacts, at: dict[str, float], prior: Mapping[str, Estimate], known: Collection[str]
-) -> tuple[dict[str, float], dict[str, float], float]:
-    """Values, standard errors and the spread that is left.
-
-    Errors of what is known from other measurements may be systematic: no number of impacts reduces what they add to
-    the others (Schmidt's consider covariance, 1966).
-    """
-    names = [*prior]
-    wanted = torch.tensor([prior[name].value for name in names], dtype=torch.float64)
-    errors = torch.tensor([max(prior[name].error, 1e-9) for name in names], dtype=torch.float64)
-    value, normal, off = wanted.clone(), torch.diag(errors**-2), _imbalance(impacts, at)
-    noise = _noise(impacts, at)
+    impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[str, Estimate]
+) -> tuple[dict[str, Estimate], float]:
+    """Estimates of what is free, and the spread that is left."""
+    names, n = [*free, *known], len(free)
+    both = [*free.values(), *known.values()]
+    wanted = torch.tensor([one.value for one in both], dtype=torch.float64)
+    errors = torch.tensor([max(one.error, 1e-9) for one in both], dtype=torch.float64)
+    at = lambda value: dict(zip(names, value.tolist(), strict=True))  # noqa: E731
+    value, normal, noise = wanted.clone(), torch.diag(errors**-2), _noise(impacts, at(wanted))
     for _ in range(_STEPS):
-        off = _imbalance(impacts, dict(zip(names, value.tolist(), strict=True)))
-        columns = []
-        for k in range(len(names)):
-            moved = value.clone()
-            moved[k] += _SLIGHT
-            columns.append((_imbalance(impacts, dict(zip(names, moved.tolist(), strict=True))) - off) / _SLIGHT)
-        X, step = torch.stack(columns, -1), torch.zeros_like(value)
+        off = _imbalance(impacts, at(value))
+        slight = _SLIGHT * torch.eye(len(names), dtype=torch.float64)
+        X = torch.stack([(_imbalance(impacts, at(value + one)) - off) / _SLIGHT for one in slight], -1)
+        step = torch.zeros_like(value)
         for _ in range(_ROUNDS):
             residual = off + X @ step
             sigma = _sigma(residual, noise)
             weight = (1 - (residual / (_BIWEIGHT * sigma)) ** 2).clamp_min(0) ** 2 / sigma**2
             normal = X.mT @ (weight[:, None] * X) + torch.diag(errors**-2)
-            step = torch.linalg.solve(normal, -X.mT @ (weight * off) + errors**-2 * (wanted - value))
+            score = errors**-2 * (wanted - value) - X.mT @ (weight * off)
+            step[:n] = torch.linalg.solve(normal[:n, :n], score[:n])
         value = value + step
-    at = dict(zip(names, value.tolist(), strict=True))
-    fixed = torch.tensor([name in known for name in names])
-    inverse = torch.linalg.inv(normal[~fixed][:, ~fixed])
-    through = inverse @ normal[~fixed][:, fixed] * errors[fixed]
-    errors[~fixed] = (inverse + through @ through.mT).diagonal().sqrt()
-    return at, dict(zip(names, errors.tolist(), strict=True)), _spread(_imbalance(impacts, at))
+    inverse = torch.linalg.inv(normal[:n, :n])
+    through = inverse @ normal[:n, n:] * errors[n:]
+    error = (inverse + through @ through.mT).diagonal().sqrt()
+    estimates = {
+        name: Estimate(value=x, error=e) for name, x, e in zip(free, value.tolist(), error.tolist(), strict=False)
+    }
+    return estimates, _spread(_imbalance(impacts, at(value)))
 
 
 def _physical(impacts: Impacts, known: Mapping[str, Estimate]) -> float:
     """Least spread that a moment P_n a, |P_n| a sign(ω) or a loss of spin or speed after contact leaves."""
+    if impacts.space is SPACE:  # three moments of each impact are no such cause's
+        return math.inf
     rig = changed(impacts, {name: one.value for name, one in known.items()})
     terms, v, r = torque(rig), rig.v_post, rig.r
     gyration = rig.inertia / rig.mass

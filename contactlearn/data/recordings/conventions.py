@@ -26,7 +26,6 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import (
     Air,
-    centre_of_flights,
     fit,
     frame_noise,
     long_flights,
@@ -38,20 +37,21 @@ from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
+from contactlearn.data.recordings.wobble import centre_of_mass, wobble
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _DURATION = 0.06  # s of a window
 _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
-_EDGE = 2  # windows before and after one that hold one motion as well: a contact begins at the edge of a window
+_EDGE = 3  # of a window, by which those before and after it hold one motion too: weak contacts hide in short flights
 _SURE = 8.0  # standard deviations of an acceleration that is not zero
 _APART = 6.0  # standard errors between rest and flight in a window that can distinguish them
 _NEAR = 0.05  # relative distance of accelerations that are the same
 _FEWEST = 6  # windows that agree
 _TRIED = 300
 _ROUNDS = 4
-_BLOCK = 4  # widths of a window
-_BLOCKS = 4  # blocks for each unknown, at least, that show a drag
+_FLIGHTS = 4  # flights for each unknown, at least, that show a drag
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,13 +62,14 @@ class Gravity:
         vector: in units of length per s², [2 or 3].
         covariance: of its errors.
         drag: linear drag c in 1/s: the stated one, or the measured one where it is seen, or 0.
-        drag_error: standard error of the measured one; infinite where flights are too few.
+        measured: gravity's size and the drag, fitted together whether the drag is seen or not.  A stated drag is exact;
+            the error of one that flights are too few to show is infinite.
     """
 
     vector: Float[Array, " d"]
     covariance: Float[Array, "d d"]
     drag: float
-    drag_error: float
+    measured: tuple[Estimate, Estimate]
 
     @property
     def size(self) -> float:
@@ -87,15 +88,15 @@ class Gravity:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Motions:
-    """Accelerations [S, d] of windows that hold one motion, their standard errors [S], velocities, and blocks.
+    """Accelerations [S, d] of windows that hold one motion, their standard errors [S], velocities, and flights.
 
-    Windows of one block overlap; those of different blocks are independent, but for a few at their ends.
+    Windows of one flight overlap, and share its own acceleration; those of different flights are independent.
     """
 
     acceleration: Float[Array, "s d"]
     error: Float[Array, " s"]
     velocity: Float[Array, "s d"]
-    block: Float[Array, " s"]
+    flight: Float[Array, " s"]
 
     def __getitem__(self, rows: Mask) -> "_Motions":
         return _Motions(**{name: value[rows] for name, value in vars(self).items()})
@@ -119,9 +120,10 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
         agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
         agree &= _APART * motions.error < sizes[tried, None]
-        best = agree[int(agree.sum(1).argmax())]
-        if best.sum() >= _FEWEST:
-            return _shared(motions, best, drag)
+        explained = agree @ (sizes / motions.error) ** 2  # more of a fall than of bodies that slow alike as they roll
+        for best in agree[np.argsort(-explained, kind="stable")]:
+            if best.sum() >= _FEWEST and (found := _shared(motions, best, drag)) is not None:
+                return found
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; check "
         f"that frames are {mean_step(recordings[0].time):.4g} s apart (time stamps, data.rate), and that the body "
@@ -133,28 +135,36 @@ def _together(parts: Sequence[_Motions]) -> _Motions:
     return _Motions(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
-def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity:
-    """Gravity and drag of the windows that agree, and of those that then do."""
+def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity | None:
+    """Gravity and drag of the windows that agree, and of those that then do; None where hardly any does."""
     known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         agree &= _APART * motions.error < np.linalg.norm(known[:-1])
+        if agree.sum() < _FEWEST:
+            return None
         known, covariance = _fitted(motions[agree])
     d = motions.velocity.shape[1]
-    enough = len(np.unique(motions.block[agree])) >= _BLOCKS * (d + 1)  # for their scatter to show a drag's error
+    enough = len(np.unique(motions.flight[agree])) >= _FLIGHTS * (d + 1)  # for their scatter to show a drag's error
     error = float(covariance[-1, -1] ** 0.5) if enough else np.inf
     seen = known[-1] > _DRAG_SIGMAS * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0
-    if stated is not None or not seen:
-        known, covariance = _fitted(motions[agree], drag)
-    return Gravity(vector=known[:d], covariance=covariance[:d, :d], drag=drag, drag_error=error)
+    fixed, its_covariance = _fitted(motions[agree], drag)
+    if stated is not None or not enough:
+        known, covariance = np.append(fixed, drag), its_covariance
+    if seen and stated is None:
+        fixed, its_covariance = known[:d], covariance[:d, :d]
+    down = known[:d] / np.linalg.norm(known[:d])
+    size = Estimate(value=float(known[:d] @ down), error=float(down @ covariance[:d, :d] @ down) ** 0.5)
+    slowing = Estimate(value=float(known[-1]), error=error if stated is None else 0.0)
+    return Gravity(vector=fixed, covariance=its_covariance, drag=drag, measured=(size, slowing))
 
 
 def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]:
     """Gravity and drag [d + 1] by least squares, or gravity [d] under a given drag, and their covariance.
 
-    The covariance is that of the scatter of the blocks, and no less than the noise of the windows makes.
+    The covariance is that of the scatter of the flights, and no less than the noise of the windows makes.
     """
     count, d = motions.acceleration.shape
     design, y = np.broadcast_to(np.eye(d), (count, d, d)), motions.acceleration
@@ -166,11 +176,11 @@ def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]
     normal = np.einsum("nik,n,nil->kl", design, weight, design)
     known = np.linalg.lstsq(normal, np.einsum("nik,n,ni->k", design, weight, y), rcond=None)[0]
     scores = np.einsum("nik,n,ni->nk", design, weight, y - design @ known)
-    blocks, block = np.unique(motions.block, return_inverse=True)
-    summed = np.zeros((len(blocks), len(known)))
-    np.add.at(summed, block, scores)
+    flights, flight = np.unique(motions.flight, return_inverse=True)
+    summed = np.zeros((len(flights), len(known)))
+    np.add.at(summed, flight, scores)
     inverse = np.linalg.pinv(normal, hermitian=True)
-    few = len(blocks) / max(len(blocks) - len(known), 1)
+    few = len(flights) / max(len(flights) - len(known), 1)
     scattered, noise = few * inverse @ summed.T @ summed @ inverse, inverse
     return known, np.where(scattered.diagonal().sum() >= noise.diagonal().sum(), scattered, noise)
 
@@ -181,28 +191,29 @@ def _motions(recording: Recording, number: int) -> _Motions:
     frames = int(np.clip(round(_DURATION / np.median(np.diff(time))), _NARROWEST, _WIDEST))
     if len(time) < frames or not recording.seen.any():
         none = np.zeros((0, width))
-        return _Motions(acceleration=none, error=none[:, 0], velocity=none, block=none[:, 0])
+        return _Motions(acceleration=none, error=none[:, 0], velocity=none, flight=none[:, 0])
     pose = np.column_stack((recording.position, np.zeros((len(time), 3 - width))))
     sigma = np.maximum(frame_noise(time, pose, frames), 1e-9 * np.nanmax(np.abs(pose), initial=1e-9))
     parts: list[_Motions] = []
     for block in window_blocks(len(time), frames):
         part = _moving(time[block], pose[block], frames, sigma, width)
-        number_of = number + (part.block + block.start) // (_BLOCK * frames) / len(time)
-        parts.append(replace(part, block=number_of))
+        parts.append(replace(part, flight=number + (part.flight + block.start) / len(time)))
     return _together(parts)
 
 
 def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> _Motions:
-    """Windows that hold one motion; their block is their first frame."""
+    """Windows that hold one motion; their flight is its first window."""
     fits = windows(time, pose, frames, Air().smooth(), sigma)
     share = fits.misfit[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
-    good = sliding_window_view(np.pad(good, _EDGE, mode="edge"), 2 * _EDGE + 1).all(-1)
+    edge = frames // _EDGE
+    good = sliding_window_view(np.pad(good, edge, mode="edge"), 2 * edge + 1).all(-1)
+    rows = np.flatnonzero(good)
     return _Motions(
         acceleration=fits.acceleration[good, :width],
         error=np.linalg.norm(fits.error[good, :width], axis=1),
         velocity=_velocities(time, pose[:, :width], frames)[good],
-        block=np.flatnonzero(good).astype(np.float64),
+        flight=np.maximum.accumulate(np.where(np.diff(rows, prepend=-2) > 1, rows, 0)).astype(np.float64),
     )
 
 
@@ -304,21 +315,21 @@ def find_frame(
         gravity=(*across, downward) if leans else (*(0.0 for _ in across), -math.hypot(*across, downward)),
         gravity_error=gravity.error * scale,
         drag=gravity.drag,
-        drag_error=gravity.drag_error if stated.drag is None else 0.0,
+        measured=tuple(one.times(unit) for one, unit in zip(gravity.measured, (scale, 1.0), strict=True)),
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
     long = long_flights(map(frame.track, recordings), frame.air)
     k, own = frame.air.k, long[0][1].air.own if long else frame.own
     for _ in range(2):  # own accelerations are known better where the wobble is
-        measured = centre_of_flights(long, own)
+        measured = centre_of_mass([wobble(track, flight, own) for track, flight, _ in long])
         if measured is not None:
-            centre, covariance = measured
-            sure = (centre**2 > _CENTRE_SIGMAS**2 * covariance.diagonal()).any()
-            frame = replace(frame, centre=tuple((centre * bool(sure)).tolist()))
+            sure = any(abs(one.value) > _CENTRE_SIGMAS * one.error for one in measured)
+            frame = replace(frame, centre=tuple(one.value * sure for one in measured))
         of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
         own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
     steady, (*level, falling), turning = own[0], own[1][: frame.air.d], own[1][frame.air.d :]
-    return replace(frame, own=(steady, (*level, math.hypot(falling, GRAVITY * min(frame.drag_error, 1.0)), *turning)))
+    falling = math.hypot(falling, GRAVITY * min(frame.measured[1].error, 1.0))
+    return replace(frame, own=(steady, (*level, falling, *turning)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
@@ -328,7 +339,7 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
         value=f"{gravity.drag:.3g} 1/s",
         stated=stated is not None,
         quantity="standard error of the measured one",
-        number=gravity.drag_error,
+        number=gravity.measured[1].error,
         unit="1/s",
     )
     return (clue,) if gravity.drag else ()

@@ -32,12 +32,10 @@ from numpy.typing import NDArray
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.recordings.poses import (
     Array,
-    arms,
     away,
     conjugate,
     cross,
     free_turn,
-    orientation,
     product,
     quaternion,
     rotated,
@@ -521,7 +519,6 @@ _OWN = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
 """Of position and rotation, at most: with more of it a body at rest would be in flight.  No plates brake one in space,
 and short flights would not show that their accelerations are steady."""
 _SHOWN = 8  # flights that show the own accelerations of all
-_OFF = 0.01  # m, standard deviation that is expected of a centre of mass about the tracked point
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
@@ -541,35 +538,6 @@ def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight,
                 frames = flight.frames[bent:-bent]
                 long.append((track, fit(track.time, track.pose, frames, found.sigma, options.air), found.sigma))
     return long
-
-
-def centre_of_flights(
-    long: Sequence[tuple[Track, Flight, Float[Array, "k"]]], own: Own
-) -> tuple[Float[Array, "d"], Float[Array, "d d"]] | None:
-    """Centre of mass about the tracked point in m, along the body's axes, and its covariance; None of too few flights.
-
-    It flies as `Air` says, with own accelerations of this size, and the tracked point of a body that spins wobbles
-    about it.  Each flight shows the centre by weighted least squares; the scatter between them is the error.
-    """
-    d = long[0][0].d if long else 2
-    information, scores = np.zeros((len(long), d, d)), np.zeros((len(long), d))
-    for number, (track, flight, sigma) in enumerate(long):
-        time, units = track.time[flight.frames], np.concatenate((np.ones((2, len(sigma))), own)).T
-        slopes, turned = flight.air.slopes(time - flight.reference), orientation(flight.poses(time))
-        y = track.pose[flight.frames, :d] - slopes[:, :d, 2] * flight.air.gravity
-        turning = -np.stack([arms(one, turned) for one in np.eye(d)], -1)
-        for k in range(d):
-            smooth, W = slopes[:, k] * units[k] / sigma[k], np.column_stack((turning[:, k], y[:, k])) / sigma[k]
-            inverse = np.linalg.inv(smooth.T @ smooth + np.diag((0.0, 0.0, 1.0, 1.0)))
-            part = W.T @ (W - smooth @ inverse @ (smooth.T @ W))
-            information[number] += part[:d, :d]
-            scores[number] += part[:d, d]
-    if len(long) < _SHOWN:
-        return None
-    inverse = np.linalg.inv(information.sum(0) + np.eye(d) / _OFF**2)
-    found = inverse @ scores.sum(0)
-    left = scores - information @ found
-    return found, inverse @ (left.T @ left) @ inverse * len(long) / (len(long) - 2) + inverse
 
 
 def own_accelerations(long: Sequence[Flight], k: int = 3) -> Own:

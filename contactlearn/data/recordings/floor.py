@@ -29,13 +29,13 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
-from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
+from contactlearn.data.recordings.poses import Array, away, displaced, orientation, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity, rotation
-from contactlearn.mechanics.shapes import Cuboid, Ellipse, Polygon, Shape, Solid, contact_point
+from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
@@ -129,10 +129,11 @@ def find_rests(
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
 _FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
-_ROUGH = {"late": 0.07, "corner": 0.15, "oblong": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
+_ROUGH = {"late": 0.07, "corner": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
 _GAP = 3e-4  # s, standard deviation that is expected between the instants at which heights and angles meet
 _STEP = 1e-4  # rad, of a difference quotient
 _FAR = 7.5  # times the median distance: five standard deviations
+_FREE = 0.05  # of a contact's residual, at least, that its own leverage leaves
 _LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
 _SIDES = ("v_pre", "v_post")
@@ -178,7 +179,7 @@ def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float
 def _changes(shape: Shape) -> tuple[str, ...]:
     """Names of changes of a shape that heights can show."""
     match shape:
-        case Polygon() | Cuboid():
+        case Cornered() if shape.largest_corner():
             return ("corner",)
         case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
             return ("oblong",)
@@ -252,7 +253,7 @@ def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], l
             name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
             for name, x, error in zip(columns, fit, errors, strict=True)
         }
-        if isinstance(shape, Cuboid) and "corner" in found:  # no radius is less than 0
+        if isinstance(shape, Cornered) and "corner" in found:  # no radius is less than 0
             found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
         done = {name: found[name].value for name in _changes(shape) if name in found}
         floor = Floor(
@@ -271,13 +272,13 @@ def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], l
 
 
 def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tuple[list[Rest], Float[Array, " r"]]:
-    """Bodies in space at rest, and the height of the floor below each; a cuboid that leans is left out."""
+    """Bodies in space at rest, and the height of the floor below each; a body that leans on no face is left out."""
     q = torch.from_numpy(np.reshape([rest.pose[3:] for rest in rests], (-1, 4)))
-    if not isinstance(shape, Cuboid):
+    if not isinstance(shape, Polytope):
         return [*rests], contact_point(shape, q)[:, 2].numpy()
-    upright, face = rotation(q)[:, 2].abs().max(-1)
+    upright, face = (-rotation(q)[:, 2] @ shape.hull.normals.mT).max(-1)
     flat = upright > math.cos(limits.leaning)
-    down = -torch.tensor(shape.half, dtype=torch.float64)[face[flat]].numpy()
+    down = -shape.hull.heights[face[flat]].numpy()
     return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
 
 
@@ -399,7 +400,7 @@ class _Problem:
         if by_angle or by_height:
             parts["orientation"] = (np.append(-rising, none), -1.0)
         if by_height:
-            angles = np.append(theta, lies)
+            angles = np.append(theta + turned, lies)
             parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
             v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in self.contacts])) for name in _SIDES)
             r = torch.from_numpy(points - [hit.pose[:2] for hit in self.contacts])
@@ -410,7 +411,7 @@ class _Problem:
             spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
             parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
             known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
-            changed = {name: -_raised(shape, name, angles + turned) for name in _changes(shape)}
+            changed = {name: -_raised(shape, name, angles) for name in _changes(shape)}
             parts |= {name: (column, 0.0) for name, column in changed.items()}
             known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
             known |= {name: Estimate(value=-change.get(name, 0.0), error=_CHANGE * size) for name in changed}
@@ -457,19 +458,23 @@ def _weighted(
 ) -> tuple[Array, Array, float]:
     """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
 
-    `own` is the scatter within bodies at rest, of heights and of angles.
+    Some contacts scatter more than others, and not at random among the columns: errors follow from their own residuals
+    (MacKinnon and White 1985, HC3).  `own` is the scatter within bodies at rest, of heights and of angles.
     """
     hits, rests, angles, _ = kinds
     sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
     rows, fit, errors = np.concatenate(kinds), np.zeros(0), np.zeros(0)
+    uneven = np.ones(len(value))
     for _ in range(_COMPONENTS):
         sigma[hits], sigma[rests], sigma[angles] = spread, lies, turns
         scaled = design / sigma[:, None]
         size = np.linalg.norm(scaled[rows], axis=0)
         inverse = np.linalg.pinv(scaled[rows].T @ scaled[rows] / np.outer(size, size), hermitian=True)
         inverse = inverse / np.outer(size, size)
-        fit, errors = inverse @ scaled[rows].T @ (value / sigma)[rows], np.sqrt(inverse.diagonal())
-        squares, free = (value - design @ fit) ** 2, 1 - ((scaled @ inverse) * scaled).sum(1)
+        fit, toward = inverse @ scaled[rows].T @ (value / sigma)[rows], scaled @ inverse
+        squares, free = (value - design @ fit) ** 2, 1 - (toward * scaled).sum(1)
+        uneven[hits] = squares[hits] / (sigma * np.maximum(free, _FREE))[hits] ** 2
+        errors = np.sqrt((uneven[:, None] * toward**2)[rows].sum(0))
         spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
         lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= _ENOUGH else spread
         turns = _between(squares[angles], free[angles], own[1])
@@ -528,17 +533,14 @@ def off_the_floor(
 
 
 def _alone(contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
-    """Height in m of the second corner of a cuboid above the lowest, less three errors and its way while they last."""
-    if not isinstance(shape, Cuboid):
+    """Height in m of the second corner in space above the lowest, less three errors and its way while they last."""
+    if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)
     pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
-    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), -1).reshape(-1, 3)
-    corners = rotated(pose[:, None, 3:], signs * (np.array(shape.half) - shape.corner))
-    first, second = np.argsort(corners[..., 2], 1)[:, :2].T
-    every = np.arange(len(pose))
-    apart = corners[every, second] - corners[every, first]
+    first, second = (one.numpy() for one in shape.lowest_corners(torch.from_numpy(pose[:, 3:])))
+    apart = second - first
     lean = np.stack((apart[:, 1], -apart[:, 0]), -1)
     errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
     error = np.sqrt(np.einsum("ni,nij,nj->n", lean, errors, lean))
-    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], corners[every, second])[:, 2])
+    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], second)[:, 2])
     return apart[:, 2] - REACH * error - sinks * [hit.lasting for hit in contacts]

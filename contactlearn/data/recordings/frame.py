@@ -99,7 +99,8 @@ class Frame:
             the body's.
         body: of recordings in space, the body's own axes: the one that gives θ, and the one that it turns about.
         gravity: in the plane, (g_x, g_y) in m/s², and its error; three numbers of a body that moves in space.
-        drag: linear drag of the air in 1/s, and its error.
+        drag: linear drag of the air in 1/s that flights have.
+        measured: gravity's size in m/s² and the drag, fitted together.
         own: standard deviations of the own accelerations of flights, as in `Air`.
         moments: of inertia of a body that moves in space, as in `Air`.
         centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off.
@@ -115,7 +116,7 @@ class Frame:
     gravity: tuple[float, ...] = (0.0, -GRAVITY)
     gravity_error: float = 0.0
     drag: float = 0.0
-    drag_error: float = 0.0
+    measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
     own: Own = STEADY
     moments: tuple[float, ...] | None = None
     centre: tuple[float, ...] = (0.0, 0.0)

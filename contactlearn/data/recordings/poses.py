@@ -20,7 +20,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+_NEXT, _LAST = np.array((1, 2, 0)), np.array((2, 0, 1))
+_SIGNS = np.array(((1.0, -1.0, -1.0, -1.0), (1.0, 1.0, 1.0, -1.0), (1.0, -1.0, 1.0, 1.0), (1.0, 1.0, -1.0, 1.0)))
+_PLACES = np.arange(4)[:, None] ^ np.arange(4)  # (p q)_i = Σ_j ± p_j q_k, k = i xor j
 _STEP = 0.2  # rad that a body turns in a step of an integration: errors of 1e-6 a step
 _MOST = 0.95  # share of the times whose way sets the steps: some windows are no flights
 _EQUAL = 1e-3  # relative difference of moments up to which a body turns as if they were equal
@@ -73,13 +75,12 @@ def levers(arm: Float[Array, " d"]) -> Float[Array, "d s"]:
 
 def product(p: Float[Array, "*#batch 4"], q: Float[Array, "*#batch 4"]) -> Float[Array, "*batch 4"]:
     """Product of quaternions: the turn q, then p."""
-    (a, u), (b, v) = ((x[..., :1], x[..., 1:]) for x in (p, q))
-    return np.concatenate((a * b - (u * v).sum(-1, keepdims=True), a * v + b * u + cross(u, v)), -1)
+    return np.einsum("...ij,...j->...i", q.take(_PLACES, -1) * _SIGNS, p)
 
 
 def cross(u: Float[Array, "*#batch 3"], v: Float[Array, "*#batch 3"]) -> Float[Array, "*batch 3"]:
     """u × v; NumPy's own takes ten times as long for a few vectors."""
-    return u[..., _NEXT] * v[..., _LAST] - u[..., _LAST] * v[..., _NEXT]
+    return u.take(_NEXT, -1) * v.take(_LAST, -1) - u.take(_LAST, -1) * v.take(_NEXT, -1)
 
 
 def conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:

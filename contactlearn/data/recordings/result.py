@@ -115,9 +115,24 @@ class Rest:
     error: Float[Array, "k"]
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SlideToRest:
+    """A body that slides on a side until it stops.
+
+    Args:
+        recording: name of its recording.
+        deceleration: in m/s².
+        speed: mean in m/s.
+    """
+
+    recording: str
+    deceleration: float
+    speed: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
-    """Flights, contacts, refusals and rests of one track.
+    """Flights, contacts, refusals, rests and slides of one track.
 
     Args:
         track: in the plane of motion or in space, of the centre of mass.
@@ -126,7 +141,9 @@ class Found:
         contacts: accepted contacts.
         refusals: of the other parts.
         rests: where the body is still.
-        wobbles: of flights that turn, see `wobble`.
+        slides: where it slides until it stops.
+        wobbles: of the flights, see `wobble`.
+        rocking: on edges, see `rocking`.
     """
 
     track: Track
@@ -135,4 +152,6 @@ class Found:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
-    wobbles: tuple[Float[Array, "two d e"], ...] = ()
+    slides: tuple[SlideToRest, ...] = ()
+    wobbles: tuple[Float[Array, "d e"], ...] = ()
+    rocking: Float[Array, "w 4 18"] | None = None

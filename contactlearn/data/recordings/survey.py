@@ -17,17 +17,19 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.workers import WorkerPool
+from contactlearn.core.workers import WorkerPool, one_by_one
 from contactlearn.data.recordings.contacts import find_contacts, refuse
 from contactlearn.data.recordings.conventions import Conventions, find_frame
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest
+from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest, SlideToRest
+from contactlearn.data.recordings.rocking import Rocking, rocking
+from contactlearn.data.recordings.slides import find_slides
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Recording, Track
-from contactlearn.data.recordings.wobble import Wobble, wobbles
+from contactlearn.data.recordings.wobble import Wobble, wobble
 from contactlearn.mechanics.shapes import Solid, contact_point
 
 _SAMPLE = 24  # recordings from which conventions are found
@@ -69,7 +71,7 @@ class TrackOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Survey:
-    """Contacts, refusals and rests in files of recordings.
+    """Contacts, refusals, rests and slides in files of recordings.
 
     Args:
         frame: conventions of all recordings, with the evidence.
@@ -77,7 +79,9 @@ class Survey:
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
         rests: where a body is still, in the order of the files.
-        wobbles: of flights that turn.
+        slides: where a body slides until it stops.
+        wobbles: of all flights.
+        rocking: on edges, of the recordings in which a body rocks.
     """
 
     frame: Frame
@@ -85,7 +89,9 @@ class Survey:
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
+    slides: tuple[SlideToRest, ...]
     wobbles: tuple[Wobble, ...]
+    rocking: tuple[Rocking, ...]
 
     @classmethod
     def of(cls, frame: Frame, parts: Iterable["Survey"]) -> "Survey":
@@ -97,7 +103,9 @@ class Survey:
             contacts=tuple(contact for part in parts for contact in part.contacts),
             refusals=tuple(refusal for part in parts for refusal in part.refusals),
             rests=tuple(rest for part in parts for rest in part.rests),
+            slides=tuple(slide for part in parts for slide in part.slides),
             wobbles=tuple(wobble for part in parts for wobble in part.wobbles),
+            rocking=tuple(one for part in parts for one in part.rocking),
         )
 
 
@@ -117,9 +125,9 @@ def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Prog
     search = partial(_search, frame=frame, options=options.in_air(frame))
     if len(files) == 1:
         pieces = progress(_pieces(files[0], layout))
-        parts = map(search, pieces) if workers == 1 else _shared(search, pieces, workers)
+        parts = one_by_one(search, pieces) if workers == 1 else _shared(search, pieces, workers)
     elif workers == 1 or len(files) < _MANY:
-        parts = (search(piece) for file in progress(files) for piece in _pieces(file, layout))
+        parts = one_by_one(search, (piece for file in progress(files) for piece in _pieces(file, layout)))
     else:
         parts = _shared(partial(_search_file, frame=frame, options=options.in_air(frame)), progress(files), workers)
     return Survey.of(frame, parts)
@@ -167,8 +175,14 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     found = find_contacts(track, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
     point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
-    rests, turning = find_rests(point, lies, found.sigma), wobbles(point, found.flights, found.sigma)
-    return replace(found, rests=rests, wobbles=turning)
+    own = options.flight.air.own
+    return replace(
+        found,
+        rests=find_rests(point, lies, found.sigma),
+        slides=find_slides(found.track, lies, found.sigma),
+        wobbles=tuple(wobble(point, flight, own) for flight in found.flights),
+        rocking=rocking(point, options.solid),
+    )
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -238,7 +252,9 @@ def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
         contacts=tuple(contact for found in founds for contact in found.contacts),
         refusals=tuple(refusals),
         rests=tuple(rest for found in founds for rest in found.rests),
+        slides=tuple(slide for found in founds for slide in found.slides),
         wobbles=tuple(wobble for found in founds for wobble in found.wobbles),
+        rocking=tuple(found.rocking for found in founds if found.rocking is not None and len(found.rocking)),
     )
 
 

@@ -56,10 +56,11 @@ from contactlearn.mechanics.bodies import (
     contact_points,
     make_shapes,
     per_body,
+    shapes_among,
 )
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape
-from contactlearn.mechanics.space import SPACE, Space
+from contactlearn.mechanics.shapes import Shape, require_dimension
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 __all__ = [
     "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "header", "is_large", "load", "read",
@@ -279,8 +280,10 @@ def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapp
     """The fields that the shape of each body gives: where it touches the floor, and its inertia at uniform density."""
     found: dict[str, Tensor] = {}
     body = body_codes(values["object"]) if isinstance(shape, Mapping) else None
+    planar = values["q"].shape[1] == 3
+    for one in shapes_among(shape).values():
+        require_dimension(str(path), one, PLANE if planar else SPACE)
     if "r" in computed:
-        planar = values["q"].shape[1] == 3
         theta = values["q"][:, 2] if planar else values["q"][:, 3:]
         if planar and (turned := theta.abs().median().item()) > _TURNED:
             raise DataError(

@@ -29,7 +29,7 @@ from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.apparatus import PROPERTIES, Apparatus, Estimate
 from contactlearn.mechanics.impacts import OPTIONAL
-from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
 SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
 """The stated units of a table as `save` writes it."""
@@ -170,8 +170,8 @@ def required_in(space: Space) -> tuple[str, ...]:
 
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
-COMPUTED = {"inertia": PLANE.inertia, "r": PLANE.position}
-"""Columns of the plane, by the field that they fill, that a known shape may replace."""
+COMPUTED = {space: {"inertia": space.inertia, "r": space.position} for space in BOTH}
+"""Columns by the space and by the field that they fill, that a known shape may replace."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
@@ -226,9 +226,8 @@ def name_columns(
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
         ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
         lacking = [column for column in lacking if column not in SPACE.inertia]
-    shapes = COMPUTED if space is PLANE else {}
-    computed = tuple(field for field, columns in shapes.items() if {*columns} <= {*lacking})
-    spared = {column for field in computed if shaped for column in COMPUTED[field]}
+    computed = tuple(field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking})
+    spared = {column for field in computed if shaped for column in COMPUTED[space][field]}
     needed = [column for column in lacking if column not in spared]
     free = [column for column in every if column not in ours and column not in names and column not in stated]
     slips = _slips(unused, needed, free)
@@ -305,7 +304,7 @@ def _missing(
         parts.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
         parts.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
-    if given := [column for field in computed for column in COMPUTED[field] if column in lacking]:
+    if given := [column for field in computed for column in COMPUTED[space][field] if column in lacking]:
         parts.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
     if "mass" in lacking:
         parts.append("or state the mass of every body in kg, data.mass=…")

@@ -14,10 +14,9 @@ class WrenchComponent(StrEnum):
     NORMAL = "n"
     MOMENT = "tau"
 
-    @property
-    def output(self) -> str:
-        """The name of the component in a formula: Pt, Pn or tau."""
-        return {"t": "Pt", "n": "Pn", "tau": "tau"}[self.value]
+    def output(self, axis: str = "") -> str:
+        """Name the component in a formula: Pt, Pn or tau; along an axis of the slip P1, P2, tau1, tau2, taun."""
+        return {"t": "P" if axis else "Pt", "n": "Pn", "tau": "tau"}[self.value] + axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +160,7 @@ class Formula:
         coefficients: fitted to all trials.
         error_reduction: share of the held-out error that the formula takes away.
         standard_error: of that share, over the trials.
+        axis: 1, 2 or n of friction and moment in space, the axes of the slip.
     """
 
     component: WrenchComponent
@@ -169,6 +169,12 @@ class Formula:
     coefficients: tuple[float, ...]
     error_reduction: float
     standard_error: float
+    axis: str = ""
+
+    @property
+    def output(self) -> str:
+        """Name of what it is added to, such as tau or P1."""
+        return self.component.output(self.axis)
 
     @staticmethod
     def sum_of(terms: Sequence[str]) -> str:
@@ -183,4 +189,4 @@ class Formula:
     def overrides(self, name: str = "mine") -> tuple[str, ...]:
         """Write the arguments of a command that adds the formula as an effect; quote them for a shell."""
         ranges = (f"+effect.{name}.parameters.c{k}=[{low:g},{high:g}]" for k, (low, high) in enumerate(self.ranges, 1))
-        return (f'+effect.{name}.{self.component.output}="{self.text}"', *ranges)
+        return (f'+effect.{name}.{self.output}="{self.text}"', *ranges)

@@ -4,8 +4,10 @@
 
 A term of the library is a quantity of the output's dimension (m*vy or Pn; rho*Pn or I*omega for the moment) times at
 most one factor: a harmonic of θ, the sign of a velocity, the place, the order, another velocity; the first of these may
-stand alone.  Terms and residual are made orthogonal to the derivatives of the wrench in μ and ε.  Orthogonal matching
-pursuit then adds terms one by one; each must pass a test with Bonferroni's correction over the library.
+stand alone.  In space a component is taken along each axis of the slip, and the factors are those that no turn about
+the normal changes, and the place.  Terms and residual are made orthogonal to the derivatives of the wrench in μ and ε.
+Orthogonal matching pursuit then adds terms one by one; each must pass a test with Bonferroni's correction over the
+libraries.
 
 One or two terms that the residual resembles are fitted together with the law and its effects, and compared on held-out
 trials, as a named effect would be.  The terms are chosen on all trials and only their coefficients on the fitted ones,
@@ -14,7 +16,6 @@ description, not a cause: where symbols move together others do as well, and tho
 Sources: Pati, Rezaiifar & Krishnaprasad 1993; White 1980 for the test; Brunton, Proctor & Kutz 2016 for the idea.
 """
 
-import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -30,17 +31,18 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError, instal
 from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.remainder import wrench_columns
 from contactlearn.effects import Effect, State
-from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import Expression
-from contactlearn.effects.formula.symbols import symbols
+from contactlearn.effects.formula.symbols import FORMULA_OUTPUTS, symbols
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import FitOptions, identify_jointly
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import require_space
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel, wrench_per_parameter
 
 _CHANCE = 0.05  # that chance gives a term a coefficient, over the library, so that what is fitted has a prospect
@@ -54,6 +56,19 @@ _MOMENTS = (
 _HARMONICS = tuple(f"{f}({k}theta)" for k in ("", "2*", "3*") for f in ("sin", "cos"))
 _SHAPES = ("1", *_HARMONICS, "sign(vt)", "sign(omega)", "order", "x")
 _FACTORS = (*_SHAPES, "abs(vt)", "abs(omega)", "vx", "vy", "vt", "vn", "omega", "rx", "ry")
+_IMPULSES_IN_SPACE = ("Pn", "P1", "m*slip", "m*vn", "m*rho*spin", "m*rho*twist")
+_SHAPES_IN_SPACE = ("1", "sign(twist)", "order", "x", "floor_y")
+_QUANTITIES_IN_SPACE = ("slip", "vn", "incidence", "lever", "spin", "twist", "abs(twist)")
+LIBRARIES = {
+    PLANE: (_IMPULSES, _MOMENTS, _SHAPES, _FACTORS),
+    SPACE: (
+        _IMPULSES_IN_SPACE,
+        tuple(f"rho*{quantity}" for quantity in _IMPULSES_IN_SPACE),
+        _SHAPES_IN_SPACE,
+        (*_SHAPES_IN_SPACE, *_QUANTITIES_IN_SPACE),
+    ),
+}
+"""Quantities with the dimensions of impulses and of moments, factors that may stand alone, and all factors."""
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted
 _TOLERANCE = 1e-5  # nats a trial, of fits that begin next to their ends
@@ -64,11 +79,12 @@ _TOLERANCE = 1e-5  # nats a trial, of fits that begin next to their ends
 
 @dataclass(frozen=True)
 class Library:
-    """Terms, their values of unit norm, orthogonal to the reach of μ and ε, and their norms."""
+    """Terms, their values of unit norm, orthogonal to the reach of μ and ε, their norms; the number of libraries."""
 
     terms: tuple[str, ...]
     columns: Float[Tensor, "n l"]
     norms: Float[Tensor, " l"]
+    libraries: int = 1
 
     @classmethod
     def of(
@@ -76,19 +92,20 @@ class Library:
         impacts: Impacts,
         model: ContactModel,
         component: WrenchComponent,
+        axis: str = "",
     ) -> "tuple[Library, Float[Tensor, ' n']]":
-        """Make the library, and y: the residual of the component that the law cannot explain.
+        """Make the library, and y: the residual of the component, along an axis, that the law cannot explain.
 
         Raises:
-            ContactLearnError: scikit-learn is not installed, or the bodies move in space.
+            ContactLearnError: scikit-learn is not installed.
         """
-        require_space("the search for formulas", impacts.space)
         _pursuit()  # before any work is done
-        k, wrench = list(WrenchComponent).index(component), model.base_prediction(impacts).wrench
+        every, slip = axes(component, impacts.space), impacts.slip_axes.mT
+        k, wrench = every[axis], matvec(slip, model.base_prediction(impacts).wrench)
         columns, texts = _values(impacts, model, component, wrench)
         coefficients = torch.stack(_coefficients(impacts, model), -1)
-        reach = wrench_per_parameter(model.law, impacts, coefficients, model.effects)[:, k]
-        residual = impacts.wrench[:, k] - wrench[:, k]
+        reach = (slip @ wrench_per_parameter(model.law, impacts, coefficients, model.effects))[:, k]
+        residual = matvec(slip, impacts.wrench)[:, k] - wrench[:, k]
         span, scale, _ = torch.linalg.svd(reach, full_matrices=False)
         span = span[:, scale > 1e-9 * scale.max().clamp_min(1e-300)]
         whole = columns.norm(dim=0)
@@ -99,19 +116,19 @@ class Library:
             unit = columns[:, i] / norms[i]
             if all((unit @ columns[:, j] / norms[j]).abs() < 1 - 1e-6 for j in good):  # the same, in other words
                 good.append(i)
-        library = cls(tuple(texts[i] for i in good), columns[:, good] / norms[good], norms[good])
+        library = cls(tuple(texts[i] for i in good), columns[:, good] / norms[good], norms[good], len(every))
         return library, residual
 
-    def resembling(self, y: Float[Tensor, " n"], most: int) -> list[str]:
-        """Find the terms that alone explain most of y beyond chance, no two of them identical on these data."""
-        share = (self.columns.T @ y).square() / y.square().sum().clamp_min(1e-300)
+    def resembling(self, y: Float[Tensor, " n"], most: int) -> dict[str, float]:
+        """Find the terms that alone explain most of y² beyond chance, and what, no two identical on these data."""
+        share = (self.columns.T @ y).square()
         chosen: list[int] = []
         for k in share.argsort(descending=True, stable=True).tolist():
             correlations = [(self.columns[:, k] @ self.columns[:, other]).abs().item() for other in chosen]
             same = any(correlation > _IDENTICAL for correlation in correlations)
             if len(chosen) < most and not same and self._clear(y, [k], k):
                 chosen.append(k)
-        return [self.terms[k] for k in chosen]
+        return {self.terms[k]: share[k].item() for k in chosen}
 
     def pursued(self, y: Float[Tensor, " n"], first: str, starts: Sequence[str]) -> list[str]:
         """Find a term and the one that matching pursuit adds to it, none of the starts, beyond chance; else nothing."""
@@ -133,7 +150,7 @@ class Library:
         others = self.columns[:, [k for k in which if k != last]]
         own = own - others @ (others.T @ own)
         sigmas = (own @ y).abs() / (own * residual).norm().clamp_min(1e-300)  # White's standard error
-        return sigmas.item() > -NormalDist().inv_cdf(_CHANCE / 2 / len(self.terms))
+        return sigmas.item() > -NormalDist().inv_cdf(_CHANCE / 2 / len(self.terms) / self.libraries)
 
     def coefficients(self, terms: Sequence[str], y: Float[Tensor, " n"]) -> Float[Tensor, " t"]:
         """Fit the coefficients of terms, in their own units, by least squares."""
@@ -147,8 +164,8 @@ def _values(
     """Every term of a component, with its values."""
     mu, eps = _coefficients(impacts, model)
     state = State.of(impacts).replace(mu=mu, eps=eps)
-    so_far = dict(zip(OUTPUTS["wrench"], wrench.unbind(-1), strict=True))
-    lines = {text: Expression(text) for text in _texts(component)}
+    so_far = dict(zip(FORMULA_OUTPUTS[impacts.space]["wrench"], wrench.unbind(-1), strict=True))
+    lines = {text: Expression(text) for text in _texts(component, impacts.space)}
     names = {name for line in lines.values() for name in line.names}
     known = symbols(state, names, "wrench", so_far)
     columns = torch.stack([line.evaluate(known).broadcast_to(len(impacts)) for line in lines.values()], -1)
@@ -161,10 +178,17 @@ def _coefficients(impacts: Impacts, model: ContactModel) -> tuple[Float[Tensor, 
     return mu, eps
 
 
-def _texts(component: WrenchComponent) -> list[str]:
+def axes(component: WrenchComponent, space: Space) -> dict[str, int]:
+    """Columns of a component in a wrench by the axis of the slip, 1, 2 or n: of friction and moment in space."""
+    columns = wrench_columns(space)[component]
+    return {"": columns[0]} if len(columns) == 1 else dict(zip("12n", columns, strict=False))
+
+
+def _texts(component: WrenchComponent, space: Space) -> list[str]:
     """Every term, the short ones first."""
-    quantities = _MOMENTS if component is WrenchComponent.MOMENT else _IMPULSES
-    texts = {*_SHAPES, *(a if b == "1" else f"{a}*{b}" for a in quantities for b in _FACTORS)}
+    impulses, moments, shapes, factors = LIBRARIES[space]
+    quantities = moments if component is WrenchComponent.MOMENT else impulses
+    texts = {*shapes, *(a if b == "1" else f"{a}*{b}" for a in quantities for b in factors)}
     return sorted(texts, key=lambda text: (len(re.findall(r"\w+", text)), len(text), text))
 
 
@@ -181,10 +205,10 @@ def _pursuit() -> type:
 # --- Fitted formulas -------------------------------------------------------------------------------
 
 
-def formula_effect(component: WrenchComponent, terms: Sequence[str], ranges: Sequence[tuple[float, float]]) -> Effect:
+def formula_effect(output: str, terms: Sequence[str], ranges: Sequence[tuple[float, float]]) -> Effect:
     """Make the effect that a formula describes, its coefficients c1, c2 starting at 0."""
     text = Formula.sum_of(terms)
-    return formula({f"c{k}": list(limits) for k, limits in enumerate(ranges, 1)}, **{component.output: text})
+    return formula({f"c{k}": list(limits) for k, limits in enumerate(ranges, 1)}, **{output: text})
 
 
 def formulas(
@@ -223,15 +247,21 @@ def formulas(
     if name in model.effects:
         raise ContactLearnError(f"the model has an effect {name} already; give the formula another name")
     component = WrenchComponent(component)
-    library, y = Library.of(impacts, model, component)
+    libraries = {axis: Library.of(impacts, model, component, axis) for axis in axes(component, impacts.space)}
     trials = _Trials(impacts, model, component, folds, name, replace(options, tolerance=_TOLERANCE))
-    starts = library.resembling(y, _STARTS)
-    pairs = [pair for term in starts if (pair := library.pursued(y, term, starts))]
+    alike = {(axis, term): x for axis, (one, y) in libraries.items() for term, x in one.resembling(y, _STARTS).items()}
+    starts = sorted(alike, key=alike.__getitem__, reverse=True)[:_STARTS]
+    pairs = dict[tuple[str, frozenset[str]], list[str]]()
+    for axis, term in starts:
+        library, y = libraries[axis]
+        if pair := library.pursued(y, term, [other for own, other in starts if own == axis]):
+            pairs[axis, frozenset(pair)] = pair
     before = trials.held_out(model.effects, trials.start)
 
-    single = [[term] for term in dict.fromkeys((*starts, *itertools.chain(*pairs)))]
-    terms = [*single, *{frozenset(pair): pair for pair in pairs}.values()]
-    tried = side_by_side([partial(trials.tried, some, library.coefficients(some, y)) for some in terms])
+    single = [*dict.fromkeys((*starts, *((axis, term) for (axis, _), pair in pairs.items() for term in pair)))]
+    terms = [*((axis, [term]) for axis, term in single), *((axis, pair) for (axis, _), pair in pairs.items())]
+    coefficients = (libraries[axis][0].coefficients(some, libraries[axis][1]) for axis, some in terms)
+    tried = side_by_side([partial(trials.tried, *one, c) for one, c in zip(terms, coefficients, strict=True)])
     best = _best(tried[: len(single)], tried[len(single) :], before, most, thresholds)
     return tuple(trial.formula(before) for trial in best)
 
@@ -241,6 +271,7 @@ class _Trial:
     """Terms with ranges and fitted coefficients, and the held-out mass error with them."""
 
     component: WrenchComponent
+    axis: str
     terms: tuple[str, ...]
     ranges: tuple[tuple[float, float], ...]
     coefficients: tuple[float, ...]
@@ -254,6 +285,7 @@ class _Trial:
         """The trial as a result."""
         return Formula(
             component=self.component,
+            axis=self.axis,
             terms=self.terms,
             ranges=self.ranges,
             coefficients=self.coefficients,
@@ -286,15 +318,15 @@ class _Trials:
         fit = identify_jointly(law, effects, self.impacts, rows, options=self.options, start=start)
         return self.folds.scores(mass_error(self.impacts, fit.model.predict(self.impacts)))
 
-    def tried(self, terms: Sequence[str], coefficients: Float[Tensor, " t"]) -> _Trial:
-        """Fit terms, from the coefficients of the regression, and validate them."""
+    def tried(self, axis: str, terms: Sequence[str], coefficients: Float[Tensor, " t"]) -> _Trial:
+        """Fit terms along an axis, from the coefficients of the regression, and validate them."""
         highs = [float(f"{_RANGE * abs(c):.1e}") or 1.0 for c in coefficients.tolist()]  # two digits, amply
         ranges = tuple((-high, high) for high in highs)
-        effects = {**self.model.effects, self.name: formula_effect(self.component, terms, ranges)}
+        effects = {**self.model.effects, self.name: formula_effect(self.component.output(axis), terms, ranges)}
         start = torch.cat((self.start, coefficients))
         fit = identify_jointly(self.model.law, effects, self.impacts, options=self.options, start=start)
         own = tuple(fit.values[len(self.start) :].tolist())
-        return _Trial(self.component, tuple(terms), ranges, own, self.held_out(effects, fit.values))
+        return _Trial(self.component, axis, tuple(terms), ranges, own, self.held_out(effects, fit.values))
 
 
 def _best(

@@ -1,9 +1,11 @@
 """State dependence: a law coefficient, or an outcome, that depends on the state of each trial before impact.
 
 Screening tests what remains against functions of one variable (cosines over its ranks, harmonics of θ, one body against
-the others) and against products of two such functions of low order.  Sums over the trials of such a function times a
-score, or a whitened residual, are converted to −log p, each alone and all of a variable or pair together.  The largest
-of all is compared with those under random signs, so that the level holds for all of them together.
+the others) and against products of two such functions of low order.  In space the orientation has the components of
+the body's axes and products of their upward ones; velocities are in world axes, so that a field or a floor that moves
+is seen.  Sums over the trials of such a function times a score, or a whitened residual, are converted to −log p, each
+alone and all of a variable or pair together.  The largest of all is compared with those under random signs, so that
+the level holds for all of them together.
 
 The estimate is a `VaryingCoefficientModel` over the screened variables, each stretched by the order of its strongest
 function so that a stripe is as wide as a slope.  Of the sets of variables and their union the best predictor is chosen.
@@ -34,14 +36,17 @@ from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.identification.joint import FitOptions, JointFit
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE, SPACE
 
-ANGLE, BODY, PLACE = "theta", "object", "x"
-_IN_SPACE = ("vn", "slip", "lever", "spin", "twist", PLACE, "floor_y")
-_ALONE = 16  # cosines over a variable alone
-_TOGETHER = {PLACE: 8, "floor_y": 8, "vx": 0}  # of a variable in a product; floors have stripes, and v_t stands for v_x
+ANGLE, BODY, PLACE, ORIENTATION = "theta", "object", "x", "orientation"
+_PLACES = (PLACE, "floor_y")
+_IN_SPACE = ("vn", "slip", "lever", "spin", "twist", *_PLACES)
+_ALONE, _STRIPES = 16, 32  # cosines over a variable alone, over a place in space
+_TOGETHER = {**dict.fromkeys(_PLACES, 8), "vx": 0, ORIENTATION: 0}  # in a product; v_t stands for v_x
 _FEW = 4  # of all other variables
 _BODIES = 10  # at most, that have a function each
+_TURNS = 0.05  # standard deviation of every component of the axes of bodies that lie in all directions
 _FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
 _TRIALS = 560  # trials that processes are fitted to and tested on, at most
 _TRIED = 3  # associations, the most significant ones
@@ -64,11 +69,13 @@ class StateAssociation:
 
 
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
-    """Compute columns of each variable that varies: (cos θ, sin θ), each body alone, the others standardised."""
+    """Compute columns of each variable that varies: (cos θ, sin θ) or axes, each body alone, others standardised."""
     state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
     names_of = _IN_SPACE if impacts.space is SPACE else ("vn", "vt", "vx", "omega", PLACE)
     known = of_state(state)
     values = {name: known[name] for name in names_of}
+    if impacts.space is SPACE:  # stripes are narrower than a body, so the place is that of its contact
+        values |= {name: known[name] + impacts.r[:, k] for k, name in enumerate(_PLACES)}
     found = {
         name: ((value - value.mean()) / value.std())[:, None]
         for name, value in values.items()
@@ -78,6 +85,8 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
         circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
         if circle.std(0).max() > 1e-9:
             found[ANGLE] = circle
+    elif (axes := rotation(impacts.q[:, 3:]).flatten(1)).std(0).min() > _TURNS:
+        found[ORIENTATION] = axes
     if 1 < len(names) <= _BODIES:
         found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
     return found
@@ -116,7 +125,8 @@ def _functions(
     among: Mapping[str, Float[Tensor, "n c"]],
 ) -> Iterator[tuple[list[dict[str, int]], Float[Tensor, "n k"]]]:
     """Groups of functions of a variable, then of two, and the orders of each."""
-    ladders = {name: _ladder(name, columns) for name, columns in among.items()}
+    most = dict.fromkeys(_PLACES, _STRIPES if {*_PLACES} <= {*among} else _ALONE)
+    ladders = {name: _ladder(name, columns, most.get(name, _ALONE)) for name, columns in among.items()}
     for name, (functions, orders) in ladders.items():
         yield [{name: order} for order in orders], functions
     for one, two in combinations((name for name in ladders if _TOGETHER.get(name) != 0), 2):
@@ -125,7 +135,7 @@ def _functions(
         yield orders, (left[:, :, None] * right[:, None]).flatten(1)
 
 
-def _ladder(name: str, columns: Float[Tensor, "n c"]) -> tuple[Float[Tensor, "n k"], list[int]]:
+def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[Tensor, "n k"], list[int]]:
     """Functions of a variable and their orders, rising."""
     if name == BODY:
         return columns, [1] * columns.shape[1]
@@ -133,7 +143,11 @@ def _ladder(name: str, columns: Float[Tensor, "n c"]) -> tuple[Float[Tensor, "n 
         angle, orders = torch.atan2(columns[:, 1], columns[:, 0]), range(1, 1 + _ALONE // 2)
         functions = [f(k * angle) for k in orders for f in (torch.cos, torch.sin)]
         return torch.stack(functions, -1), [k for k in orders for _ in range(2)]
-    orders = range(1, 1 + _ALONE)
+    if name == ORIENTATION:
+        rows, columns_of = torch.triu_indices(3, 3)
+        up = columns[:, 6:]
+        return torch.cat((columns, up[:, rows] * up[:, columns_of]), 1), [1] * 9 + [2] * len(rows)
+    orders = range(1, 1 + most)
     _, which, count = columns[:, 0].unique(return_inverse=True, return_counts=True)
     ranks = ((count.cumsum(0) - count / 2) / len(columns)).to(torch.float64)[which]  # between 0 and 1
     return (math.pi * ranks[:, None] * torch.tensor(orders)).cos(), list(orders)

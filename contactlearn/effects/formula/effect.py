@@ -11,6 +11,9 @@ The value of an expression is added to the output that it is given for; the outp
     wrench      Pt, Pn N s; tau N m s
     velocity    vx_post, vy_post m/s; omega_post rad/s
 
+In space they are rx, ry, rz; mu, eps; P1, P2, Pn, tau1, tau2, taun in the axes of the slip, 1 along it and 2 across it;
+vx_post, vy_post, vz_post, wx_post, wy_post, wz_post.  A formula exists in the spaces that have all of its names.
+
 `contactlearn.effects.formula.symbols` lists the symbols of an expression, `contactlearn.effects.formula.expression`
 its operations.  A parameter is [low, high], or these by name with a unit, a symbol, a start, and the value where the
 effect vanishes: 0 if left out, null if another parameter makes it vanish.  Several outputs of one place are computed
@@ -32,12 +35,14 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.frozen import Frozen
-from contactlearn.effects.base import OUTPUTS, Effect, Parameter, require_shape
+from contactlearn.effects.base import Effect, Parameter, require_shape
 from contactlearn.effects.checks import named_outputs, violations
 from contactlearn.effects.formula.expression import CONSTANTS, FUNCTIONS, Expression
-from contactlearn.effects.formula.symbols import SYMBOLS, at_place, symbols
+from contactlearn.effects.formula.symbols import FORMULA_OUTPUTS, KNOWN, at_place, symbols
 from contactlearn.effects.state import Coefficients, State, columns
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import matvec, slip_axes
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
 _KEYS = ("low", "high", "unit", "vanishing", "start", "symbol")
 
@@ -48,6 +53,7 @@ class Declaration:
 
     lines: Mapping[str, Expression]
     parameters: tuple[Parameter, ...]
+    spaces: tuple[Space, ...] = BOTH
 
     @classmethod
     def read(cls, place: str, expressions: Mapping[str, str], declared: Mapping[str, Any]) -> Self:
@@ -65,8 +71,15 @@ class Declaration:
             )
         parameters = tuple(_parameter(name, given) for name, given in declared.items())
         lines = {output: Expression(text) for output, text in expressions.items()}
-        read = cls(lines=lines, parameters=parameters)
-        used = {name for output, line in lines.items() for name in _names(place, output, line, declared)}
+        spaces = [space for space in BOTH if {*lines} <= {*FORMULA_OUTPUTS[space][place]}]
+        used = {
+            name for output, line in lines.items() for name in _names(place, output, line, declared, spaces or BOTH)
+        }
+        spaces = tuple(space for space in spaces if used <= {*declared, *at_place(place, [space])})
+        if not spaces:
+            names = ", ".join(dict.fromkeys([*lines, *used - {*declared}]))
+            raise ContactLearnError(f"names of a formula must be all of the plane, or all of space, got {names}")
+        read = cls(lines=lines, parameters=parameters, spaces=spaces)
         for name in declared:
             if name not in used:
                 raise ContactLearnError(
@@ -77,7 +90,7 @@ class Declaration:
     @property
     def equation(self) -> str:
         """Text such as τ ← τ + (-c*rx*Pn)."""
-        letters = {output: SYMBOLS[output].letter for output in self.lines}
+        letters = {output: KNOWN[self.spaces[0]][output].letter for output in self.lines}
         return ", ".join(f"{letters[o]} ← {letters[o]} + ({line.text})" for o, line in self.lines.items())
 
     @property
@@ -94,7 +107,7 @@ def place_of_outputs(expressions: Mapping[str, str], wanted: str | None = None) 
         UnknownNameError: no such output.
         ContactLearnError: no outputs, outputs of several places, or of another place than the wanted one.
     """
-    place_of = {output: place for place, outputs in OUTPUTS.items() for output in outputs}
+    place_of = {output: place for space in BOTH for place, own in FORMULA_OUTPUTS[space].items() for output in own}
     if not isinstance(expressions, Mapping) or not expressions:
         raise ContactLearnError(
             f'a formula needs an output, got {expressions!r}; write such as tau="-c*rx*Pn", for {", ".join(place_of)}'
@@ -110,13 +123,17 @@ def place_of_outputs(expressions: Mapping[str, str], wanted: str | None = None) 
     return places.pop()
 
 
-def _names(place: str, output: str, line: Expression, declared: Mapping[str, Any]) -> Mapping[str, int]:
+def _names(
+    place: str, output: str, line: Expression, declared: Mapping[str, Any], spaces: Sequence[Space]
+) -> Mapping[str, int]:
     """Names of an expression, all of them symbols of its place or parameters."""
+    known = at_place(place, spaces)
     for name, column in line.names.items():
-        if name in SYMBOLS and place not in SYMBOLS[name].places:
-            places = ", ".join(SYMBOLS[name].places)
+        elsewhere = next((KNOWN[space][name].places for space in spaces if name in KNOWN[space]), ())
+        if elsewhere and name not in known:
+            places = ", ".join(elsewhere)
             raise line.error(column, f"{name} is known only at {places}, and an effect on {output} acts at {place}")
-    line.require([*declared, *at_place(place)], "symbol or parameter")
+    line.require([*declared, *known], "symbol or parameter")
     return line.names
 
 
@@ -149,7 +166,8 @@ def _check_name(name: Any) -> None:
     """Refuse a parameter's name that an expression could not hold, or that means something else there."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w{0,29}", name, re.ASCII) or keyword.iskeyword(name):
         raise ContactLearnError(f"a parameter's name is up to 30 letters, digits and _, got {name!r}; such as c or k_1")
-    for kind, taken in (("symbol", SYMBOLS), ("function", FUNCTIONS), ("constant", CONSTANTS)):
+    every = {name for space in BOTH for name in KNOWN[space]}
+    for kind, taken in (("symbol", every), ("function", FUNCTIONS), ("constant", CONSTANTS)):
         if name in taken:
             raise ContactLearnError(f"a parameter must not have the name of a {kind}, got {name!r}; such as c_{name}")
 
@@ -194,6 +212,7 @@ class _Formula(Frozen):
     source: ClassVar[str] = "yours"
     mirror_symmetric: ClassVar[bool] = False  # as far as anyone knows
     adds_energy: ClassVar[bool] = True
+    spaces: ClassVar[tuple[Space, ...]] = BOTH
 
     expressions: Mapping[str, str]
     declared: Mapping[str, Any]
@@ -206,6 +225,7 @@ class _Formula(Frozen):
             "declared": read.declared,
             "current": self.current or tuple(p.start for p in read.parameters),
             "needs_shape": "theta" in self.expressions,  # of this formula alone
+            "spaces": read.spaces,
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
@@ -256,6 +276,7 @@ class _Formula(Frozen):
                 is not finite at the start.
             DataError: it needs the body's shape, and that is not known.
         """
+        require_space(f"the formula {self.equation}", impacts.space, self.spaces)
         if "theta" in self.expressions:
             require_shape(self.name, impacts)
         assert isinstance(self, Effect)  # as every class that this is a part of
@@ -265,7 +286,7 @@ class _Formula(Frozen):
 
     def added(self, state: State, so_far: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """Evaluate the expression [..., N] of each output, from the outputs of the place so far."""
-        names = dict.fromkeys(name for line in self.read.lines.values() for name in line.names if name in SYMBOLS)
+        names = dict.fromkeys(n for line in self.read.lines.values() for n in line.names if n not in self.declared)
         known = symbols(state, names, self.place, so_far) | dict(zip(self.declared, self.values, strict=True))
         return {output: line.evaluate(known) for output, line in self.read.lines.items()}
 
@@ -276,14 +297,15 @@ class _Formula(Frozen):
 
 
 class StateFormula(_Formula, Effect):
-    """r_x, r_y or θ is another one than was measured; with θ the contact point moves (`orientation_offset`)."""
+    """r or θ is another one than was measured; with θ the contact point moves (`orientation_offset`)."""
 
     def state(self, state: State) -> State:
         added = self.added(state, {})
         if "theta" in added:
             state = state.turned(added["theta"])
-        if "rx" in added or "ry" in added:
-            state = state.replace(r=columns(*(state.r[..., i] + added.get(n, 0.0) for i, n in enumerate(("rx", "ry")))))
+        if added.keys() - {"theta"}:
+            r = zip(state.r.unbind(-1), state.space.position, strict=True)
+            state = state.replace(r=columns(*(part + added.get(name, 0.0) for part, name in r)))
         return state
 
 
@@ -298,14 +320,19 @@ class LawFormula(_Formula, Effect):
 class WrenchFormula(_Formula, Effect):
     """An impulse or a moment is added to the wrench of the law."""
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return columns(*self.changed(state, named_outputs("wrench", wrench)))
+    def wrench(self, state: State, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
+        if state.space is PLANE:
+            return columns(*self.changed(state, named_outputs("wrench", wrench)))
+        axes = slip_axes(state.W, state.v_c)
+        so_far = dict(zip(FORMULA_OUTPUTS[SPACE]["wrench"], matvec(axes.mT, wrench).unbind(-1), strict=True))
+        added, none = self.added(state, so_far), wrench.new_zeros(())
+        return wrench + matvec(axes, columns(*(added.get(name, none) for name in so_far)))
 
 
 class VelocityFormula(_Formula, Effect):
     """The velocity changes between contact and the second measurement."""
 
-    def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+    def velocity(self, state: State, v_post: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
         return columns(*self.changed(state, named_outputs("velocity", v_post)))
 
 

@@ -6,10 +6,11 @@
     what follows      mu and eps once the law has them; at the wrench the velocities after the wrench so far
 
 Everything is in contact axes, but for the velocity place, which is in world axes as measured; with a
-level floor these are the same.  Units are SI; – is none.
+level floor these are the same.  In space the wrench is in the axes of the slip: 1 along it, 2 across it, n up.  Units
+are SI; – is none.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -17,9 +18,9 @@ import torch
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
-from contactlearn.effects.base import OUTPUTS, PLACES
+from contactlearn.effects.base import OUTPUTS, OUTPUTS_IN_SPACE, PLACES
 from contactlearn.effects.state import State, columns
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,39 @@ IN_SPACE = {
     "orientation": Symbol("orientation", "–", "orientation of the body, and its contact point"),
 }
 """Quantities of a body in space by name: those of a state, which no turn about the normal changes, and the place."""
+FORMULA_OUTPUTS: dict[Space, dict[str, dict[str, str]]] = {
+    PLANE: OUTPUTS,
+    SPACE: OUTPUTS_IN_SPACE | {"wrench": {f"{x}{k}": u for x, u in (("P", "N s"), ("tau", "N m s")) for k in "12n"}},
+}
+"""Units of what a formula adds to by their names, by the space and by the place; see `OUTPUTS`."""
+
+
+_ALONG = {"1": "along the slip before contact", "2": "across the slip before contact", "n": "along the normal"}
+KNOWN: dict[Space, dict[str, Symbol]] = {
+    PLANE: SYMBOLS,
+    SPACE: {
+        **{name: SYMBOLS[name] for name in ("m", "mu", "eps")},
+        "rho": Symbol("ρ", "m", "mean radius of gyration", of=lambda s: (s.inertia.mean(-1) / s.mass).sqrt()),
+        **{name: symbol for name, symbol in IN_SPACE.items() if symbol.of},
+        **{
+            f"r{axis}": Symbol(
+                f"r_{axis}", "m", f"contact point minus centre of mass, along {axis}", of=lambda s, k=k: s.r[..., k]
+            )
+            for k, axis in enumerate("xyz")
+        },
+        **{f"P{k}": Symbol(f"P_{k}", "N s", f"impulse so far, {way}", ("wrench",)) for k, way in _ALONG.items()},
+        **{
+            f"tau{k}": Symbol(f"τ_{k}", "N m s", f"moment impulse about the contact point so far, {way}", ("wrench",))
+            for k, way in _ALONG.items()
+        },
+        **{
+            f"{x}{axis}_post": Symbol(f"{letter}_{axis}⁺", unit, f"{quantity} after contact so far", ("velocity",))
+            for x, letter, unit, quantity in (("v", "v", "m/s", "velocity"), ("w", "ω", "rad/s", "spin"))
+            for axis in "xyz"
+        },
+    },
+}
+"""Symbols of formulas by the space and the name that they have in an expression."""
 
 
 def symbols(
@@ -90,16 +124,16 @@ def symbols(
 
     Args:
         state: quantities before contact, with `mu` and `eps` once the law has them.
-        names: of `SYMBOLS`.
+        names: of `KNOWN`.
         place: one of `contactlearn.effects.PLACES`.
-        so_far: the outputs of the place by name, see `OUTPUTS`; those of the place `state` are in the state.
+        so_far: the outputs of the place by name, see `FORMULA_OUTPUTS`; those of the place `state` are in the state.
 
     Raises:
         UnknownNameError: no such symbol at this place.
         ContactLearnError: μ or ε of a state that no law has been given yet.
     """
     names, known = tuple(names), dict(so_far)
-    if place == "wrench" and so_far and any(name.endswith("_post") for name in names):
+    if state.space is PLANE and place == "wrench" and so_far and any(name.endswith("_post") for name in names):
         wrench = columns(*(so_far[name] for name in OUTPUTS["wrench"]))
         known |= zip(OUTPUTS["velocity"], state.v_after(wrench).unbind(-1), strict=True)
         known |= zip(("vt_post", "vn_post"), state.contact_after(wrench).unbind(-1), strict=True)
@@ -115,15 +149,15 @@ def of_state(state: State) -> dict[str, Tensor]:
     return symbols(state, (name for name, symbol in SYMBOLS.items() if symbol.of))
 
 
-def at_place(place: str) -> list[str]:
-    """Names of the symbols that are known at a place."""
-    return [name for name, symbol in SYMBOLS.items() if place in symbol.places]
+def at_place(place: str, spaces: Sequence[Space] = (PLANE,)) -> list[str]:
+    """Names of the symbols that are known at a place in one of these spaces."""
+    return [*dict.fromkeys(name for space in spaces for name, one in KNOWN[space].items() if place in one.places)]
 
 
 def _value(name: str, state: State, place: str, known: Mapping[str, Tensor | None]) -> Tensor:
-    if name not in SYMBOLS or place not in SYMBOLS[name].places:
-        raise UnknownNameError(f"symbol of the place {place}", name, at_place(place))
-    symbol = SYMBOLS[name]
+    symbol = KNOWN[state.space].get(name)
+    if symbol is None or place not in symbol.places:
+        raise UnknownNameError(f"symbol of the place {place}", name, at_place(place, [state.space]))
     value = known.get(name) if symbol.of is None else symbol.of(state)
     if value is None:
         raise ContactLearnError(f"{name} is not known yet: give the {place} so far, or a state with mu and eps")

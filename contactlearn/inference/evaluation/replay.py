@@ -28,6 +28,7 @@ from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
+from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
@@ -170,7 +171,7 @@ def replays(
         object=impacts.object[0],
     )
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
-    predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
+    predicted = _predicted(_about_the_centre(models, impacts), state, floors, [take.time for take in kept], found.rig)
     return [
         Replay(
             recording=take.recording,
@@ -195,6 +196,21 @@ def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[i
     return hits
 
 
+def _about_the_centre(models: Mapping[str, ContactModel], impacts: Impacts) -> Mapping[str, ContactModel]:
+    """The models of a body whose mass centre the rig card has moved away from the middle of its shape."""
+    beside = () if impacts.apparatus is None else impacts.apparatus.beside[: impacts.space.d]
+    if not any(beside):
+        return models
+    rig = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])}
+
+    def moved(model: ContactModel) -> ContactModel:
+        if isinstance(model.base, ContactModel):
+            return replace(model, base=moved(model.base))
+        return replace(model, effects=rig | dict(model.effects))
+
+    return {name: moved(model) for name, model in models.items()}
+
+
 def _as_impacts(impacts: Impacts, takes: Sequence["_Take"]) -> Impacts:
     """Poses and velocities of recordings as impacts of the same body, which corrections take."""
     return impacts[torch.tensor([take.row for take in takes for _ in take.pose])].replace(
@@ -212,6 +228,7 @@ def _predicted(
 ) -> dict[str, Float[Tensor, "n t pose"]]:
     """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there."""
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
+    friction = None if rig.friction is None else rig.friction.value
     drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
     predicted = {}
     for name, model in models.items():
@@ -219,7 +236,7 @@ def _predicted(
         raised = torch.zeros_like(state.pose[0])
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
-        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag)
+        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag, friction=friction)
         predicted[name] = path.at(torch.minimum(time, path.end[:, None])) + raised
     return predicted
 

@@ -26,7 +26,7 @@ from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
-from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Ellipsoid, Polygon, Shape, Sphere
+from contactlearn.mechanics.shapes import Cornered, Disc, Ellipse, Ellipsoid, Polygon, Polyhedron, Shape, Sphere
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.export import source
@@ -42,7 +42,7 @@ _GRIP = 50  # times that slip would decay by a factor e in one contact time, if 
 _SHARP = 1e-6  # m, radius of a sharp corner
 _GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error", "corner_radius")
 
-Body = Ellipse | Disc | Polygon | Ellipsoid | Sphere | Cuboid
+Body = Ellipse | Disc | Ellipsoid | Sphere | Cornered
 """Shapes that a scene can have."""
 Vector = tuple[float, ...]
 """(x, y, z) in axes of MuJoCo, z up."""
@@ -102,14 +102,9 @@ class Scene:
 
     def geoms(self) -> list[str]:
         """Return what touches the floor: an ellipsoid, or a sphere for each corner."""
-        if isinstance(self.shape, Polygon | Cuboid):
-            sharp = replace(self.shape, corner=0.0)
+        if isinstance(self.shape, Cornered):
             radius = self.shape.corner or _SHARP
-            if isinstance(sharp, Polygon):
-                corners = torch.tensor(sharp.vertices, dtype=torch.float64) + radius * sharp.arc_centres()
-            else:
-                signs = torch.cartesian_prod(*[torch.tensor((-1.0, 1.0), dtype=torch.float64)] * 3)
-                corners = signs * (torch.tensor(sharp.half, dtype=torch.float64) - radius)
+            corners = self.shape.corners() + radius * self.shape.arc_centres()
             return [f'type="sphere" size="{radius}" pos="{_text(_embedded(one))}"' for one in corners.tolist()]
         axes = (self.shape.radius,) * 3 if isinstance(self.shape, Disc | Sphere) else self.shape.semi_axes
         return [f'type="ellipsoid" size="{_text(_embedded(axes, axes[-1]))}"']
@@ -206,7 +201,9 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
     delta_a, delta, delta_c = known("orientation_offset", "delta_a", "delta", "delta_c")
     turn = delta_a, -delta, delta_c
     offset = torch.tensor(_embedded(known("com_offset", *(f"delta_{one}" for one in axes))), dtype=torch.float64)
-    offset = rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), offset)
+    beside = (0.0,) * 3 if impacts.apparatus is None else impacts.apparatus.beside
+    rig = torch.tensor(_embedded(beside[: impacts.space.d]), dtype=torch.float64)
+    offset, rig = (rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), one) for one in (offset, rig))
     tracked = "com_offset" in model.effects and model.effects["com_offset"].form == "tracked"
     inertia = impacts.inertia.median(0).values * math.exp(known("inertia_error", "kappa")[0])
     return Scene(
@@ -217,7 +214,7 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
         eps=eps,
         tilt=(psi, -phi, 0.0),
         mass_centre=tuple(offset.tolist()) if tracked else (0.0, 0.0, 0.0),
-        centre=(0.0, 0.0, 0.0) if tracked else tuple((-offset).tolist()),
+        centre=tuple((-rig if tracked else -rig - offset).tolist()),
         turn=turn,
         torsion=known("torsional_friction", "c")[0],
     )
@@ -226,12 +223,9 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
 def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
     """A shape that is stretched along its axes, and has rounder corners."""
     by = [1 + s for s in stretch]
-    if isinstance(shape, Polygon):
-        stretched = tuple((by[0] * x, by[1] * y) for x, y in shape.vertices)
-        return Polygon(stretched, corner=shape.corner + corner)
-    if isinstance(shape, Cuboid):
-        a, b, c = (k * x for k, x in zip(by, shape.half, strict=True))
-        return Cuboid((a, b, c), corner=shape.corner + corner)
+    if isinstance(shape, Cornered):
+        stretched = tuple(map(tuple, (shape.corners() * torch.tensor(by, dtype=torch.float64)).tolist()))
+        return (Polygon if len(by) == 2 else Polyhedron)(stretched, corner=shape.corner + corner)
     axes = (shape.radius,) * len(by) if isinstance(shape, Disc | Sphere) else shape.semi_axes
     a, b, c = (*(k * x for k, x in zip(by, axes, strict=True)), 0.0)[:3]
     return Ellipsoid((a, b, c)) if len(by) == 3 else Ellipse((a, b))

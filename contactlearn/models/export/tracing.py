@@ -150,8 +150,8 @@ class Tracer(TorchDispatchMode):
         if name in _ELEMENTS:
             name = "logical_and" if name == "mul" and result.dtype == torch.bool else name
             return each(_ELEMENTS[name], first, *others)
-        if name == "reciprocal":
-            return each("div", one, first)
+        if name in ("reciprocal", "rsqrt"):
+            return each("div", one, first if name == "reciprocal" else each("sqrt", first))
         if name == "sigmoid":
             return each("div", one, each("add", one, each("exp", each("neg", first))))
         if name == "sinc":

@@ -37,9 +37,10 @@ from contactlearn.diagnosis.result import (
     Verdict,
 )
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS
+from contactlearn.effects.formula.symbols import IN_SPACE, KNOWN
 from contactlearn.effects.functions import Argument
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
 
@@ -204,7 +205,7 @@ def formula_overrides(found: Formula) -> str:
 
 def _symbol(name: str) -> str:
     """Write the letter of a variable; the only one without a symbol is the body."""
-    known = SYMBOLS | IN_SPACE
+    known = IN_SPACE | KNOWN[SPACE] | KNOWN[PLANE]
     return known[name].letter if name in known else "the body"
 
 
