@@ -59,6 +59,7 @@ GRID = {
     "2 % lost, 1 % bad": replace(PLAIN, lost=0.02, bad=0.01),
     "half skip 1 or 2 frames": replace(PLAIN, skipped=0.5),
     "held by a hand": replace(PLAIN, held=0.2),
+    "1000/s, contacts of 3 ms": replace(PLAIN, rate=1000.0, frames=2000, lasting=3e-3),
 }
 
 RIGS = [(rate, noise) for rate in (250.0, 500.0) for noise in (2e-5, 5e-5, 2e-4)]

@@ -11,8 +11,8 @@ times later than it states: each m is tried, and its probability follows from ho
 
 The history of the impulse is not resolved: friction and normal force act at different times, and lever arms turn, so
 the flights miss each other by the difference of their velocities in a part of the contact's duration, which is allowed
-for.  A contact lasts as long as frames about its instant are in neither flight, or as long as any where flights that
-miss each other ask for it.
+for.  A contact lasts as long as frames about its instant are in neither flight, or for the longest time that is allowed
+where a shorter one does not explain by how much its flights miss each other.
 
 before the first flight, after the last   a hand, a body at rest, rolling or sliding, or frames that are too few
 between two flights                       one contact if both meet at an instant; otherwise
@@ -47,7 +47,7 @@ from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Track, about_centre
 
 _SKIPS = 0.02  # prior probability that one more frame is missing
-_BRIEF = 5e-4  # s, of a contact without a frame; a longer one is seen at 1000 frames a second
+_BRIEF = 5e-4  # s, of a contact without a frame, unless its flights show a longer one
 _QUARTER = 0.25  # of the contact's duration: by so much rotations meet at another instant, since lever arms turn
 _ASIDE = 0.01  # of the whole change in the duration, in units of the noise: friction does not follow the normal force
 _LONG = 0.01  # prior probability that a contact lasts longer than its frames show
