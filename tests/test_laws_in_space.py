@@ -51,6 +51,27 @@ def test_compression_is_the_solution_of_the_cone_programme():
     assert (CONTACTS.mu * v[:, :2].norm(dim=-1) - v[:, 2] <= ROUNDING * CONTACTS.v_c.norm(dim=-1)).all()
 
 
+def slender(count=20_000, seed=6):
+    """Contacts whose W has moments apart by up to 100, at friction up to 3."""
+    generator = torch.Generator().manual_seed(seed)
+    axes = torch.linalg.qr(torch.randn(count, 3, 3, generator=generator, dtype=torch.float64))[0]
+    u = torch.rand(count, 5, generator=generator, dtype=torch.float64)
+    W = axes @ torch.diag_embed(10 ** (2 * u[:, :3])) @ axes.mT
+    c = Contacts.draw_in_space(count, seed)
+    return c._replace(W=W, mu=10 ** (4 * u[:, 3] - 3.5))
+
+
+def test_slender_bodies_have_the_one_solution_and_keep_to_the_cone():
+    c = slender()
+    P, size = solved("drumwright_shell", c) / (1 + c.eps)[:, None], c.size()
+    v, speed = after(P, c), c.v_c.norm(dim=-1)
+    assert ((P * v).sum(-1).abs() <= ROUNDING * size * speed).all()
+    assert (c.mu * v[:, :2].norm(dim=-1) - v[:, 2] <= ROUNDING * speed).all()
+    for name in ("wang_mason", "mirtich", "wang_mason_newton"):
+        P = solved(name, c)
+        assert (P[:, :2].norm(dim=-1) - c.mu * P[:, 2] <= ROUNDING * size).all()
+
+
 def test_compression_is_that_of_a_solver():
     c = CONTACTS.part(slice(40))
     P = solved("drumwright_shell", c) / (1 + c.eps)[:, None]

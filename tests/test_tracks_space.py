@@ -205,6 +205,21 @@ def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(tos
     assert "another corner" in refusals[0].quantity
 
 
+@pytest.mark.parametrize(("longest", "alone"), [(1e-4, True), (3e-3, False)])
+def test_a_contact_is_refused_if_another_corner_comes_down_within_the_longest_contact(tosses, longest, alone):
+    from contactlearn.data.recordings.floor import off_the_floor
+
+    found = impacts_in(tosses[0])
+    first = found.survey.contacts[0]
+    tilted = torch.tensor(Rotation.from_euler("xy", (1.2, 0.9), degrees=True).as_quat(scalar_first=True))
+    pose = np.append((0.0, 0.0, -contact_point(BOX, tilted)[2].item() + found.floor.height.value), tilted.numpy())
+    flat = replace(first, pose=pose, v_pre=np.array((0.3, 0.0, -1.0, 0.0, 0.0, 0.0)), number=9)
+    contacts = [*found.survey.contacts, flat]
+    kept, refusals = off_the_floor(contacts, BOX, find_floor(contacts, BOX), longest=longest)
+    assert (flat in kept) is alone
+    assert len(refusals) == (not alone)
+
+
 @pytest.mark.nightly  # a minute
 def test_the_published_tosses():
     folder = Path(os.environ.get("CONTACTLEARN_DATA", "")) / "cube_tosses"

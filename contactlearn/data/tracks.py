@@ -214,7 +214,7 @@ def find_impacts(
     _check_contacts(path, found)
     limits = options.thresholds
     floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
-    contacts, refusals = off_the_floor(found.contacts, known, floor, limits)
+    contacts, refusals = off_the_floor(found.contacts, known, floor, limits, longest=options.flight.contact_time)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)
     if isinstance(known, Solid):

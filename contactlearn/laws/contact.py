@@ -180,7 +180,7 @@ def opposing(A: Impulse, b: Pair, radius: Values, pull: Pair) -> Pair:
 
 
 _LEAST = 1e-10  # of the impulse that ends the slip: the direction is then that of no friction at all
-_STEPS = 4  # before the last one: of 10⁵ random contacts all are then at rounding error
+_STEPS = 5  # before the last one: of 10⁵ random contacts all are then at rounding error
 
 
 def towards(T_1: Values, T_2: Values) -> Pair:

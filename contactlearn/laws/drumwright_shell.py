@@ -62,15 +62,20 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
             w_nn * d[0] + m**2 * (w_1n * a_1 + w_2n * a_2),
             w_nn * d[1] - m * d[0] - m * dot((w_1n, w_2n), (w_1n, w_2n)),
         )
-        x, sign = _secular_root((T_1, T_2, N), m, (*pole, w_nn - m * d[1]), w_nn / m)
+        x, low, high = _secular_root((T_1, T_2, N), m, (*pole, w_nn - m * d[1]), w_nn / m)
+        beyond = low > 0
+        for _ in range(_MOST_STEPS):
+            gap, rate = _excess(T_1, T_2, N, d, x)
+            if not (~sticks & ~(gap.abs() <= _SETTLED * (rate * x).abs())).any():
+                break
+            left = (gap > 0) != beyond
+            low, high = torch.where(left, x, low), torch.where(left, high, x)
+            x = x - gap / rate
+            x = torch.where((x >= low) & (x <= high), x, torch.where(high < torch.inf, 0.5 * (low + high), 4 * low))
         x = torch.where(sticks, 1.0, x)
-    rate, shift = (slope(p, x) for p in (N, d))
-    t_1, t_2, n = value(T_1, x), value(T_2, x), sign * value(N, x)
-    square = dot((t_1, t_2), (t_1, t_2)).clamp_min(1e-300)
-    per_length = square.rsqrt()
-    excess = square * per_length - n
-    growth = dot((t_1, t_2), (slope(T_1, x), slope(T_2, x))) * per_length - sign * rate - excess * shift / value(d, x)
-    x = x - excess / growth.detach()
+    gap, rate = _excess(T_1, T_2, N, d, x)
+    x = x - gap / rate.detach()
+    sign = value(N, x).detach().sign()
     u_1, u_2 = towards(-sign * value(T_1, x), -sign * value(T_2, x))
     form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
     n = (-v_n - mu * slip * u_1) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))
@@ -79,18 +84,31 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
 
 
 _SMOOTH = 1e-10  # friction below which the direction of the impulse is that of none
-_POLE_STEPS, _STEPS = 5, 4  # of Newton's method, both from one side: of 10⁵ random contacts 10⁻⁷ and 10⁻¹¹ at most
+_POLE_STEPS, _STEPS = 8, 4  # of Newton's method, from one side: few of 10⁵ random contacts need one of the next
+_MOST_STEPS = 20  # of those that rounding leaves away from the root, which may bisect
+_SETTLED = 1e-6  # relative step after which the next is at rounding error
+
+
+def _excess(
+    T_1: Sequence[Values], T_2: Sequence[Values], N: Sequence[Values], d: Sequence[Values], x: Values
+) -> tuple[Values, Values]:
+    """|T| − |N|, and d times the derivative of its ratio to d, which is nearly straight."""
+    T, n = (value(T_1, x), value(T_2, x)), value(N, x)
+    square = dot(T, T).clamp_min(1e-300)
+    gap = square * square.rsqrt() - n.abs()
+    growth = dot(T, (slope(T_1, x), slope(T_2, x))) * square.rsqrt() - n.sign() * slope(N, x)
+    return gap, growth - gap * slope(d, x) / value(d, x)
 
 
 def _secular_root(
     adjugate: Sequence[Sequence[Values]], m: Values, det: Sequence[Values], start: Values
-) -> tuple[Values, Values]:
-    """Return x > 0 with |T| = ± N, and that sign.
+) -> tuple[Values, Values, Values]:
+    """Return x > 0 with |T| = |N|, and between what it lies.
 
     |T|² − N² = ρ (x − p)² − g² e², where the determinant c_0 + c_1 x + c_2 x² − m x³ is −m (x − p) e with its positive
     root p, e = e_0 + e_1 x + x² and ρ > 0 quadratic.  So p − x = ± g e/√ρ, and e/√ρ is concave and nearly the straight
-    line that it becomes far out: Newton's method from there is monotone (Conn, Gould & Toint 2000, §7.3).  The sign is
-    that of N at the pole: negative where the root lies beyond it.
+    line that it becomes far out: Newton's method from there is monotone (Conn, Gould & Toint 2000, §7.3).  The root
+    lies beyond the pole where N is positive there.
     """
     (T_1, T_2, N), (c_0, c_1, c_2) = adjugate, det
     pole = start
@@ -108,16 +126,16 @@ def _secular_root(
     rho_0 = s_0 / pole**2
     rho_1 = (s_1 / pole + 2 * rho_0) / pole
     rho = rho_0, rho_1, (((s_2 - rho_0) / pole + 2 * rho_1) / pole).clamp_min(1e-300)
-    sign = torch.where(n > 0, 1.0, -torch.ones_like(n))
-    g, per_rho = -sign * square.sqrt(), rho[2].rsqrt()
+    g, per_rho = torch.where(n > 0, -square.sqrt(), square.sqrt()), rho[2].rsqrt()
     x = (pole - g * per_rho * (e[1] - 0.5 * rho_1 / rho[2])) / (1 + g * per_rho)
-    x = torch.maximum(x, torch.where(n > 0, pole, 0.0))
+    low, high = torch.where(n > 0, pole, 0.0), torch.where(n > 0, torch.inf, pole)
+    x = torch.maximum(x, low)
     for _ in range(_STEPS):
         height, square = value(e, x), value(rho, x).clamp_min(1e-300)
         per_rho = g * square.rsqrt()
         gap = torch.addcmul(x - pole, height, per_rho)
         x = x - gap / torch.addcmul(e[2], per_rho, slope(e, x) - 0.5 * height * slope(rho, x) / square)
-    return x, sign
+    return torch.where((x >= low) & (x <= high), x, torch.where(n > 0, 2 * pole, 0.5 * pole)), low, high
 
 
 class DrumwrightShell(Law):

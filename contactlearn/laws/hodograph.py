@@ -28,7 +28,7 @@ STEPS = 5
 """Midpoint steps of a phase."""
 _LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
 _NONE = 1e-200  # (m/s)²: a slip is none below it
-_FLAT = 0.05  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
+_FLAT = 0.3  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
 _LEFT = 0.06  # of the square of the slip, in the middle of a step at least, for a first guess
 
 
@@ -89,7 +89,7 @@ def after_work(total: Tensor) -> Left:
     def left(at: Slide, rate: Tensor) -> Tensor:
         missing = (total - at.work).clamp_min(0)
         square = torch.addcmul(at.v_n * at.v_n, rate, missing, value=2).clamp_min(_NONE)
-        return 2 * missing / torch.addcmul(at.v_n, square, square.rsqrt()).clamp_min(_LEAST)
+        return 2 * missing / torch.addcmul(at.v_n.clamp_min(0), square, square.rsqrt())
 
     return left
 
@@ -160,7 +160,7 @@ class Hodograph:
             yield at
         before, at = at.ended, self._to_the_end(at, left, rates, ahead)
         yield at._replace(ended=before)
-        step, stopped = torch.where(at.ended, left(at, self.stiffness_after), 0.0), at.ended & ~before
+        step, stopped = torch.where(at.ended, left(at, self.stiffness_after).clamp_min(0), 0.0), at.ended & ~before
         v_1, v_2 = (torch.where(stopped, 0.0, v) for v in at.slip)
         yield at._replace(v_1=v_1, v_2=v_2).moved(step, self._rates_after, (-self.q_1, -self.q_2))
 
@@ -180,7 +180,7 @@ class Hodograph:
         guess = torch.minimum(ahead, to_rest)
         f_1, f_2 = self._middle(at.slip, dot(at.slip, at.slip), dot(at.slip, rates), guess)
         whole = left(at, self._rates((f_1, f_2))[2].clamp_min(_LEAST))
-        step, stops = torch.minimum(whole, to_rest), to_rest < whole
+        step, stops = torch.minimum(whole, to_rest), to_rest < whole.clamp_max(_MOST)
         f_1 = torch.where(stops, torch.addcmul(self._stuck[0], x[0], inverse), f_1)
         f_2 = torch.where(stops, torch.addcmul(self._stuck[1], x[1], inverse), f_2)
         end = at.moved(torch.where(step < _MOST, step, guess), self._rates((f_1, f_2)), (f_1, f_2))

@@ -488,16 +488,24 @@ def _between(squares: Array, free: Array, own: float) -> float:
 
 
 def off_the_floor(
-    contacts: Sequence[Hit], shape: Shape, floor: Floor, limits: TrackThresholds = TrackThresholds()
+    contacts: Sequence[Hit],
+    shape: Shape,
+    floor: Floor,
+    limits: TrackThresholds = TrackThresholds(),
+    *,
+    longest: float = 0.0,
 ) -> tuple[list[Hit], list[Refusal]]:
-    """Contacts with the floor, and refusals of those with a hand or a wall."""
+    """Contacts with the floor, and refusals of those with a hand or a wall, or with several corners.
+
+    Another corner may share the impulse if it comes down to the floor within the `longest` contact, in s.
+    """
     kept, refusals = [], []
     points = _lowest(contacts, shape)
     d = points.shape[1]
     r = points - np.stack([contact.pose[:d] for contact in contacts])
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
     approach = contact_velocity(torch.from_numpy(r), before)[:, d - 1].numpy()
-    alone = _alone(contacts, shape)
+    alone = _alone(contacts, shape, longest)
     for contact, above, v_n, gap in zip(contacts, floor.above.tolist(), approach, alone, strict=True):
         push = float(contact.v_post[d - 1] - contact.v_pre[d - 1])
         for holds, quantity, value, unit in (
@@ -532,15 +540,17 @@ def off_the_floor(
     return kept, refusals
 
 
-def _alone(contacts: Sequence[Hit], shape: Shape) -> Float[Array, " n"]:
-    """Height in m of the second corner in space above the lowest, less three errors and its way while they last."""
+def _alone(contacts: Sequence[Hit], shape: Shape, longest: float) -> Float[Array, " n"]:
+    """Least height in m of another corner in space, less three errors and its way down in the longest contact."""
     if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)
     pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
-    first, second = (one.numpy() for one in shape.lowest_corners(torch.from_numpy(pose[:, 3:])))
-    apart = second - first
-    lean = np.stack((apart[:, 1], -apart[:, 0]), -1)
+    corners = rotated(pose[:, None, 3:], (shape.corners() + shape.corner * shape.arc_centres()).numpy())
+    first, others = np.split(np.argsort(corners[..., 2], 1), (1,), 1)
+    lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
+    apart = corners - lowest
+    lean = np.stack((apart[..., 1], -apart[..., 0]), -1)
     errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
-    error = np.sqrt(np.einsum("ni,nij,nj->n", lean, errors, lean))
-    sinks = np.abs(v[:, 2] + np.cross(v[:, 3:], second)[:, 2])
-    return apart[:, 2] - REACH * error - sinks * [hit.lasting for hit in contacts]
+    error = np.sqrt(np.einsum("nci,nij,ncj->nc", lean, errors, lean))
+    sinks = -(v[:, 2, None] + np.cross(v[:, None, 3:], corners)[..., 2])
+    return (apart[..., 2] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
