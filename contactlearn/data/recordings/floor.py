@@ -29,7 +29,7 @@ from jaxtyping import Float
 
 from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
-from contactlearn.data.recordings.poses import Array, away, displaced, orientation, turn
+from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track

@@ -125,8 +125,8 @@ def _functions(
     among: Mapping[str, Float[Tensor, "n c"]],
 ) -> Iterator[tuple[list[dict[str, int]], Float[Tensor, "n k"]]]:
     """Groups of functions of a variable, then of two, and the orders of each."""
-    most = dict.fromkeys(_PLACES, _STRIPES if {*_PLACES} <= {*among} else _ALONE)
-    ladders = {name: _ladder(name, columns, most.get(name, _ALONE)) for name, columns in among.items()}
+    stripes = _STRIPES if {*_PLACES} <= {*among} else _ALONE
+    ladders = {name: _ladder(name, columns, stripes if name in _PLACES else _ALONE) for name, columns in among.items()}
     for name, (functions, orders) in ladders.items():
         yield [{name: order} for order in orders], functions
     for one, two in combinations((name for name in ladders if _TOGETHER.get(name) != 0), 2):
