@@ -29,6 +29,7 @@ STEPS = 5
 _LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
 _NONE = 1e-200  # (m/s)²: a slip is none below it
 _FLAT = 0.3  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
+_WHOLE = 1 + 1e-12  # of a step, with its rounding
 _LEFT = 0.06  # of the square of the slip, in the middle of a step at least, for a first guess
 
 
@@ -125,12 +126,16 @@ class Hodograph:
         return self.followed(self.start(), until(rest))._replace(v_n=rest)
 
     def restored(self, at: Slide, elastic: Left, left: Left) -> Impulse:
-        """Return the impulse at which a phase of restitution ends on the path of an elastic one."""
-        (P_1, P_2, P_n), taken = at.impulse, self._one
+        """Return the impulse at which a phase of restitution ends on the path of an elastic one.
+
+        One step alone has the derivatives, also where the phase ends at its end, as that of ε = 0.6 does in five steps.
+        """
+        (P_1, P_2, P_n), goes_on = at.impulse, self._one > 0
         for first, last in pairwise(self.points(at, elastic)):
-            step, before = (last.P_n - first.P_n).clamp_min(_LEAST), taken
-            taken = (left(first, ((last.v_n - first.v_n) / step).clamp_min(_LEAST)) / step).clamp(0, 1)
-            taken = torch.where(before < 1, 0.0, taken)
+            step = (last.P_n - first.P_n).clamp_min(_LEAST)
+            share = left(first, ((last.v_n - first.v_n) / step).clamp_min(_LEAST)) / step
+            taken = torch.where(goes_on, torch.where(share > _WHOLE, 1.0, share.clamp(1 - _WHOLE, _WHOLE)), 0.0)
+            goes_on = goes_on & (share > _WHOLE)
             P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
             P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)
             P_n = torch.addcmul(P_n, taken, last.P_n - first.P_n)
