@@ -43,7 +43,7 @@ STEP = 1e-3
 """Time in s between two contacts of a body whose contacts have piled up."""
 
 FAINT = 4e-3
-"""Time in s in which a body falls to the speed up to which a contact is no bounce, but a slide, or the body rolls."""
+"""Time in s in which a body falls to the speed of the slowest bounce: in slower contacts it rests, slides or rolls."""
 
 ENDS = ("bounces", "time", "piled up", "at rest")
 """Reasons for which a trajectory ends."""

@@ -9,8 +9,8 @@ spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos 
 constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's default impedance, 0.9 and
 above, would add to the normal force where there is slip.  So the law is `spring_dashpot`, whichever was fitted.
 
-**Slides.** The friction of slides of a rig card holds in contacts that are no bounces, as in `roll_out`: those
-whose √(ṙ² + k r²), which the spring does not change and the dashpot lowers, is at most g `FAINT`.
+**Slides.** The friction of slides of a rig card holds in contacts that are no bounces, as in `roll_out`: those whose
+√(ṙ² + k r²) is at most g `FAINT`.  The spring does not change this speed, and the dashpot lowers it.
 
 Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
 """
@@ -239,18 +239,14 @@ def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
 
 
 def _hook(model: ContactModel, scene: Scene, shape: Shape, slides: Estimate | None, depends: bool) -> str:
-    traced = source.trace(model, shape, scene.space, coefficients=True) if depends else None
-    law = (
-        {}
-        if traced is None
-        else {
-            "constants": traced.constants,
-            "used": source.leaves(traced.program),
+    values = {name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")}
+    if depends:
+        traced = source.trace(model, shape, scene.space, coefficients=True)
+        values |= {
+            "constants": traced.constants, "used": source.leaves(traced.program),
             "extra": [name for name in ("order", "body") if name in traced.arguments],
             "statements": list(source.statements(traced.program, source.LANGUAGES["numpy"].spelled)),
-        }
-    )
+        }  # fmt: skip
     return source.TEMPLATES.get_template("hook.py.j2").render(
-        law, version=__version__, equation=str(model).splitlines(), slides=slides, faint=FAINT * GRAVITY,
-        **{name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")},
-    )  # fmt: skip
+        values, version=__version__, equation=str(model).splitlines(), slides=slides, faint=FAINT * GRAVITY
+    )
