@@ -13,7 +13,7 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification.joint import identify_jointly
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.mechanics.rigid_body import rotation
+from contactlearn.mechanics.rigid_body import GRAVITY, rotation
 from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
@@ -153,6 +153,42 @@ def test_the_hook_sets_coefficients_that_depend_on_the_state(shape, eps_0):
     engine.opt.timestep *= 2
     with pytest.raises(ValueError, match="must be at most"):
         hook["set_contact"](engine, mujoco.MjData(engine))
+
+
+@pytest.mark.parametrize("load", [False, True], ids=["law", "load_dependent"])
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=str)
+def test_the_friction_of_slides_is_that_of_slides_and_impacts_have_the_laws(shape, load):
+    """Momentum: friction takes μ g t from a slide, and in an impact μ times the change of the normal velocity."""
+    drops = synthetic.load(1, shape=shape) if shape is SQUARE else tosses(shape)
+    card = Apparatus(**{name: Estimate(value=at, error=0.01) for name, at in (CARD | {"friction": 0.3}).items()})
+    effects = {"load_dependent_friction": find_effect("load_dependent_friction")(p=0.5, v_ref=2.0)} if load else {}
+    model = ContactModel(find("wang_mason").at(0.15, 0.5), effects=effects)
+    scene, text = export(model, drops.replace(apparatus=card, validate=False), contact_time=1e-3)
+    assert "SLIDES = 0.3  # ± 0.01" in text
+    exec(text, hook := {})
+    engine = mujoco.MjModel.from_xml_string(scene.xml())
+    data, up = mujoco.MjData(engine), scene.space.d - 1
+
+    def step():
+        hook["set_contact"](engine, data)
+        mujoco.mj_step(engine, data)
+
+    data.qpos[up], data.qvel[0] = (0.02 if shape is SQUARE else 0.025), 0.6
+    while data.time < 0.05:
+        step()
+    assert (0.6 - data.qvel[0]) / (GRAVITY * data.time) == pytest.approx(0.3, rel=CLOSE)
+    mujoco.mj_resetData(engine, data)
+    data.qpos[:] = (0, 0.1, 0.4) if shape is SQUARE else (0, 0, 0.1, 0.9, 0.3, 0.3, 0.1)
+    data.qvel[[0, up]] = 2, -1
+    while not data.ncon:
+        before, begun = data.qvel.copy(), data.time
+        step()
+    mu = hook["coefficients"](data.qpos, before)[0] if load else 0.15
+    while data.ncon:
+        step()
+    normal = data.qvel[up] - before[up] + GRAVITY * (data.time - begun)
+    assert (before[0] - data.qvel[0]) / normal == pytest.approx(mu, abs=CLOSE)  # one step in a hundred is a slide's
+    assert mu < 0.2, "slides have another friction"
 
 
 @pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025), PYRAMID], ids=str)

@@ -4,7 +4,7 @@
 
 Laws are fitted to the published recordings of even number, in CONTACTLEARN_DATA.  They predict those of odd number that
 have an accepted contact: to the end, from the fitted first flight or, as published engines, from the first row.  All
-have the gravity and the drag that the recordings show, and roll-outs also the friction of slides: a scene has one.
+have the gravity, the drag and, but for the usual settings, the friction of slides that the recordings show.
 
     usual        stated body, with MuJoCo's default contact, solver and step of 2 ms
     stated       the scene of a law, fitted to the stated body
@@ -19,8 +19,8 @@ width.
 import argparse
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -63,10 +63,11 @@ USUAL = """<mujoco><default><geom friction="{mu} 0.005 0.0001"/></default><world
 
 @dataclass(frozen=True)
 class Engine:
-    """A scene of MuJoCo that rolls out as a `ContactModel` does, with one friction."""
+    """A scene of MuJoCo that rolls out as a `ContactModel` does, with the friction of slides of its hook."""
 
     xml: str
     body: ContactModel
+    hook: str | None = None
 
     def contact_heights(self, impacts: Impacts) -> Tensor:
         """Return the heights of the contact points of the body of the scene."""
@@ -79,15 +80,19 @@ class Engine:
         mujoco, _ = engine()
         model = mujoco.MjModel.from_xml_string(self.xml)
         model.opt.gravity[2], model.dof_damping[: state.space.d] = -gravity, drag * model.body_mass[-1]
+        own: dict[str, Any] = {}
+        exec(self.hook or "def set_contact(model, data): pass", own)
         rows = [*zip(state.pose, state.velocity, strict=True)]
         end = torch.full((len(rows),), until.time, dtype=torch.float64)
         return SimpleNamespace(
             end=end,
-            at=lambda times: torch.stack([toss(model, *row, time) for row, time in zip(rows, times, strict=True)]),
+            at=lambda times: torch.stack(
+                [toss(model, *row, time, own["set_contact"]) for row, time in zip(rows, times, strict=True)]
+            ),
         )
 
 
-def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor) -> Tensor:
+def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor, set_contact: Callable[[Any, Any], None]) -> Tensor:
     """Poses [T, 3 or 7] at times; between steps the body flies on, and where a time is nan so is the pose."""
     mujoco, _ = engine()
     data, poses = mujoco.MjData(model), torch.full((len(time), len(pose)), torch.nan, dtype=torch.float64)
@@ -95,7 +100,9 @@ def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor) -> Tensor:
         velocity = torch.cat((velocity[:3], matvec(rotation(pose[3:]).mT, velocity[3:])))  # spin in the body's axes
     data.qpos[:], data.qvel[:] = pose, velocity
     for row, t in zip(poses.numpy(), time[time.isfinite()].tolist(), strict=False):
-        mujoco.mj_step(model, data, nstep=int((t - data.time) / model.opt.timestep))
+        for _ in range(int((t - data.time) / model.opt.timestep)):
+            set_contact(model, data)
+            mujoco.mj_step(model, data)
         row[:] = data.qpos
         mujoco.mj_integratePos(model, row, data.qvel, t - data.time)
     return poses
@@ -113,7 +120,8 @@ def models_of(impacts: Impacts, effects: tuple[str, ...], mu: float | None, cont
     found: dict[str, Any] = {"usual": Engine(usual, fitted["stated"])}
     for name, model in fitted.items():
         print(f"{name}: {model}")
-        found[name] = Engine(replace(export(model, impacts).scene, contact_time=contact_time).xml(), model)
+        scene, hook = export(model, impacts, contact_time)
+        found[name] = Engine(scene.xml(), model, hook)
     return found | {f"{name}, roll-out": model for name, model in fitted.items()}
 
 

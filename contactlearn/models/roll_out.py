@@ -42,6 +42,9 @@ SHORTEST = 1e-4
 STEP = 1e-3
 """Time in s between two contacts of a body whose contacts have piled up."""
 
+FAINT = 4e-3
+"""Time in s in which a body falls to the speed of the slowest bounce: in slower contacts it rests, slides or rolls."""
+
 ENDS = ("bounces", "time", "piled up", "at rest")
 """Reasons for which a trajectory ends."""
 
@@ -49,7 +52,7 @@ _NEAR = 1e-5  # s before contact at the latest from which Newton's method takes 
 _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
 _INSIDE = 1e-9  # m by which rounding may put a body into the floor
-_FAINT, _SLOW = 4.0, 2.0  # falls within a step: speed of a contact that is no bounce, of a body that may be at rest
+_SLOW = 2.0  # falls within a step: speed of a body that may be at rest
 _SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
 _REST = 0.2  # s for which a body at rest is that slow
 RECORDING = ("sampling_delay", "gravity_impulse")
@@ -290,7 +293,7 @@ class _Bodies:
     def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return poses and velocities after contact, whether contacts are fast, bounces, and which bodies rest."""
         earlier, after = self.real(rows, pose, velocity), velocity.clone()
-        bounced = earlier.v_n < -_FAINT * self.gravity * STEP
+        bounced = earlier.v_n < -FAINT * self.gravity
         for which, predict in ((bounced, self.predict), (~bounced & (earlier.v_n < 0), self.steady)):
             if predict is not None and bool(which.any()):
                 some = rows[which]
@@ -400,7 +403,7 @@ def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     A body may sink as fast as one at rest.  Where it would go deeper another point comes down, and the time ends when
     that is at the floor, by bisection.
     """
-    low, fall = resting.nonzero()[:, 0], _FAINT * flight.gravity * STEP**2
+    low, fall = resting.nonzero()[:, 0], FAINT * flight.gravity * STEP
     t[low] = STEP
     start, _ = gap(low, *flight.of(low).after(torch.zeros_like(t[low])))
     height, _ = gap(low, *flight.of(low).after(t[low]))

@@ -9,6 +9,9 @@ spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos 
 constraint (impedance 0.005) with a stiff friction (impratio 10⁵) is Coulomb's cone; MuJoCo's default impedance, 0.9 and
 above, would add to the normal force where there is slip.  So the law is `spring_dashpot`, whichever was fitted.
 
+**Slides.** The friction of slides of a rig card holds in contacts that are no bounces, as in `roll_out`: those whose
+√(ṙ² + k r²) is at most g `FAINT`.  The spring does not change this speed, and the dashpot lowers it.
+
 Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
 """
 
@@ -24,12 +27,14 @@ from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Cornered, Disc, Ellipse, Ellipsoid, Polygon, Polyhedron, Shape, Sphere
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.export import source
+from contactlearn.models.roll_out import FAINT
 
 STEPS = 100
 """Steps in one contact time."""
@@ -146,12 +151,13 @@ class Exported(NamedTuple):
     hook: str | None
 
 
-def export(model: ContactModel, impacts: Impacts) -> Exported:
+def export(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_TIME) -> Exported:
     """Return a model in MuJoCo, for the body of some impacts.
 
     Args:
         model: without processes, of one value for each parameter.
         impacts: of bodies of one shape; the scene has their median mass and moment of inertia.
+        contact_time: in s.
 
     Raises:
         ContactLearnError: an effect has no form in MuJoCo, which is named with the size of what it explains, or ε is
@@ -173,9 +179,10 @@ def export(model: ContactModel, impacts: Impacts) -> Exported:
             )
     if model.law.coefficients[1].item() < LEAST:
         raise ContactLearnError(f"MuJoCo's contact has ε of at least {LEAST}, and this law has {model.law.eps:.3f}")
-    scene = _scene(model, impacts, impacts.shape)
+    scene = replace(_scene(model, impacts, impacts.shape), contact_time=contact_time)
+    slides = None if impacts.apparatus is None else impacts.apparatus.friction
     depends = any(effect.place == "law" for effect in model.effects.values())
-    return Exported(scene, _hook(model, scene, impacts.shape) if depends else None)
+    return Exported(scene, _hook(model, scene, impacts.shape, slides, depends) if depends or slides else None)
 
 
 def difference(one: Tensor, other: Tensor, impacts: Impacts) -> float:
@@ -231,11 +238,15 @@ def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
     return Ellipsoid((a, b, c)) if len(by) == 3 else Ellipse((a, b))
 
 
-def _hook(model: ContactModel, scene: Scene, shape: Shape) -> str:
-    traced = source.trace(model, shape, scene.space, coefficients=True)
+def _hook(model: ContactModel, scene: Scene, shape: Shape, slides: Estimate | None, depends: bool) -> str:
+    values = {name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")}
+    if depends:
+        traced = source.trace(model, shape, scene.space, coefficients=True)
+        values |= {
+            "constants": traced.constants, "used": source.leaves(traced.program),
+            "extra": [name for name in ("order", "body") if name in traced.arguments],
+            "statements": list(source.statements(traced.program, source.LANGUAGES["numpy"].spelled)),
+        }  # fmt: skip
     return source.TEMPLATES.get_template("hook.py.j2").render(
-        version=__version__, equation=str(model).splitlines(), constants=traced.constants,
-        used=source.leaves(traced.program), extra=[name for name in ("order", "body") if name in traced.arguments],
-        statements=list(source.statements(traced.program, source.LANGUAGES["numpy"].spelled)),
-        **{name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")},
-    )  # fmt: skip
+        values, version=__version__, equation=str(model).splitlines(), slides=slides, faint=FAINT * GRAVITY
+    )
