@@ -292,9 +292,10 @@ def test_corrected_estimates_equal_estimates_from_corrected_contacts(name, mirro
 
 
 SOME = replace(LEANING, drag=None, orientation=None)
+MADE = replace(KNOWN, slope=KNOWN.slope.made())
 
 
-@pytest.mark.parametrize(("known", "suffix"), crossed({"no": None, "all": KNOWN, "some": SOME}, [".csv", ".parquet"]))
+@pytest.mark.parametrize(("known", "suffix"), crossed({"no": None, "all": KNOWN, "some": SOME, "made": MADE}, [".csv", ".parquet"]))
 def test_tables_carry_apparatus_estimates(tmp_path, suffix, known):
     impacts = synthetic.load(size=7).replace(apparatus=known)
     again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
@@ -306,9 +307,10 @@ def test_tables_carry_apparatus_estimates(tmp_path, suffix, known):
     (lambda t: t.drop(columns="apparatus_slope_error"), ["come both or none; missing: apparatus_slope_error"]),
     (lambda t: t.filter(regex="^(?!apparatus_(gravity|delay))"), ["all four", "apparatus_gravity, "]),
     (lambda t: t.assign(apparatus_delay_error=-1.0), ["apparatus_delay_error", "at least 0"]),
+    (lambda t: t.assign(apparatus_corner_applied=1e-3), ["come all three or none; missing: apparatus_corner"]),
     (lambda t: t.assign(apparatus_slope=range(7)), ["row 2, column apparatus_slope", "same in every row"]),
     (lambda t: t.assign(apparatus_slope=["steep"] * 7), ["apparatus_slope", "number in rad", "'steep'"]),
-], ids=["half", "no gravity", "negative", "differs", "no number"])  # fmt: skip
+], ids=["half", "no gravity", "negative", "applied alone", "differs", "no number"])  # fmt: skip
 def test_a_table_that_contradicts_itself_is_refused(tmp_path, change, fragments):
     path = table.save(synthetic.load(size=7).replace(apparatus=KNOWN), tmp_path / "drops.csv")
     change(pd.read_csv(path)).to_csv(path, index=False)

@@ -27,7 +27,7 @@ from types import MappingProxyType
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table.sheet import Sheet
-from contactlearn.mechanics.apparatus import PROPERTIES, Apparatus, Estimate
+from contactlearn.mechanics.apparatus import CHANGES, PROPERTIES, Apparatus, Estimate
 from contactlearn.mechanics.impacts import OPTIONAL
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
@@ -107,6 +107,8 @@ def _powers(column: str) -> dict[str, int]:
 
 PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
 """The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
+APPLIED = {name: f"apparatus_{name}_applied" for name in CHANGES}
+"""The columns of what the data have had of a change, by the field of `Apparatus`; where it is not 0."""
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
 """Columns that every table with estimates of the apparatus has."""
 
@@ -114,12 +116,14 @@ NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name]
 def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
     """Return the columns of the estimates of an apparatus."""
     pairs = {PAIRS[field.name]: getattr(known, field.name) for field in fields(Apparatus)}
-    return {
+    columns = {
         name: [value] * rows
         for names, one in pairs.items()
         if one is not None
         for name, value in zip(names, (one.value, one.error), strict=True)
     }
+    had = {column: one.applied for name, column in APPLIED.items() if (one := getattr(known, name)) and one.applied}
+    return columns | {column: [value] * rows for column, value in had.items()}
 
 
 def apparatus_of(cells: Sheet) -> Apparatus | None:
@@ -132,6 +136,7 @@ def apparatus_of(cells: Sheet) -> Apparatus | None:
         field: Estimate(
             value=_one(cells, names[0], PROPERTIES[field]["unit"]),
             error=_one(cells, names[1], PROPERTIES[field]["unit"], 0.0),
+            applied=_one(cells, had, PROPERTIES[field]["unit"]) if (had := APPLIED.get(field)) in cells.header else 0.0,
         )
         for field, names in PAIRS.items()
         if names[0] in cells.header
@@ -159,7 +164,7 @@ NAMES = ("trial", "object")
 
 def columns_of(space: Space) -> tuple[str, ...]:
     """Return all columns that a table may have."""
-    groups = (*space.components.values(), *space.covariances.values(), *PAIRS.values())
+    groups = (*space.components.values(), *space.covariances.values(), *PAIRS.values(), [*APPLIED.values()])
     return NAMES + tuple(column for columns in groups for column in columns)
 
 
@@ -336,6 +341,7 @@ def _refuse_incomplete(space: Space, cells: Sheet, ours: Sequence[str]) -> None:
     several = {3: "all three", 6: "all six", 7: "all seven", 21: "all 21"}
     groups = [(columns, several[len(columns)]) for columns in (space.components["q_post"], *space.covariances.values())]
     groups += [(pair, "both") for pair in PAIRS.values()]
+    groups += [((*PAIRS[name], had), "all three") for name, had in APPLIED.items() if had in ours]
     if any(column in ours for pair in PAIRS.values() for column in pair):
         groups.append((NEEDED, "all four"))
     for group, count in groups:
