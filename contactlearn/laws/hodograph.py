@@ -130,12 +130,12 @@ class Hodograph:
 
         One step alone has the derivatives, also where the phase ends at its end, as that of ε = 0.6 does in five steps.
         """
-        (P_1, P_2, P_n), goes_on = at.impulse, self._one > 0
+        (P_1, P_2, P_n), goes_on = at.impulse, self._one
         for first, last in pairwise(self.points(at, elastic)):
             step = (last.P_n - first.P_n).clamp_min(_LEAST)
             share = left(first, ((last.v_n - first.v_n) / step).clamp_min(_LEAST)) / step
-            taken = torch.where(goes_on, torch.where(share > _WHOLE, 1.0, share.clamp(1 - _WHOLE, _WHOLE)), 0.0)
-            goes_on = goes_on & (share > _WHOLE)
+            taken = goes_on * share.clamp(1 - _WHOLE, _WHOLE)
+            goes_on = goes_on * (share > _WHOLE)
             P_1 = torch.addcmul(P_1, taken, last.P_1 - first.P_1)
             P_2 = torch.addcmul(P_2, taken, last.P_2 - first.P_2)
             P_n = torch.addcmul(P_n, taken, last.P_n - first.P_n)
