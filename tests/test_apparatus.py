@@ -295,7 +295,10 @@ SOME = replace(LEANING, drag=None, orientation=None)
 MADE = replace(KNOWN, slope=KNOWN.slope.made())
 
 
-@pytest.mark.parametrize(("known", "suffix"), crossed({"no": None, "all": KNOWN, "some": SOME, "made": MADE}, [".csv", ".parquet"]))
+CARRIED = {"no": None, "all": KNOWN, "some": SOME, "made": MADE}
+
+
+@pytest.mark.parametrize(("known", "suffix"), crossed(CARRIED, [".csv", ".parquet"]))
 def test_tables_carry_apparatus_estimates(tmp_path, suffix, known):
     impacts = synthetic.load(size=7).replace(apparatus=known)
     again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))
