@@ -29,7 +29,7 @@ STEPS = 5
 _LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
 _NONE = 1e-200  # (m/s)²: a slip is none below it
 _FLAT = 0.3  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
-_WHOLE = 1 + 1e-12  # of a step, with its rounding
+_WHOLE = 1 + 1e-14  # of a step, with its rounding
 _LEFT = 0.06  # of the square of the slip, in the middle of a step at least, for a first guess
 
 
