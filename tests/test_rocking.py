@@ -72,6 +72,22 @@ def test_inertia_and_centre_are_found_whatever_friction_is(body, slides, noise):
     assert not any(row.differs for row in rows[2:])  # a witness is not applied
 
 
+def test_what_parallel_edges_do_not_show_is_no_estimate():
+    """Forces along an edge have no moment about it, so the centre of mass along it is unknown."""
+    gyration, edges = BOX.gyration_squared().numpy(), BOX.edges().numpy()
+    along = np.diff(BOX.corners().numpy()[edges], axis=1)[:, 0]
+    found = [
+        one
+        for seed in range(2)
+        for track, edge in zip(tracks(BOX, False, 5e-5, seed), np.tile(np.arange(len(edges)), 3), strict=True)
+        if along[edge, 0] and len(one := rocking(track, BOX))
+    ]
+    card = rocked(found, gyration, (0.0, 0.0, -GRAVITY), {})
+    assert [*card] == ["rocking_inertia", "rocking_b", "rocking_c"]
+    for name, truth in zip(card, (KAPPA, *CENTRE[1:]), strict=True):
+        assert abs(card[name].value - truth) < 4 * card[name].error
+
+
 def test_flight_rest_and_other_bodies_do_not_rock():
     track = next(tracks(BOX, False, 5e-5))
     flies, lies = track.pose.copy(), np.repeat(track.pose[:1], len(TIME), 0)

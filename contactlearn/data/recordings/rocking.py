@@ -25,7 +25,9 @@ from contactlearn.mechanics.shapes import Cornered, Solid
 
 _LASTS = 0.8  # of a piece over √(|p|/g), the time in which a body rocks; 0.65 to 1 decide alike
 _FEWEST_FRAMES, _FEWEST = 5, 12  # of a piece; recordings, for their scatter to show the error
+_LEAST = 1e-9  # m²/s², of any scatter of moments
 _ROUNDS, _SLIGHT, _ROBUST = 10, 1e-6, 2.0  # of weights; of a difference quotient; scatters from which they fall
+_VAGUE = 0.1  # of what is expected: an error beyond it is no estimate, as of c along edges that are all parallel
 _OUTLINE = ("corner", "middle_a", "middle_b", "middle_c")
 _LEVEL, _CLEAR = 0.02, 0.08  # of |p|: an edge that touches is as level and as still, and the next corner higher
 
@@ -90,7 +92,9 @@ def rocked(
     gravity: Sequence[float],
     outline: Mapping[str, Estimate],
 ) -> dict[str, Estimate]:
-    """Return ln κ and the centre of mass in m about the tracked point, by fields of `Apparatus`; none of too few.
+    """Return ln κ and the centre of mass in m about the tracked point, by fields of `Apparatus`.
+
+    None of too few recordings, and no coordinate of the centre that no edge shows.
 
     Args:
         found: of recordings in which it rocks.
@@ -115,13 +119,17 @@ def rocked(
         force, jerk = x[:, 2] + R[:, 2] @ c - gravity, x[:, 3] + R[:, 3] @ c
         return ((math.exp(unknown[0]) * spun - cross(b, force) - square[:, None] * cross(moving, jerk)) * along).sum(-1)
 
-    at, scores, inverse = np.zeros(4), np.zeros((len(found), 4)), np.eye(4)
+    at, scores, inverse, scatter = np.zeros(4), np.zeros((len(found), 4)), np.eye(4), 0.0
+    expected = np.array((1.0, *np.full(3, np.linalg.norm(middle, axis=-1).max())))
     for _ in range(_ROUNDS):
         off = moment(at)
         slope = np.stack([(moment(at + _SLIGHT * one) - off) / _SLIGHT for one in np.eye(4)], -1)
-        weight = 1 / np.hypot(1, off / (_ROBUST * MAD_SCALE * np.median(np.abs(off))))
-        inverse = np.linalg.inv(slope.T @ (weight[:, None] * slope))
+        scatter = max(MAD_SCALE * float(np.median(np.abs(off))), _LEAST)
+        weight = 1 / np.hypot(1, off / (_ROBUST * scatter))
+        inverse = np.linalg.inv(slope.T @ (weight[:, None] * slope) + np.diag((scatter / expected) ** 2))
         scores = np.add.reduceat((weight * off)[:, None] * slope, first)
         at = at - inverse @ scores.sum(0)
     error = np.sqrt((inverse @ scores.T @ scores @ inverse).diagonal() * len(found) / (len(found) - 4))
-    return {name: Estimate(value=float(v), error=float(e)) for name, v, e in zip(ROCKING, at, error, strict=True)}
+    shown = scatter * np.sqrt(inverse.diagonal()) < _VAGUE * expected
+    each = zip(ROCKING, at.tolist(), error.tolist(), shown, strict=True)
+    return {name: Estimate(value=value, error=own) for name, value, own, seen in each if seen}
