@@ -17,8 +17,8 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
 import torch
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
@@ -217,7 +217,7 @@ class _Pickler(pickle.Pickler):
         return _tensor, (obj.as_strided((last + 1,), (1,)).numpy(), size, stride)
 
 
-def _tensor(array: NDArray[Any], size: Sequence[int], stride: Sequence[int]) -> Tensor:
+def _tensor(array: np.ndarray, size: Sequence[int], stride: Sequence[int]) -> Tensor:
     return torch.from_numpy(array).as_strided(size, stride)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from numpy.typing import NDArray
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
@@ -122,13 +121,13 @@ class TrueContacts:
         skipped: [C] frames that the recording skips there.
     """
 
-    recording: Int[NDArray[np.int64], " c"]
+    recording: Int[np.ndarray, " c"]
     time: Float[Array, " c"]
     q: Float[Array, "c 3"]
     v_pre: Float[Array, "c 3"]
     v_post: Float[Array, "c 3"]
-    frames: Int[NDArray[np.int64], "c 2"]
-    skipped: Int[NDArray[np.int64], " c"]
+    frames: Int[np.ndarray, "c 2"]
+    skipped: Int[np.ndarray, " c"]
 
 
 def record(motion: Motion, camera: Camera, seed: int) -> tuple[list[Recording], TrueContacts]:
@@ -163,7 +162,7 @@ def _poses(motion: Motion, clock: Array, lasting: float) -> Float[Array, "n t 3"
     return poses
 
 
-def _truth(motion: Motion, clock: Array, skips: NDArray[np.int64]) -> TrueContacts:
+def _truth(motion: Motion, clock: Array, skips: np.ndarray) -> TrueContacts:
     starts = motion.start.numpy()
     ends = np.concatenate((starts[:, 1:], np.full((len(starts), 1), np.inf)), 1)
     ends = np.minimum(np.where(np.isfinite(starts), ends, np.inf), motion.rests.numpy()[:, None])

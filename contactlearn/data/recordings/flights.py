@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.recordings.poses import (
@@ -46,7 +45,7 @@ from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track, finite
 from contactlearn.mechanics.rigid_body import GRAVITY
 
-Indices = NDArray[np.intp]
+Indices = np.ndarray
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
 _ROUNDS = 4
 _BLOCK = 2048  # windows, some tens of MB

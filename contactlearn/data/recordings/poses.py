@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = np.ndarray
 _NEXT, _LAST = np.array((1, 2, 0)), np.array((2, 0, 1))
 _SIGNS = np.array(((1.0, -1.0, -1.0, -1.0), (1.0, 1.0, 1.0, -1.0), (1.0, -1.0, 1.0, 1.0), (1.0, 1.0, -1.0, 1.0)))
 _PLACES = np.arange(4)[:, None] ^ np.arange(4)  # (p q)_i = Σ_j ± p_j q_k, k = i xor j

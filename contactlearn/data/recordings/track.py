@@ -13,12 +13,11 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numpy.typing import NDArray
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.poses import Array, arms, orientation, turn
 
-Mask = NDArray[np.bool_]
+Mask = np.ndarray
 _FEWEST = 2
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
 

@@ -38,7 +38,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
@@ -61,19 +60,16 @@ class ContactState(NamedTuple):
     lever: Callable[[Tensor], Tensor]  # spin [N] in rad/s → moment per normal impulse [N] in m
 
 
-_Numbers = NDArray[np.float64]
-
-
 class _Instant(NamedTuple):
     """Velocities and what has accumulated since first touch, each [N]."""
 
-    v_t: _Numbers
-    v_n: _Numbers
-    omega: _Numbers
-    P_t: _Numbers
-    p: _Numbers
-    tau: _Numbers
-    work: _Numbers  # J, of the normal impulse on the body in this phase
+    v_t: np.ndarray
+    v_n: np.ndarray
+    omega: np.ndarray
+    P_t: np.ndarray
+    p: np.ndarray
+    tau: np.ndarray
+    work: np.ndarray  # J, of the normal impulse on the body in this phase
 
 
 def collide_rigid(contact: ContactState, steps: int = STEPS) -> Tensor:
@@ -91,21 +87,21 @@ def collide_rigid(contact: ContactState, steps: int = STEPS) -> Tensor:
     start = _Instant(v_t, v_n, contact.v[:, 2].numpy(), zero, zero, zero, zero)
     step = -v_n / (inverse_inertia(contact.mass, contact.inertia, contact.r)[:, 1, 1].numpy() * steps)
 
-    def until_stopped(now: _Instant, rise: _Numbers) -> _Numbers:
+    def until_stopped(now: _Instant, rise: np.ndarray) -> np.ndarray:
         return np.where(rise > 0, -now.v_n / rise, np.inf)
 
     middle = _follow(contact, start, step, steps, until_stopped)
     stored = -middle.work
     if contact.energetic:
 
-        def until_end(now: _Instant, rise: _Numbers) -> _Numbers:
+        def until_end(now: _Instant, rise: np.ndarray) -> np.ndarray:
             left = np.maximum(eps**2 * stored - now.work, 0)
             square = torch.from_numpy(np.maximum(now.v_n**2 + 2 * rise * left, 0))
             root = square.sqrt().numpy()  # NumPy's differs in the last digit, and a seed has its bits
             return 2 * left / np.maximum(now.v_n + root, np.finfo(np.float64).tiny)
     else:
 
-        def until_end(now: _Instant, rise: _Numbers) -> _Numbers:
+        def until_end(now: _Instant, rise: np.ndarray) -> np.ndarray:
             return (1 + eps) * middle.p - now.p
 
     middle = middle._replace(v_n=zero, work=zero)
@@ -131,9 +127,9 @@ def detach(contact: ContactState, v: Tensor, work: float) -> Tensor:
 def _follow(
     contact: ContactState,
     now: _Instant,
-    step: _Numbers,
+    step: np.ndarray,
     steps: int,
-    until_end: Callable[[_Instant, _Numbers], _Numbers],
+    until_end: Callable[[_Instant, np.ndarray], np.ndarray],
 ) -> _Instant:
     """One phase, in steps of about `step` (N s, per trial), to the end that `until_end` gives.
 
