@@ -4,6 +4,8 @@ import html
 import itertools
 import json
 import re
+import string
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
@@ -23,7 +25,7 @@ from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures import learning
+from contactlearn.report.figures import learning, style
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import (
@@ -33,7 +35,7 @@ from contactlearn.report.figures.impulse_space import (
     reach,
     reachable_impulses,
 )
-from contactlearn.report.figures.style import LAW_STYLE, MODEL_STYLE, law_style, plain, save
+from contactlearn.report.figures.style import LAW_STYLE, MODEL_STYLE, law_style, new_figure, plain, save
 from contactlearn.simulation import synthetic
 
 UNIT = re.compile(r"\((mN s|mm|s/m|–|count)\)")
@@ -367,3 +369,19 @@ BAD = {
 def test_what_cannot_be_drawn_is_refused(build, message, drops):
     with pytest.raises(ContactLearnError, match=message):
         build(drops)
+
+
+@pytest.mark.parametrize("ending", [".png", ".pdf"])
+def test_a_full_disk_is_an_error_of_the_disk(ending, tmp_path, monkeypatch):
+    @contextmanager
+    def on_a_full_disk(path):
+        part = tmp_path / path.name
+        if path.suffix == ending:
+            part.symlink_to("/dev/full")
+        yield part
+
+    monkeypatch.setattr(style, "atomic_write", on_a_full_disk)
+    figure = new_figure(1, 1)
+    figure.text(0, 0, "many glyphs, each a stream of the PDF: " + string.ascii_letters + string.digits)
+    with pytest.raises(OSError, match="No space left on device"):
+        save(figure, tmp_path, "figure")

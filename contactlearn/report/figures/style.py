@@ -9,6 +9,7 @@ import itertools
 import os
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -247,6 +248,9 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
     with look(), atomic_write(targets[0]) as png, atomic_write(targets[1]) as pdf:
         figure.savefig(png, dpi=200)
         figure.set_layout_engine("none")
-        figure.savefig(pdf, metadata={"CreationDate": None})
+        # By way of memory: on a full disk matplotlib would raise AttributeError from its own tidying up.
+        drawn = BytesIO()
+        figure.savefig(drawn, format="pdf", metadata={"CreationDate": None})
+        pdf.write_bytes(drawn.getbuffer())
     figure.set_layout_engine(engine)
     return targets
