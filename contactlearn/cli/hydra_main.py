@@ -36,7 +36,7 @@ from contactlearn.cli.config_files import (
 )
 from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
 from contactlearn.core.errors import ContactLearnError, terminal_safe
-from contactlearn.core.signals import defer_interrupts, graceful_exit, spell_unencodable
+from contactlearn.core.signals import defer_interrupts, graceful_exit, prepare_process
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -55,7 +55,7 @@ def _run(command: str, cfg: DictConfig) -> None:
 
     from contactlearn.cli.job import run_job
 
-    spell_unencodable()  # also in a launcher's process
+    prepare_process()  # also in a launcher's process
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
     if isinstance(cfg.threads, int) and cfg.threads > 0:  # anything else is refused with the other settings
         torch.set_num_threads(cfg.threads)

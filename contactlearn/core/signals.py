@@ -1,12 +1,10 @@
 """Signals and streams: one line after Ctrl-C or SIGTERM, silence when the output pipe is closed, text on any stream."""
 
-import codecs
 import os
 import select
 import signal
 import sys
 import threading
-import unicodedata
 from collections.abc import Generator
 from contextlib import contextmanager
 from io import TextIOWrapper
@@ -16,10 +14,7 @@ from typing import NoReturn
 _STOPPED = "stopped; the same command resumes learning curves and large diagnoses, with hydra.sweep.dir=FOLDER a sweep"
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
-_SPELT = {
-    "−": "-", "–": "-", "±": "+-", "×": "x", "·": "*", "⁄": "/", "→": "->", "←": "<-", "≥": ">=", "≤": "<=", "≈": "~",
-    "√": "sqrt", "°": " deg", "‖": "|", "∞": "inf", "∂": "d", "✓": "yes",
-}  # fmt: skip
+_LAST_STREAM = 2  # the number of the standard error
 
 
 class _Terminated(KeyboardInterrupt):
@@ -30,14 +25,14 @@ class _Terminated(KeyboardInterrupt):
 def graceful_exit() -> Generator[None]:
     """End with one line and the status of a shell for Ctrl-C and SIGTERM, and silently for a closed `| head`.
 
-    Streams take any text: see `spell_unencodable`.
+    See `prepare_process` for what else a command needs.
 
     The default for a closed pipe, death by SIGPIPE, would also kill a parent that writes to a dead worker.
 
     Raises:
         SystemExit: 130 after Ctrl-C, 143 after SIGTERM, 141 where nobody reads the output any more.
     """
-    spell_unencodable()
+    prepare_process()
     alone = threading.current_thread() is threading.main_thread()  # the only one that may set what a signal does
     before = signal.signal(signal.SIGTERM, _terminate) if alone else None
     try:
@@ -58,40 +53,23 @@ def graceful_exit() -> Generator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
-def spell_unencodable() -> None:
-    """Let the standard streams spell in ASCII what their encoding lacks, such as mu for μ, instead of raising.
+def prepare_process() -> None:
+    """Make this process fit for a command: streams that take any text, and no window for figures.
 
-    A pipe on Windows, and the C locale, have other encodings than UTF-8.
+    A closed stream (`>&-`) is the null device from here on.  A character that the encoding of a stream lacks, such as
+    μ in Latin-1, is a question mark.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a notebook's, or a test's, takes any text
-            stream.reconfigure(errors="spelt")
-
-
-def spelt(text: str) -> str:
-    """Return text as the standard output has it, for what must know its width."""
-    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return text.encode(encoding, "spelt").decode(encoding)
-
-
-def _spelt(error: UnicodeError) -> tuple[str, int]:
-    assert isinstance(error, UnicodeEncodeError)
-    return "".join(map(_ascii, error.object[error.start : error.end])), error.end
-
-
-codecs.register_error("spelt", _spelt)
-
-
-def _ascii(character: str) -> str:
-    """A character in ASCII: its parts without accents, the name of a Greek letter, else "?"."""
-    spelt = ""
-    for part in unicodedata.normalize("NFKD", character):
-        kind, _, letter = unicodedata.name(part, "").partition(" LETTER ")
-        if kind.startswith("GREEK"):
-            spelt += letter.title() if "CAPITAL" in kind else letter.lower()
-        else:
-            spelt += part if part.isascii() else _SPELT.get(part, "")
-    return spelt or "?"
+    os.environ["MPLBACKEND"] = "agg"  # Jupyter names a backend that need not be installed beside this package
+    # The next file would take the number of a closed stream, and get what libraries write to that stream.
+    while (null := os.open(os.devnull, os.O_RDWR)) <= _LAST_STREAM:
+        pass
+    os.close(null)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None or stream.closed:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - until the process ends
+        elif isinstance(stream, TextIOWrapper):  # a notebook's, or a test's, takes any text
+            stream.reconfigure(errors="replace")
 
 
 @contextmanager

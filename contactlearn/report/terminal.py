@@ -11,13 +11,11 @@ from itertools import chain
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, RenderableType
-from rich.style import StyleType
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from contactlearn.core.errors import ContactLearnError, terminal_safe
-from contactlearn.core.signals import spelt
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
@@ -304,19 +302,11 @@ def _spread(mean: float, std: float | None) -> str:
     return f"{mean:.3f}" if std is None else measured(mean, std)
 
 
-class _Table(Table):
-    """Cells as the standard output spells them, so that columns line up in ASCII too."""
-
-    def add_row(self, *cells: RenderableType | None, style: StyleType | None = None, end_section: bool = False) -> None:
-        spelt_cells = (spelt(cell) if isinstance(cell, str) else cell for cell in cells)
-        super().add_row(*spelt_cells, style=style, end_section=end_section)
-
-
 def new_table(title: str, *headings: str) -> Table:
     """Return a table with its first column left-aligned and the others right-aligned."""
-    table = _Table(title=spelt(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for place, heading in enumerate(headings):
-        table.add_column(spelt(heading), justify="right" if place else "left", no_wrap=True)
+        table.add_column(heading, justify="right" if place else "left", no_wrap=True)
     return table
 
 
