@@ -71,8 +71,8 @@ def without_figures():
     return patch.object(Figure, "savefig", _save_a_pixel)
 
 
-def _save_a_pixel(figure, path, **options):
-    path.write_bytes(PIXEL)
+def _save_a_pixel(figure, file, **options):
+    file.write(PIXEL)
 
 
 def _exit_status(command, *arguments):

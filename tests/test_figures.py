@@ -163,9 +163,9 @@ def test_same_figure_gives_same_bytes(tmp_path, monkeypatch):
     old = [path.read_bytes() for path in save(figure, tmp_path, "a")]
     write = figure.savefig
 
-    def fail_on_pdf(path, **options):
-        write(path, **options)
-        if path.suffix == ".pdf":
+    def fail_on_pdf(file, **options):
+        write(file, **options)
+        if options["format"] == "pdf":
             raise OSError("disk full")
 
     monkeypatch.setattr(figure, "savefig", fail_on_pdf)

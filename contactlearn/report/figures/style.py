@@ -11,7 +11,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.style
 import numpy as np
@@ -245,12 +245,16 @@ def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Pat
     """
     targets = Path(folder) / f"{name}.png", Path(folder) / f"{name}.pdf"
     engine = figure.get_layout_engine()
+    options: tuple[dict[str, Any], ...] = (
+        {"format": "png", "dpi": 200},
+        {"format": "pdf", "metadata": {"CreationDate": None}},
+    )
     with look(), atomic_write(targets[0]) as png, atomic_write(targets[1]) as pdf:
-        figure.savefig(png, dpi=200)
-        figure.set_layout_engine("none")
-        # By way of memory: on a full disk matplotlib would raise AttributeError from its own tidying up.
-        drawn = BytesIO()
-        figure.savefig(drawn, format="pdf", metadata={"CreationDate": None})
-        pdf.write_bytes(drawn.getbuffer())
+        for part, chosen in zip((png, pdf), options, strict=True):
+            # By way of memory: on a full disk matplotlib's own writer raises AttributeError as it tidies up.
+            with BytesIO() as drawn:
+                figure.savefig(drawn, **chosen)
+                part.write_bytes(drawn.getvalue())
+            figure.set_layout_engine("none")
     figure.set_layout_engine(engine)
     return targets
