@@ -1,8 +1,6 @@
-"""The inner loop, `pytest --quick`: tests of what changed since the last commit, and one of every other file.
+"""The inner loop, `pytest --quick`: tests of what changed since the last commit.
 
-A test file counts as changed if git says so, or if it imports a changed module by its own name; of the latter the first
-tests are enough.  Files whose first test is long (browsers, whole diagnoses, processes that are killed) are
-left to `make test`.
+They are those of the test files that changed, and the first of the files that import a changed module by its own name.
 """
 
 import re
@@ -11,10 +9,6 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-LONG = {
-    "test_diagnosis_result.py", "test_examples.py", "test_launchers.py", "test_dependences.py", "test_plugins.py",
-    "test_report_page.py", "test_spread.py", "test_sweeps.py", "test_tracks_mujoco.py", "test_workbench_browser.py",
-}  # fmt: skip
 FIRST = 5  # tests of a file that imports a changed module
 
 
@@ -46,5 +40,5 @@ def kept(items, paths):
     for path, tests in files.items():
         if f"tests/{path.name}" in paths:
             yield from tests
-        elif path.name not in LONG:
-            yield from tests[: FIRST if _imported(path, modules) else 1]
+        elif _imported(path, modules):
+            yield from tests[:FIRST]

