@@ -12,7 +12,7 @@ from corruptions import corrupt
 from diagnoses import few
 from matplotlib.text import Text
 from repetitions import repeated
-from test_figures import HOSTILE, assert_fits, assert_units, visible_axes
+from test_figures import DEGENERATE, HOSTILE, assert_fits, assert_units, visible_axes
 
 from contactlearn.data.audit.conventions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
@@ -25,11 +25,13 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.regions import variables
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.diagnosis import audit_figure, drawn, ladder_figure, regions_figure, residual_figure
+from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.text import rung_label, sentence
 from contactlearn.simulation import hidden_effects
 
@@ -473,3 +475,17 @@ def test_the_ladder_shows_errors_intervals_and_the_bound(found):
     assert written == [f"{rung.error.mean:.4f}  {name}" for rung, name in zip(found.ladder, names, strict=True)]
     rungs = (result.Rung(kind=result.RungKind.EFFECT, error=errors[0], effect=EffectId(name)) for name in HOSTILE)
     assert_sound(ladder_figure(replace(found, ladder=tuple(rungs))))
+
+
+@pytest.mark.parametrize("name", ["inertia_scaled", "gross_outliers", "energy_gained"])
+@pytest.mark.parametrize("kind", DEGENERATE.values(), ids=DEGENERATE)
+def test_evidence_of_degenerate_impacts_is_drawn(kind, name, drops):
+    """Vertical drops have no moments, bounces of an ideal disc one ratio of energies."""
+    impacts = kind(drops)
+    audit_figure(Finding(name=name, sentence="", evidence=()), impacts, impacts).draw_without_rendering()
+
+
+def test_an_effect_that_changes_nothing_is_drawn():
+    zero = torch.zeros(30, dtype=torch.float64)
+    partial = Partial("side_drag", "P_t", "N s", "x", "m", torch.linspace(0, 1, 30), zero, zero)
+    effect_curve(partial).draw_without_rendering()

@@ -24,6 +24,7 @@ from contactlearn.inference.identification import shared as fit
 from contactlearn.inference.identification.per_trial import identify_trials
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning, style
 from contactlearn.report.figures.browser import as_plotly
@@ -154,6 +155,35 @@ def test_every_figure_fits_names_its_units_and_is_written_as_vectors(build, drop
     for forbidden in (b"/Type3", b"/Subtype /Image", b"CreationDate"):
         assert forbidden not in pdf
     assert len(pdf) < 500_000
+
+
+def of_a_disc(drops: Impacts, v_post: torch.Tensor, v_pre: torch.Tensor) -> Impacts:
+    """A disc of 33 mm whose contact point lies below its centre."""
+    zero = torch.zeros(len(drops), dtype=torch.float64)
+    r, q = torch.stack((zero, zero - 0.033), -1), torch.stack((zero, zero + 0.033, zero), -1)
+    inertia = 0.5 * 0.033**2 * drops.mass
+    return drops.replace(shape=Disc(0.033), r=r, q=q, inertia=inertia, v_pre=v_pre, v_post=v_post)
+
+
+def motion(drops: Impacts, vx: float, vy: float, omega: float) -> torch.Tensor:
+    return drops.v_pre * torch.tensor((vx, vy, omega), dtype=torch.float64)
+
+
+DEGENERATE = {
+    "vertical": lambda d: of_a_disc(d, v_pre=motion(d, 0, 1, 0), v_post=motion(d, 0, -0.7, 0)),
+    "elastic, no friction": lambda d: of_a_disc(d, v_pre=d.v_pre, v_post=motion(d, 1, -1, 1)),
+    "at rest afterwards": lambda d: of_a_disc(d, v_pre=d.v_pre, v_post=motion(d, 0, 0, 0)),
+    "all the same": lambda d: of_a_disc(
+        d, v_pre=d.v_pre[:1].expand(len(d), 3), v_post=motion(d[:1], 0.9, -0.7, 1).expand(len(d), 3)
+    ),
+}
+
+
+@pytest.mark.parametrize("build", [FIGURES["ellipse seven"], FIGURES["cost surface"], FIGURES["trial parameters"]])
+@pytest.mark.parametrize("kind", DEGENERATE.values(), ids=DEGENERATE)
+def test_figures_of_degenerate_impacts_are_drawn(kind, build, drops):
+    """Warnings are errors, such as those of axes that end where they begin."""
+    build(kind(drops)).draw_without_rendering()
 
 
 def test_same_figure_gives_same_bytes(tmp_path, monkeypatch):

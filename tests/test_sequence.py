@@ -128,3 +128,13 @@ def test_blocks_are_contiguous_and_equal(n, length, folds):
 def test_too_few_trials_for_blocks():
     with pytest.raises(DataError, match="5 folds of blocks of 20 trials need at least 100, got 60"):
         blocks(numbered(60), 20, 5, torch.Generator())
+
+
+def test_a_component_that_is_exact_does_not_drift():
+    """Such as v_x of bounces without friction, whose residual is 0 in every trial."""
+    residual = rough(80, torch.Generator().manual_seed(1)) * torch.tensor((0.0, 1.0, 1.0), dtype=torch.float64)
+    assert dependence(residual, numbered(80)) is None
+    assert dependence(0 * residual, numbered(80)) is None
+    found = dependence(residual + torch.linspace(0, 3, 80)[:, None] * residual.std(0), numbered(80))
+    assert found.size[0] == 0.0
+    assert 0 < found.share < 1

@@ -6,7 +6,8 @@
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
     number, measured    a number as text; a value with its standard error and unit as text
-    atomic_write       a file that appears whole or not at all
+    bin_edges           of a histogram of values that may all be equal
+    atomic_write        a file that appears whole or not at all
 
 Nothing here knows of contact.
 """
@@ -20,6 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeGuard
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -147,3 +149,10 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
         part = Path(folder) / path.name
         yield part
         os.replace(part, path)
+
+
+def bin_edges(values: Float[np.ndarray, " n"], bins: int) -> Float[np.ndarray, " bins+1"]:
+    """Edges of a histogram; of values that differ by roundings alone, which NumPy refuses, around all of them."""
+    low, high = values.min(), values.max()
+    margin = 0.0 if high - low > 1e-9 * max(abs(low), abs(high)) else 0.5 * max(abs(high), 1e-9)
+    return np.linspace(low - margin, high + margin, bins + 1)

@@ -97,7 +97,8 @@ def dependence(
     if chance > level:
         return None
     lags = torch.arange(1, min(_LAGS, len(rows) // 4) + 1)
-    correlation = torch.stack([(white[k:] * white[:-k]).sum(0) for k in lags.tolist()]) / white.square().sum(0)
+    correlation = torch.stack([(white[k:] * white[:-k]).sum(0) for k in lags.tolist()])
+    correlation = correlation / white.square().sum(0).clamp_min(1e-300)  # a component without a residual has none
     time_scale, shares = _decay(correlation, lags, len(rows))
     first, error = correlation[0].mean().item(), Z_95 / math.sqrt(residual.shape[1] * len(rows))
     return Dependence(
@@ -123,7 +124,8 @@ def _chance(white: Float[Tensor, "n D"]) -> float:
     """Probability of so large an excess over all windows and components under random signs."""
     flipped = random_signs(len(white))[..., None] * white
     spread = window_spread(flipped - flipped.mean(1, keepdim=True))
-    spread = torch.cat((spread / spread.mean(0), (spread / spread.mean(0)).mean(-1, keepdim=True)), -1)
+    spread = spread / spread.mean(0).clamp_min(1e-300)
+    spread = torch.cat((spread, spread.mean(-1, keepdim=True)), -1)
     excess = ((spread - spread[1:].mean(0)) / spread[1:].std(0).clamp_min(1e-12)).flatten(1).amax(1)
     return exceedance(excess)
 

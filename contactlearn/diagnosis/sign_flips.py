@@ -29,13 +29,14 @@ def window_spread(flipped: Float[Tensor, "flips n c"]) -> Float[Tensor, "flips w
     sums = torch.cat((torch.zeros_like(flipped[:, :1]), flipped.cumsum(1)), 1)
     widths = [2**k for k in range(1, int(math.log2(flipped.shape[1] / 3)) + 1)]
     windows = ((sums[:, w :: max(1, w // 4)], sums[:, : -w : max(1, w // 4)]) for w in widths)
-    total = flipped.square().sum(1)  # the mean is a part of it, which the random signs change
+    total = flipped.square().sum(1).clamp_min(1e-300)  # the mean is a part of it, which the random signs change
     return torch.stack([(last - first).square().sum(1) / total for last, first in windows], 1)
 
 
 def exceedance(statistic: Float[Tensor, " flips"]) -> float:
     """Compute the probability of the first, the measured one, among those with random signs."""
-    return ((statistic[1:] >= statistic[0]).sum().item() + 1) / len(statistic)
+    # Not `>=`: a statistic that is not a number is no evidence, and has the probability 1.
+    return ((~(statistic[1:] < statistic[0])).sum().item() + 1) / len(statistic)
 
 
 def gamma_neg_log_p(spread: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:

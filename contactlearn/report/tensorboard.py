@@ -32,7 +32,7 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from torch import Tensor
 from torch.utils.tensorboard import summary
 
-from contactlearn.core.numerics import Z_95
+from contactlearn.core.numerics import Z_95, bin_edges
 from contactlearn.diagnosis.events import CurvePoint, EffectsFound, Event, LimitsEstimated, RoundScored, TrainingRound
 from contactlearn.inference.evaluation.metrics import Interval
 
@@ -185,7 +185,8 @@ class Tracker:
     def histogram(self, tag: str, values: Float[Tensor, "..."], trained_on: int | None = None) -> None:
         """Log the distribution of values; TensorBoard draws those of several numbers of training impacts in a row."""
         step = self._trained_on if trained_on is None else trained_on
-        self._add(summary.histogram(tag, values.flatten().numpy(), _BINS), step)
+        numbers = values.flatten().numpy()
+        self._add(summary.histogram(tag, numbers, bin_edges(numbers, _BINS)), step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture as it is; `add_image` would encode it again, which takes longer than all else."""

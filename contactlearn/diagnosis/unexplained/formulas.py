@@ -18,6 +18,7 @@ Sources: Pati, Rezaiifar & Krishnaprasad 1993; White 1980 for the test; Brunton,
 
 import math
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -138,7 +139,9 @@ class Library:
         free[k] = True
         if free.sum() < 2:
             return []
-        fit = _pursuit()(n_nonzero_coefs=2, fit_intercept=False).fit(self.columns[:, free].numpy(), y.numpy())
+        with warnings.catch_warnings():  # fewer terms than asked for are an answer
+            warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely", RuntimeWarning)
+            fit = _pursuit()(n_nonzero_coefs=2, fit_intercept=False).fit(self.columns[:, free].numpy(), y.numpy())
         pair = free.nonzero()[:, 0][torch.from_numpy(fit.coef_ != 0)].tolist()
         second = [i for i in pair if i != k]
         return [first, self.terms[second[0]]] if len(pair) == 2 and second and self._clear(y, pair, second[0]) else []

@@ -136,7 +136,7 @@ def _bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[b
     axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
     for place, name in enumerate(names):
         axes.text(0, place - 0.24, f"{error(errors[place].mean)}  {st.plain(name, 60)}", va="bottom")
-    axes.set(xlim=(0, 1.04 * max(x.high for x in errors)), ylim=(len(names) - 0.6, -0.8))
+    axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(len(names) - 0.6, -0.8))
     axes.set_yticks([])
     return figure
 
@@ -208,7 +208,7 @@ def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping
         axes.set_xticks((-1, 0, 1), ["\n".join(wrap(label, 16)) for label in variable.labels])
         axes.set_xlabel("")
     axes.set_xlim(ends)
-    axes.set_ylim(0, law.quantile(0.98).item())
+    axes.set_ylim(0, law.quantile(0.98).item() or 1)
     text = wrap(phrase("region_error", region).replace(" = ", "\u00a0=\u00a0"), 48)
     title = st.plain(fix_spacing(region.where), 60), *text
     axes.set_title("\n".join(title))
@@ -368,7 +368,7 @@ def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
     """I Δω against r_x P_n − r_y P_t, trial by trial, with the two slopes of the fitted balance."""
     terms, fit = torque(impacts), balance(impacts)
     moments = impacts.inertia * st.MILLI * torch.stack((terms.normal + terms.tangential, terms.spin))
-    reach = 1.1 * moments.abs().amax(0).quantile(0.99).item()
+    reach = 1.1 * moments.abs().amax(0).quantile(0.99).item() or 1.0  # central impacts have no moments
     power = 0 if 1e-2 < reach < 1e4 else math.floor(math.log10(reach))
     unit = f"$10^{{{power}}}$ mN m s" if power else "mN m s"
     st.name_axes(axes, f"r_x P_n − r_y P_t ({unit})", f"I Δω ({unit})")
@@ -436,7 +436,7 @@ def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts,
     for axes, (name, bad) in zip(panels, reasons.items(), strict=True):
         reason = shown[name]
         st.name_axes(axes, y=reason.label)
-        if name != "approach":
+        if name != "approach" and reason.values.max() > 0:  # moments of central impacts are all 0
             st.scale_logarithmically(axes, (1, 2, 5) if reason.values.max() < 300 * reason.values.min() else (1,))
         dots(axes, rows[~bad], reason.values[~bad])
         axes.plot(st.array(rows[bad]), st.array(reason.values[bad]), "x", color=_RED, label="Gross outlier")
@@ -473,7 +473,7 @@ def _of_object(impacts: Impacts, values: Float[Tensor, " n"]) -> Float[Tensor, "
 def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
     energy, rebound = kinetic_energy(before[~outliers(before, thresholds)])
     axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
-    axes.hist(st.array(rebound / energy), 30, color=st.tint(_BLUE, 0.45), edgecolor=_BLUE, linewidth=0.4)
+    st.draw_histogram(axes, st.array(rebound / energy), 30, _BLUE)
     axes.axvline(1, color=_RED, label="As much as before")
     axes.axvline(ENERGY_GAIN, color=_RED, linestyle="--", label=f"{ENERGY_GAIN - 1:.0%} more")
     axes.set_xlim(left=0)

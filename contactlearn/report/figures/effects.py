@@ -112,4 +112,5 @@ def _limits(measured: Float[Tensor, " n"], explained: Float[Tensor, " n"]) -> tu
     cut = len(measured) // 100
     ranked = measured.sort().values
     low, high = min(ranked[cut], explained.min(), 0), max(ranked[-1 - cut], explained.max(), 0)
-    return float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))
+    margin = 0.05 * (high - low) or 1.0
+    return float(low - margin), float(high + margin)

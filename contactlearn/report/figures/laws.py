@@ -196,7 +196,6 @@ def _limit_axes(axes: Axes, shown: _Scatter) -> None:
 def _draw_histogram(axes: Axes, values: Float[np.ndarray, " n"], color: str) -> None:
     """The distribution of a parameter over the trials, if there are any, with its mean."""
     if len(values):
-        bins = round(2 * len(values) ** (1 / 3))
-        axes.hist(values, bins, color=st.tint(color, 0.45), edgecolor=color, linewidth=0.4)
+        st.draw_histogram(axes, values, round(2 * len(values) ** (1 / 3)), color)
         axes.axvline(values.mean(), color=st.DARK, linestyle="--", linewidth=0.9)
         axes.set_title(f"Mean {values.mean():.3f}, standard deviation {values.std():.3f}")

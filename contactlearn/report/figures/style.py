@@ -26,7 +26,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from torch import Tensor
 
 from contactlearn import laws
-from contactlearn.core.numerics import atomic_write
+from contactlearn.core.numerics import atomic_write, bin_edges
 from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0
@@ -227,6 +227,11 @@ def draw_density(axes: Axes, x: np.ndarray, y: np.ndarray, color: str) -> PolyCo
     """Draw how many of many points lie in each cell, on a logarithmic scale from a light tint to the colour."""
     shades = LinearSegmentedColormap.from_list("density", (tint(color, 0.15), to_rgb(color)))
     return axes.hexbin(x, y, gridsize=60, bins="log", mincnt=1, cmap=shades, linewidths=0, zorder=1)
+
+
+def draw_histogram(axes: Axes, values: Float[np.ndarray, " n"], bins: int, color: str) -> None:
+    """Draw how many values lie in each of some bins."""
+    axes.hist(values, bin_edges(values, bins), color=tint(color, 0.45), edgecolor=color, linewidth=0.4)
 
 
 def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:
