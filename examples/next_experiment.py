@@ -9,9 +9,10 @@ import torch
 from matplotlib.figure import Figure
 from pages import settings, show
 
-from contactlearn import ContactModel, Impacts, identify_jointly, laws
+from contactlearn import ContactModel, Impacts, laws
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.effects import EffectId, find_effect
+from contactlearn.inference.identification import joint
 from contactlearn.mechanics.shapes import Ellipse, contact_point
 from contactlearn.report.figures import style
 from contactlearn.simulation import synthetic
@@ -57,7 +58,7 @@ def joined(first, second):
 # likelihoods is the evidence, in nats: 3 are odds of 20 to 1.
 def judged(impacts):
     """Evidence for the first model in nats, and both fitted models."""
-    fits = [identify_jointly(law, {name: find_effect(name)()}, impacts) for name in names]
+    fits = [joint.fit(impacts, law, {name: find_effect(name)()}) for name in names]
     return len(impacts) * (fits[1].loss - fits[0].loss).item(), [fit.model for fit in fits]
 
 

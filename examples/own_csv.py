@@ -9,10 +9,11 @@ import math
 import pandas as pd
 from pages import settings, show
 
-from contactlearn import ContactModel, identify_jointly, laws
+from contactlearn import ContactModel, laws
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.identification import joint
 from contactlearn.report.figures.quality import predicted_against_measured
 from contactlearn.simulation import synthetic
 
@@ -54,7 +55,7 @@ for finding in audit(read.impacts):
     print(finding.sentence)
 
 # A law fits at once.
-fit = identify_jointly(laws.find("wang_mason"), {}, read.impacts)
+fit = joint.fit(read.impacts, laws.find("wang_mason"))
 print(fit.model)
 prediction = ContactModel(fit.model.law).predict(read.impacts)
 print(f"mass error {mass_error(read.impacts, prediction).mean():.4f}")

@@ -12,10 +12,11 @@ from cable_torque import CableTorque
 from pages import settings, show
 from smooth_floor import SmoothFloor
 
-from contactlearn import ContactModel, identify_jointly, laws
+from contactlearn import ContactModel, laws
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.identification import joint
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.simulation import synthetic
@@ -50,12 +51,12 @@ models = {
 }
 errors, intervals = {}, {}
 for label, (law, effects) in models.items():
-    fit = identify_jointly(law, effects, pool)
+    fit = joint.fit(pool, law, effects)
     errors[label] = mass_error(test, fit.model.predict(test))
     intervals[label] = tuple(bootstrap(errors[label], torch.Generator().manual_seed(0), 1000))
     print(f"{label}: {intervals[label][0]:.4f}\n{fit.model}\n")
 show(error_comparison(errors, intervals, "Mass error (–)"), chosen.out / "errors")
 
 # The moment that is left without the effect, along the orientation, and the effect's own curve through it.
-model = identify_jointly(wang_mason, {"cable": CableTorque()}, pool).model
+model = joint.fit(pool, wang_mason, {"cable": CableTorque()}).model
 show(effect_curve(partial_residuals(model, test, "cable"), "cable torque"), chosen.out / "cable")

@@ -10,8 +10,8 @@ from pages import settings, show
 from contactlearn import ContactModel, Recipe, laws
 from contactlearn.data import ellipse_drops
 from contactlearn.inference.evaluation import bounds, metrics
-from contactlearn.inference.identification.per_trial import identify_trials
-from contactlearn.inference.identification.shared import Box, cost_surface, identify
+from contactlearn.inference.identification.per_trial import fit_trials
+from contactlearn.inference.identification.shared import Box, cost_surface, fit_subsets
 from contactlearn.inference.learning.curves import law_at, learning_curves, nested_orders
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.impulse_space import reachable_impulses
@@ -40,7 +40,7 @@ table_1 = {
 }
 options = {"generator": generator, "target": target, "box": box}
 fits = {
-    name: identify(law, pool, sizes=(chosen.size,), repetitions=chosen.repetitions, **options)
+    name: fit_subsets(pool, law, sizes=(chosen.size,), repetitions=chosen.repetitions, **options)
     for name, law in paper.items()
 }
 for name, fit in fits.items():
@@ -56,11 +56,11 @@ show(reachable_impulses(test, 0, identified, box, target=target), chosen.out / "
 law = paper["whittaker"]
 mu, eps = box.axes()
 sample = pool[: chosen.size]
-least = identify(law, sample, sizes=(chosen.size,), repetitions=1, target=target, box=box)
+least = fit_subsets(sample, law, sizes=(chosen.size,), repetitions=1, target=target, box=box)
 cost = cost_surface(law, sample, mu, eps, target=target)
 show(cost_map(mu, eps, cost, least.mean(), law, chosen.size), chosen.out / "figure_3_3")
 sizes = [size for size in (5, 10, 20, 40, 80, 160, 320) if size <= len(pool)]
-show(convergence(identify(law, pool, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
+show(convergence(fit_subsets(pool, law, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
 
 # Figure 3.5: held-out errors of the laws beside Best Post Hoc, the best of all laws drop by drop, and the bound that
 # no rigid point contact beats.
@@ -76,7 +76,7 @@ show(error_comparison(errors, intervals, axis), chosen.out / "figure_3_5")
 
 # Figure 3.6: μ and ε of every single drop.
 law = paper["anitescu_potra_newton"]
-show(trial_parameters(identify_trials(law, test, target=target, box=box), test, box=box), chosen.out / "figure_3_6")
+show(trial_parameters(fit_trials(test, law, target=target, box=box), test, box=box), chosen.out / "figure_3_6")
 
 # Figures 4.1 and 4.2: learned models, with and without a law under them, against the number of training drops.
 law = paper["wang_mason"]
@@ -87,7 +87,7 @@ recipes = {
 }
 sizes = [size for size in (10, 20, 50, 100, 200, 450) if size <= min(chosen.largest, len(pool))]
 orders = nested_orders(len(pool), chosen.seeds, generator)
-fit = identify(law, pool, sizes=sizes, orders=orders, target=target, box=box)
+fit = fit_subsets(pool, law, sizes=sizes, orders=orders, target=target, box=box)
 bases = {law.name: {size: law_at(fit, size) for size in sizes}}
 curves = learning_curves(recipes, pool, test, orders, sizes, bases, impulse=target, box=box)
 densities = {model: curve.errors[name][-1].flatten() for model, curve in curves.items()}

@@ -9,10 +9,11 @@ import pandas as pd
 import torch
 from pages import settings, show
 
-from contactlearn import identify_jointly, laws
+from contactlearn import laws
 from contactlearn.data import table
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.identification import joint
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.simulation import synthetic
 
@@ -41,7 +42,7 @@ pool, test = impacts.split(0.5, torch.Generator().manual_seed(0))
 effects = {name: find_effect(name)() for name in ("body_dependent_restitution", "body_dependent_friction")}
 law, errors, intervals = laws.find("wang_mason"), {}, {}
 for label, added in {"one for both": {}, "one for each": effects}.items():
-    fit = identify_jointly(law, added, pool)
+    fit = joint.fit(pool, law, added)
     errors[label] = mass_error(test, fit.model.predict(test))
     intervals[label] = tuple(bootstrap(errors[label], torch.Generator().manual_seed(0), 1000))
     print(fit.model)

@@ -3,7 +3,7 @@
 import torch
 
 from contactlearn import laws
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.models.contact_model import predict_with
 from contactlearn.simulation import synthetic
 
@@ -45,7 +45,7 @@ def fitted(n, seed, friction=None, restitution=None, errors=None):
             values[:, k] += change(drops)
     noise = normal(len(drops), 3, seed=seed + 2) if errors is None else errors(len(drops), seed)
     drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * noise)
-    return drops, identify_jointly(LAW, {}, drops)
+    return drops, joint.fit(drops, LAW)
 
 
 def drops_of(source, n, law, variant, request, order, **noise):

@@ -22,7 +22,8 @@ from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly, named_parameters
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions, named_parameters
 from contactlearn.inference.identification.shared import Box
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
@@ -186,7 +187,7 @@ def test_parameters_stay_within_what_is_known():
 
     def fitted(slope):
         known = None if slope is None else replace(KNOWN, slope=slope)
-        fit = identify_jointly(model, {"t": tilt()}, tilted.replace(apparatus=known))
+        fit = joint.fit(tilted.replace(apparatus=known), model, {"t": tilt()})
         return fit.values[2].item()
 
     assert fitted(None) == pytest.approx(0.05, abs=1e-3)

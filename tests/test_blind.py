@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import repeated
 
@@ -394,7 +395,9 @@ def test_the_truth_is_opened_on_request_only(stubbed, capsys):
 def test_a_diagnosis_is_written_down():
     one = load.blind_sets("author_a")["06"]
     found = diagnose(
-        load.load(one), "wang_mason", candidates=few("adhesion", "spin_damping"), laws=[find("wang_mason")]
+        load.load(one),
+        "wang_mason",
+        options=DiagnoseOptions(candidates=few("adhesion", "spin_damping"), laws=[find("wang_mason")]),
     )
     written = answer_of("author_a", "06", found)
     assert Answer(**json.loads(json.dumps(asdict(written)))) == written

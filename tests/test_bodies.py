@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pyarrow.csv import read_csv
 from test_report_page import into_view, opened, until
 
-from contactlearn import identify_jointly, laws
+from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.audit.corrections import correct
@@ -24,6 +24,7 @@ from contactlearn.diagnosis.discrimination.experiment import Substitution, next_
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.regions import symmetry
 from contactlearn.effects import EffectId, State, columns, find_effect
+from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import assemble
 from contactlearn.mechanics.bodies import Shapes, contact_points, make_shapes, shapes_entries
 from contactlearn.mechanics.impacts import Impacts
@@ -127,7 +128,7 @@ def test_effects_predict_the_same(name, parts, both):
 
 
 def test_residuals_of_a_fit_are_those_of_its_bodies(parts, both):
-    fit = identify_jointly("wang_mason", ["shape_error"], both)
+    fit = joint.fit(both, "wang_mason", ["shape_error"])
     residual = both.v_post - fit.model.predict(both).v_post
     for name, single in parts.items():
         rows = [k for k, other in enumerate(both.object) if other == name]
@@ -181,7 +182,7 @@ def test_the_shape_error_of_two_bodies_is_found():
     drops = mixed(*(alone(name, size=300, seed=seed, spin_noise=0.1) for seed, name in enumerate(SPECS)))
     message = drops.replace(shape=longer, r=contact_points(longer, drops.body, drops.q[:, 2]), validate=False)
     good = message.v_c[:, 1] < 0
-    fit = identify_jointly("wang_mason", ["shape_error"], message[good].replace(validate=True))
+    fit = joint.fit(message[good].replace(validate=True), "wang_mason", ["shape_error"])
     s_a, s_b = fit.values[-2:].tolist()
     assert abs(s_a - 0.06) < 0.01
     assert abs(s_b) < 0.01
@@ -246,7 +247,7 @@ def test_choosing_joining_and_pickling_keep_the_shapes(both, tmp_path, parts):
     record = Record(impacts=both, base=model, model=model, outcomes=both.v_post[None])
     record.save(tmp_path, {})
     assert Record.load(tmp_path).impacts.shape == both.shape
-    assert checkpoint.load(tmp_path / "model.pt")[0].predict(both).v_post.equal(model.predict(both).v_post)
+    assert checkpoint.load(tmp_path / "model.pt").predict(both).v_post.equal(model.predict(both).v_post)
     found = outlines(both)
     assert [*found] == ["oak", "beech"]
     assert found["beech"] == outlines(parts["beech"])[""]

@@ -21,7 +21,7 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import random
 from contactlearn.inference.evaluation.bounds import NORMS, best_post_hoc, distance, irb
 from contactlearn.inference.evaluation.reach import reached_share
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -396,7 +396,7 @@ def test_reached_share_is_that_of_random_impulses_which_a_law_can_give(name):
     wrench = torch.nn.functional.pad(P, (0, 1))
     names, v_post = tuple(map(str, range(points))), Prediction.from_wrench(copies, wrench).v_post
     outcomes = copies.replace(v_post=v_post, trial=names, validate=True)
-    given = identify_trials(find(name), outcomes).error < 1e-4 * drop.mass
+    given = fit_trials(outcomes, find(name)).error < 1e-4 * drop.mass
     share = (given & separates).double().sum() / separates.sum()
     assert reached_share(find(name), drop).item() == pytest.approx(share.item(), abs=0.06)  # three standard errors
     assert 0.02 < share < 0.5

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from commands import run
+from contactlearn.diagnosis.options import DiagnoseOptions
 from observers import RecordingObserver
 
 from contactlearn.cli.config_files import with_diagnosed_model
@@ -109,7 +110,9 @@ def test_excluded_candidates_are_reported():
     events = RecordingObserver()
     candidates = {EffectId("many"): many, EffectId("surface_tilt", "computed"): find_effect("surface_tilt")()}
     candidates[EffectId("wind")] = formula({"u": [-0.5, 0.5]}, vx_post="u")
-    found = diagnose(synthetic.load(size=60), find("wang_mason"), candidates=candidates, on_event=events)
+    found = diagnose(
+        synthetic.load(size=60), find("wang_mason"), options=DiagnoseOptions(candidates=candidates), on_event=events
+    )
     assert events.last(CandidatesExcluded).candidates == (EffectId("many"),)
     assert found.unwanted == (EffectId("wind"),)  # tilt is of the catalogue, and nothing asked about the many
     assert Diagnosis.from_json(found.to_json()).unwanted == found.unwanted

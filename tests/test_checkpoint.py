@@ -53,8 +53,8 @@ def assert_same(a: ContactModel, b: ContactModel) -> None:
 def round_trip(model: ContactModel, folder: Path) -> ContactModel:
     path = checkpoint.save(model, folder / "new" / "folder" / "model.pt", provenance=PROVENANCE)
     assert [entry.name for entry in path.parent.iterdir()] == ["model.pt"]
-    loaded, provenance = checkpoint.load(str(path))
-    assert provenance == PROVENANCE
+    loaded = checkpoint.load(str(path))
+    assert loaded.provenance == PROVENANCE
     assert_same(loaded, model)
     return loaded
 
@@ -62,7 +62,7 @@ def round_trip(model: ContactModel, folder: Path) -> ContactModel:
 @pytest.mark.parametrize("rows", SUBSETS.values(), ids=SUBSETS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_learned_models_come_back(tmp_path, target, rows):
-    model = learn(Recipe("x1", target, find("wang_mason")), IMPACTS, rows, law(rows))
+    model = learn(IMPACTS, Recipe("x1", target, find("wang_mason")), rows=rows, base=law(rows))
     loaded = round_trip(model, tmp_path)
     mine, theirs = (each.parameters or each.residual for each in (model, loaded))
     assert (loaded.target, type(theirs.gps), theirs.status) == (model.target, type(mine.gps), None)
@@ -77,21 +77,21 @@ def test_learned_models_come_back(tmp_path, target, rows):
 @pytest.mark.parametrize("target", ["wrench", "parameters_likelihood"])
 def test_sparse_processes_come_back(tmp_path, monkeypatch, target):
     monkeypatch.setattr(regressor, "EXACT_LIMIT", 10)
-    loaded = round_trip(learn(Recipe("x2", target, find("wang_mason")), IMPACTS, ROWS, law(ROWS)), tmp_path)
+    loaded = round_trip(learn(IMPACTS, Recipe("x2", target, find("wang_mason")), rows=ROWS, base=law(ROWS)), tmp_path)
     assert isinstance((loaded.parameters or loaded.residual).gps, SparseGPs)
 
 
 @pytest.mark.parametrize("space", ["state", "x2_polar"])
 def test_purely_learned_models_come_back(tmp_path, space):
-    loaded = round_trip(learn(Recipe(space, "impulse"), IMPACTS, ROWS), tmp_path)
+    loaded = round_trip(learn(IMPACTS, Recipe(space, "impulse"), rows=ROWS), tmp_path)
     assert loaded.base is None
     assert loaded.residual.inputs.scale.isinf().any() == (space == "state")  # its mass never changes
 
 
 def test_purely_learned_models_and_models_on_models_come_back(tmp_path):
-    base = learn(Recipe("x1", "parameters_likelihood", find("wang_mason")), IMPACTS, ROWS, law(ROWS))
-    middle = learn(Recipe("x2", "impulse"), IMPACTS, ROWS, base)
-    loaded = round_trip(learn(Recipe("state", "velocity"), IMPACTS, ROWS, middle), tmp_path)
+    base = learn(IMPACTS, Recipe("x1", "parameters_likelihood", find("wang_mason")), rows=ROWS, base=law(ROWS))
+    middle = learn(IMPACTS, Recipe("x2", "impulse"), rows=ROWS, base=base)
+    loaded = round_trip(learn(IMPACTS, Recipe("state", "velocity"), rows=ROWS, base=middle), tmp_path)
     assert loaded.base.base.base.name == "wang_mason"
     noise = torch.eye(3, dtype=torch.float64).expand(10_000, 3, 3).clone()[7]
     path = checkpoint.save(ContactModel(LAWS["numbers"], noise=noise), tmp_path / "model.pt", provenance=PROVENANCE)
@@ -125,7 +125,7 @@ def test_laws_of_older_files_and_no_impulse_come_back(tmp_path):
         description["model"]["base"]["e_t"] = []
         tensors["model.base.e_t"] = torch.zeros((), dtype=torch.float64)
 
-    loaded, _ = checkpoint.load(changed(tmp_path / "older.pt", path, older))
+    loaded = checkpoint.load(changed(tmp_path / "older.pt", path, older))
     assert loaded.base.options == {}
     assert torch.equal(loaded.base.mu, LAWS["sweep"].mu)
     assert round_trip(ContactModel(), tmp_path) == ContactModel()
@@ -226,8 +226,8 @@ def test_foreign_torch_files_are_refused(tmp_path, content):
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory) -> Path:
     """A file with a part of every kind."""
-    model = learn(Recipe("x2", "parameters_likelihood", find("wang_mason")), IMPACTS, ROWS, law(ROWS))
-    model = learn(Recipe("state", "wrench"), IMPACTS, ROWS, model)
+    model = learn(IMPACTS, Recipe("x2", "parameters_likelihood", find("wang_mason")), rows=ROWS, base=law(ROWS))
+    model = learn(IMPACTS, Recipe("state", "wrench"), rows=ROWS, base=model)
     return checkpoint.save(model, tmp_path_factory.mktemp("learned") / "model.pt", provenance=PROVENANCE)
 
 
@@ -236,17 +236,17 @@ def test_truncated_and_changed_files_are_refused_or_harmless(tmp_path, learned):
     for length in (3, 100, len(whole) // 2, len(whole) - 200, len(whole) - 1):
         path.write_bytes(whole[:length])
         refused(path, "not all of one", "copy the file again")
-    model, outcomes = checkpoint.load(learned)[0], set()
+    model, outcomes = checkpoint.load(learned), set()
     for position in range(40, len(whole), len(whole) // 100):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 16]) + whole[position + 1 :])
         try:
-            assert_same(checkpoint.load(path)[0], model)
+            assert_same(checkpoint.load(path), model)
             outcomes.add("harmless")  # such as a time stamp, or filling between tensors
         except DataError:
             outcomes.add("refused")
     assert "refused" in outcomes
     path = changed(tmp_path / "model.pt", learned, lambda description, tensors: None)
-    assert_same(checkpoint.load(path)[0], checkpoint.load(learned)[0])
+    assert_same(checkpoint.load(path), checkpoint.load(learned))
 
 
 def changed(path: Path, learned: Path, change) -> Path:
@@ -334,7 +334,7 @@ def test_the_form_of_an_effect_comes_back(tmp_path, form):
         effect["options"]["form"] = effect.pop("form")
 
     for each in (path, changed(tmp_path / "older.pt", path, older)):
-        loaded, _ = checkpoint.load(each)
+        loaded = checkpoint.load(each)
         assert loaded.effects["spin_damping"].id == EffectId("spin_damping", form)
         assert torch.equal(loaded.predict(drops).v_post, model.predict(drops).v_post)
 

@@ -9,7 +9,7 @@ import torch
 from contactlearn import ContactModel, cite, laws
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.effects import catalogue, find_effect
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import Law
 from contactlearn.models.citation import _references
@@ -25,11 +25,11 @@ def test_a_law_cites_the_paper_and_itself():
     assert cite(ContactModel(laws.find("mirtich"))) == cite(laws.find("mirtich"))
     drops = synthetic.load(size=40)
     law = laws.find("whittaker").at(0.1, 0.5)
-    model = learn(Recipe("x1", "impulse", law), drops, torch.arange(30), law)
+    model = learn(drops, Recipe("x1", "impulse", law), rows=torch.arange(30), base=law)
     assert _keys(cite(model)) == ["fazeli2017", "whittaker1944", "rasmussen2006", "gardner2018"]
     drops = synthetic.load(size=60)
     effects = {"drag": find_effect("side_drag")(), "soft": find_effect("velocity_dependent_restitution")()}
-    model = identify_jointly(laws.find("wang_mason"), effects, drops).model
+    model = joint.fit(drops, laws.find("wang_mason"), effects).model
     fit = ["lange1989", "mackinnon1985", "boggs1987", "fuller1987", "carroll2006"]
     assert _keys(cite(model)) == ["fazeli2017", "wang1992", "johnson1985", "kuwabara1987", *fit]
 

@@ -197,7 +197,7 @@ def test_training_without_further_words_learns(tmp_path):
     error = {name: one["mass_error"]["mean"] for name, one in results["errors"].items()}
     assert list(error) == ["wang_mason", "residual_wrench", "best_post_hoc", "irb"]
     assert error["irb"] < error["best_post_hoc"] < error["wang_mason"]
-    assert checkpoint.load(tmp_path / "model.pt")[0].residual is not None
+    assert checkpoint.load(tmp_path / "model.pt").residual is not None
 
 
 def test_cost_surface_is_that_of_one_subset(monkeypatch):
@@ -261,9 +261,9 @@ def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
     assert_progress(tmp_path, "held-out trials")
     assert "Length scales" in printed
     results = json.loads((tmp_path / "results.json").read_text())
-    model, provenance = checkpoint.load(tmp_path / "model.pt")
-    assert provenance == results["provenance"]
-    assert provenance["config"]["train"]["size"] == 20
+    model = checkpoint.load(tmp_path / "model.pt")
+    assert model.provenance == results["provenance"]
+    assert model.provenance["config"]["train"]["size"] == 20
     drops = synthetic.load(size=80)
     assert drops.fingerprint() == results["provenance"]["data"]["sha256"]
     _, test = drops.split(0.25, torch.Generator().manual_seed(0))

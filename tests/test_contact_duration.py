@@ -11,7 +11,8 @@ from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.effects import EffectId, State, contact_duration, find_effect
 from contactlearn.effects.impulse_path import contact_of
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
 from contactlearn.laws.wang_mason import routh_path
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -94,7 +95,7 @@ def test_the_duration_of_soft_contacts_of_an_engine_is_found(kind):
     pytest.importorskip("mujoco")
     drops = mujoco.load(size=200, kind=kind, contact_time=4e-3, velocity_noise=1e-3, spin_noise=0.05)
     start = torch.tensor((0.2, 0.6, 1e-3), dtype=torch.float64)
-    fit = identify_jointly(find("spring_dashpot"), {"lasts": find_effect("contact_duration")()}, drops, start=start)
+    fit = joint.fit(drops, find("spring_dashpot"), {"lasts": find_effect("contact_duration")()}, start=start)
     expected = 4e-3 * 2.772 / math.pi  # 2β/sin β for ε = 0.55
     assert fit.values[2].item() == pytest.approx(expected, rel=CLOSE)
 
@@ -108,7 +109,7 @@ def test_duration_and_tangential_ratio_are_determined_together():
     sigma = torch.tensor([0.01, 0.01, 0.5]).double()
     noise = sigma * torch.randn(2, 400, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     impacts = states.replace(v_pre=states.v_pre + noise[0], v_post=outcome + noise[1], validate=False)
-    fit = identify_jointly("spring_dashpot", {name: type(one)() for name, one in planted.items()}, impacts)
+    fit = joint.fit(impacts, "spring_dashpot", {name: type(one)() for name, one in planted.items()})
     off = (fit.values - torch.tensor([MU, EPS, 3.5e-3, 0.6, 1.2])) / fit.standard_errors
     assert off.abs().max() < 3
     assert fit.correlation[2, 3:].abs().max() < 0.3

@@ -11,7 +11,8 @@ from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.diagnosis.unexplained.remainder import Processes
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
@@ -114,9 +115,9 @@ def test_a_fit_takes_them_for_the_stated_noise():
     before, after = ((k * sigma).square().diag().expand(size, 3, 3) for k in (0.5, 1.0))
     impacts = synthetic.load(size=size, seed=3).replace(v_pre_cov=before, v_post_cov=after)
     stated = FitOptions(noise=(V, V, OMEGA), noise_before=(V / 2, V / 2, OMEGA / 2), starts=2)
-    found = identify_jointly(law, {}, impacts, options=FitOptions(starts=2))
+    found = joint.fit(impacts, law, options=FitOptions(starts=2))
     bare = impacts.replace(v_pre_cov=None, v_post_cov=None)
-    torch.testing.assert_close(found.values, identify_jointly(law, {}, bare, options=stated).values)
+    torch.testing.assert_close(found.values, joint.fit(bare, law, options=stated).values)
     assert stated.with_noise_of(impacts) is stated
     assert FitOptions().with_noise_of(bare) == FitOptions()
     one = FitOptions().with_noise_of(impacts.replace(v_post_cov=None))
@@ -180,7 +181,7 @@ def test_a_process_learns_what_remains_with_the_same_weights():
     stated = noisy.replace(v_post_cov=torch.diag_embed(sigma.square()))
     recipe = Recipe(features="state", target="velocity")
     error = {
-        name: mass_error(test, learn(recipe, impacts, torch.arange(80)).predict(test)).mean().item()
+        name: mass_error(test, learn(impacts, recipe, rows=torch.arange(80)).predict(test)).mean().item()
         for name, impacts in (("plain", noisy), ("stated", stated))
     }
     assert error["stated"] < 0.95 * error["plain"]

@@ -15,9 +15,10 @@ from contactlearn.effects import State, catalogue, find_effect
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
-from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly, linearise
-from contactlearn.inference.identification.per_trial import identify_trials
-from contactlearn.inference.identification.shared import Box, cost_surface, identify
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions, assemble, linearise
+from contactlearn.inference.identification.per_trial import fit_trials
+from contactlearn.inference.identification.shared import Box, cost_surface, fit_subsets
 from contactlearn.inference.learning.curves import (
     joint_curve,
     law_at,
@@ -103,7 +104,7 @@ def assert_alike(found, expected, device, tolerance):
 
 
 def test_what_is_there_already_is_not_copied(drops):
-    model = learn(RECIPES["wrench"], drops, torch.arange(30), ROUTH.at(0.1, 0.5))
+    model = learn(drops, RECIPES["wrench"], rows=torch.arange(30), base=ROUTH.at(0.1, 0.5))
     for thing in (drops, model, {"a": (model, [drops.mass])}, ROUTH, "text", None):
         assert moved(thing, "cpu") is thing
 
@@ -207,8 +208,8 @@ def test_shared_parameters(target, drops, device):
 
     def computed(drops, orders):
         box = Box(nodes=5)
-        fit = identify("whittaker", drops, sizes=(10, 20), orders=orders, target=target, box=box)
-        one = identify("whittaker", drops, sizes=(30,), repetitions=1, target=target, box=box)
+        fit = fit_subsets(drops, "whittaker", sizes=(10, 20), orders=orders, target=target, box=box)
+        one = fit_subsets(drops, "whittaker", sizes=(30,), repetitions=1, target=target, box=box)
         return fit, one, cost_surface(one.to_law(), drops, *box.axes(), target=target)
 
     expected = computed(drops, orders)
@@ -219,7 +220,7 @@ def test_shared_parameters(target, drops, device):
 @pytest.mark.parametrize("name", ["whittaker", "wang_mason"])
 def test_single_trials(name, drops, device):
     few = drops[:25]
-    found, expected = identify_trials(laws.find(name), moved(few, device)), identify_trials(laws.find(name), few)
+    found, expected = fit_trials(moved(few, device), laws.find(name)), fit_trials(few, laws.find(name))
     known = ~expected.flat  # elsewhere any μ of the interval is as good
     for part in ("error", "mu_low", "mu_high"):
         assert_alike(getattr(found, part), getattr(expected, part), device, FITTED)
@@ -240,7 +241,7 @@ JOINT = {
 @pytest.mark.parametrize(("names", "options"), JOINT.values(), ids=JOINT)
 def test_joint_fits(names, options, drops, device):
     def computed(drops, rows):
-        fit = identify_jointly(ROUTH, names, drops, rows, options=options)
+        fit = joint.fit(drops, ROUTH, names, rows=rows, options=options)
         one = linearise(ROUTH, fit.model.effects, drops, fit.values[0], fit.scatter[0], options=options)
         return fit, one, fit.model.predict(drops)
 
@@ -260,13 +261,13 @@ def test_learned_models(recipe, limit, drops, device, monkeypatch, tmp_path):
     monkeypatch.setattr(sparse, "INDUCING", 15)
     rows = nested_orders(60, 2, torch.Generator().manual_seed(0))[:, :40]
     base = recipe.law and recipe.law.at(0.12, 0.55)
-    there = learn(recipe, moved(drops, device), rows, base)
-    model = learn(recipe, drops, rows, base)
+    there = learn(moved(drops, device), recipe, rows=rows, base=base)
+    model = learn(drops, recipe, rows=rows, base=base)
     assert type(there.processes.gps) is type(model.processes.gps)
     found = there.predict(moved(drops, device)), there.processes.leave_one_out()
     assert_alike(found, (model.predict(drops), model.processes.leave_one_out()), device, FITTED)
     checkpoint.save(there, tmp_path / "model.pt", provenance={})
-    loaded, _ = checkpoint.load(tmp_path / "model.pt")
+    loaded = checkpoint.load(tmp_path / "model.pt")
     back = moved(there, "cpu")
     for one in (loaded, back, moved(moved(loaded, device), "cpu")):
         assert_alike(one.predict(drops), moved(found[0], "cpu"), torch.device("cpu"), CLOSED_FORM)
@@ -277,7 +278,7 @@ def test_models_of_identified_parameters_follow(drops, device):
     """Their numbers are not compared: they learn arbitrary μ of trials that stick, which a rounding decides."""
     recipe = Recipe("x1", "parameters_identified", ROUTH)
     there = moved(drops, device)
-    found = learn(recipe, there, torch.arange(40), ROUTH.at(0.12, 0.55)).predict(there)
+    found = learn(there, recipe, rows=torch.arange(40), base=ROUTH.at(0.12, 0.55)).predict(there)
     assert found.v_post.device.type == device.type
     assert found.v_post.isfinite().all()
 
@@ -285,8 +286,10 @@ def test_models_of_identified_parameters_follow(drops, device):
 def test_stated_noise_weights_trials_there(drops, device):
     covariance = torch.rand(60, 1, 1, generator=torch.Generator().manual_seed(0)).double() * 1e-4 * torch.eye(3)
     drops, rows = drops.replace(v_post_cov=covariance), torch.arange(40)
-    there = learn(RECIPES["wrench"], moved(drops, device), rows, ROUTH.at(0.12, 0.55)).predict(moved(drops, device))
-    here = learn(RECIPES["wrench"], drops, rows, ROUTH.at(0.12, 0.55)).predict(drops)
+    there = learn(moved(drops, device), RECIPES["wrench"], rows=rows, base=ROUTH.at(0.12, 0.55)).predict(
+        moved(drops, device)
+    )
+    here = learn(drops, RECIPES["wrench"], rows=rows, base=ROUTH.at(0.12, 0.55)).predict(drops)
     assert_alike(there, here, device, FITTED)
 
 
@@ -341,6 +344,6 @@ def test_commands(words, device, tmp_path):
 
 @pytest.mark.parametrize("words", [("train.py",), ("evaluate.py", "laws=[whittaker]", "figures.repetitions=2")])
 def test_a_checkpoint_is_judged_and_gone_on_from(words, drops, device, tmp_path):
-    model = learn(Recipe("x1", "wrench"), drops, torch.arange(15))
+    model = learn(drops, Recipe("x1", "wrench"), rows=torch.arange(15))
     path = checkpoint.save(model, tmp_path / "model.pt", provenance={})
     test_commands((*words, *SMALL[:-1], "data=synthetic", f"checkpoint={path}"), device, tmp_path)

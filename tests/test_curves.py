@@ -12,7 +12,8 @@ from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import State, catalogue, columns, find_effect
 from contactlearn.effects.functions import Spline
-from contactlearn.inference.identification.joint import assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
 from contactlearn.models import checkpoint
 from contactlearn.simulation import synthetic
@@ -126,7 +127,7 @@ def test_planted_curves_are_found(kind):
     effect = kind()
     shares = {"c1": 0.2, "c2": 0.1, "c3": 0.0, "c": -0.1}
     impacts, model, theta = drops(effect, [shares[p.name] * p.high for p in effect.parameters])
-    fit = identify_jointly(find("wang_mason"), {"it": effect}, impacts)
+    fit = joint.fit(impacts, find("wang_mason"), {"it": effect})
     assert ((fit.values - theta).abs() <= SIGMAS * fit.standard_errors).all(), (fit.values, fit.standard_errors)
     assert not fit.undetermined()
     left = (fit.model.predict(impacts).v_post - model.predict(impacts).v_post).abs().mean(0)
@@ -138,7 +139,7 @@ def test_a_curve_follows_restitution_that_saturates():
     slow = find_effect("velocity_dependent_restitution", "slow")()
     impacts, _, _ = drops(slow, (0.4, 1.0))
     effect = {"it": find_effect("velocity_dependent_restitution", "curve")()}
-    fit = identify_jointly(find("wang_mason"), effect, impacts)
+    fit = joint.fit(impacts, find("wang_mason"), effect)
     found = fit.model.effects["it"]
     u = torch.linspace(found.knots[0], found.knots[-1], 50, dtype=torch.float64)
     true = 0.55 + 0.4 * (-u).exp()
@@ -159,9 +160,9 @@ def test_a_checkpoint_and_the_command_line_know_curves(tmp_path):
     words = [f"effect=[{name}]", f"effect.{name}.form=curve"]
     (effect,) = TrainSettings.from_config(compose("train", words)).effects.values()
     assert effect.id == find_effect(name, "curve").id
-    model = identify_jointly(find("mirtich"), {name: effect}, impacts).model
+    model = joint.fit(impacts, find("mirtich"), {name: effect}).model
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    again, _ = checkpoint.load(tmp_path / "model.pt")
+    again = checkpoint.load(tmp_path / "model.pt")
     assert torch.equal(again.predict(impacts).v_post, model.predict(impacts).v_post)
     assert again.effects[name].knots == model.effects[name].knots
     words.append(f"+effect.{name}.knots=[1,2,3,4]")

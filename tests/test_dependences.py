@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few, made_up, remainder
 from drops import LAW, NOISE, fitted, normal, rough, seeded, thrown
 from repetitions import repeated
@@ -36,7 +37,8 @@ from contactlearn.diagnosis.unexplained.state_dependence import (
 )
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.models.contact_model import ContactModel, predict_with
 from contactlearn.report.events import show_verdict
@@ -128,7 +130,7 @@ def test_no_dependence_is_found_in_noise():
     drops, _ = fitted(300, 2)
     curtain = 0.3 * (drops.q[:, :1] - drops.q[:, 0].median()).clamp_min(0)
     pushed = drops.replace(v_post=drops.v_post - curtain * torch.tensor((1.0, 0.0, 20.0)))
-    found = dependence_of(pushed, identify_jointly(LAW, {}, pushed))
+    found = dependence_of(pushed, joint.fit(pushed, LAW))
     assert found is not None
     assert found.coefficient is None
     assert symbols(found) == {"x"}
@@ -149,12 +151,9 @@ def test_a_better_model_of_known_effects_explains_it():
     values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1)
     outcome = predict_with(LAW, drops, values, tilted).v_post
     drops = drops.replace(v_post=outcome + NOISE * normal(len(drops), 3, seed=4))
-    alone = identify_jointly(LAW, {}, drops)
+    alone = joint.fit(drops, LAW)
     assert dependence_of(drops, alone) is not None
-    assert (
-        dependence_of(drops, alone, identify_jointly(LAW, {"surface_tilt": find_effect("surface_tilt")()}, drops))
-        is None
-    )
+    assert dependence_of(drops, alone, joint.fit(drops, LAW, {"surface_tilt": find_effect("surface_tilt")()})) is None
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +174,7 @@ def striped():
 def test_another_form_of_an_effect_of_the_model_is_not_unknown(name, striped):
     """Stripes in x are no polynomial of x, but the same dependence; they are unknown to a model without it."""
     drops, form_of = striped[0], "location_dependent_restitution" if name == "location_dependent_restitution" else None
-    found = dependence_of(drops, identify_jointly(LAW, {name: find_effect(name)()}, drops))
+    found = dependence_of(drops, joint.fit(drops, LAW, {name: find_effect(name)()}))
     assert found is not None
     assert (found.coefficient, symbols(found), found.form_of) == (Coefficient.RESTITUTION, {"x"}, form_of)
     assert found.large == (form_of is None)
@@ -198,7 +197,7 @@ def test_one_of_two_bodies_is_named():
     values = torch.stack([x.expand(len(drops)) for x in LAW.coefficients], -1).clone()
     values[:, 1] += 0.08 * second * State.of(drops).theta.cos()
     drops = drops.replace(v_post=predict_with(LAW, drops, values).v_post + NOISE * normal(len(drops), 3, seed=5))
-    found = dependence_of(drops, identify_jointly(LAW, {}, drops))
+    found = dependence_of(drops, joint.fit(drops, LAW))
     assert found is not None
     assert found.coefficient is Coefficient.RESTITUTION
     assert symbols(found) == {"theta", "object"}
@@ -215,7 +214,7 @@ def test_errors_of_v_pre_are_no_physics():
         exact = predict_with(LAW, drops, values).v_post
         measured = drops.v_pre + NOISE * normal(len(drops), 3, seed=10 + seed)
         drops = drops.replace(v_pre=measured, v_post=exact + NOISE * normal(len(drops), 3, seed=20 + seed))
-        scores = Scores.of_state(drops, identify_jointly(LAW, {}, drops), OPTIONS)
+        scores = Scores.of_state(drops, joint.fit(drops, LAW), OPTIONS)
         assert screen_state_associations(scores, state_variables(drops[scores.rows]), 0.005)[1] == ()
 
 
@@ -225,7 +224,7 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
     for seed in range(5):
         drops, _ = fitted(320, seed, errors=lambda n, seed: normal(n, 3, seed=seed)[torch.arange(n) // 8])
         state = normal(len(drops), 1, seed=seed + 50)[torch.arange(len(drops)) // 8]
-        fit = identify_jointly(LAW, {}, drops)
+        fit = joint.fit(drops, LAW)
         for block in found:
             scores = Scores.of_state(drops, fit, OPTIONS, block)
             found[block] += bool(screen_state_associations(scores, {"x": state}, 0.005, block)[1])
@@ -241,7 +240,7 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
 def test_a_diagnosis_reports_an_unknown_dependence(of, change, message, capsys):
     drops, _ = fitted(200, 1, friction=change)
     among = few("spin_damping", "side_drag", "parameter_drift")
-    found = diagnose(drops, "wang_mason", candidates=among, laws=[laws.find("wang_mason")])
+    found = diagnose(drops, "wang_mason", options=DiagnoseOptions(candidates=among, laws=[laws.find("wang_mason")]))
     show_verdict(found, "", verbose=True)
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if change else Verdict.NONE)
@@ -289,11 +288,11 @@ def test_a_serially_dependent_coefficient_is_found(change, coefficient, followed
         assert found.trials == pytest.approx(17, abs=0.5)
     mixed = torch.randperm(len(drops), generator=torch.Generator().manual_seed(0))
     shuffled = drops[mixed]
-    again = find_serial_dependence(shuffled, identify_jointly(LAW, {}, shuffled), OPTIONS)
+    again = find_serial_dependence(shuffled, joint.fit(shuffled, LAW), OPTIONS)
     assert again is not None  # the order counts, and not the rows
     assert (again.coefficient, again.variable) == (found.coefficient, found.variable)
     lost = drops.replace(order=drops.order[mixed])
-    assert find_serial_dependence(lost, identify_jointly(LAW, {}, lost), OPTIONS) is None
+    assert find_serial_dependence(lost, joint.fit(lost, LAW), OPTIONS) is None
 
 
 def test_a_measurement_that_wanders_is_no_coefficient():
@@ -314,7 +313,7 @@ def test_a_measurement_that_wanders_is_no_coefficient():
     slow = slow[slow.v_c[:, 1] < -0.2].replace(validate=True)
     grip = laws.find("wang_mason").at(5.0, 0.5)
     slow = slow.replace(v_post=ContactModel(grip).predict(slow).v_post + NOISE * normal(len(slow), 3, seed=0))
-    scores = Scores.of_sequence(slow, identify_jointly(grip, {}, slow), OPTIONS)
+    scores = Scores.of_sequence(slow, joint.fit(slow, grip), OPTIONS)
     assert (scores.slope[..., 0] == 0).all()
     chance, found = screen_associations(scores, {}, 0.01)
     assert chance > 0.01
@@ -408,7 +407,7 @@ def test_a_direction_or_a_place_of_its_own_is_seen_in_space(hidden, coefficient,
         v_post[:, 3:] += 0.3 * torch.linalg.cross(axis, axis.new_tensor((1.0, 0.0, 0.0)).expand_as(axis))
     noise = normal(n, 6, seed=2) * v_post.new_tensor((0.01,) * 3 + (0.2,) * 3)
     tosses = tosses.replace(v_post=v_post + noise, validate=False)
-    found = dependence_of(tosses, identify_jointly(law, {}, tosses))
+    found = dependence_of(tosses, joint.fit(tosses, law))
     if variable is None:
         assert found is None
     else:

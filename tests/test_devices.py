@@ -16,7 +16,7 @@ SMALL = ("data.size=32", "train.size=10", "train.repetitions=2", "bootstrap=20",
 
 def test_what_is_there_already_is_not_copied():
     drops = synthetic.load(size=40)
-    model = learn(Recipe("x1", "velocity"), drops, torch.arange(30))
+    model = learn(drops, Recipe("x1", "velocity"), rows=torch.arange(30))
     for thing in (drops, model, {"a": (model, [drops.mass])}, "text", None):
         assert moved(thing, "cpu") is thing
 

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from observers import RecordingObserver
 from repetitions import repeated
@@ -17,7 +18,8 @@ from contactlearn.diagnosis.search.selection import select
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
@@ -64,7 +66,7 @@ def test_held_out_errors_are_of_trials_that_were_not_fitted_to():
     selection = chosen("wang_mason", drops, few("surface_tilt"))
     folds, base = selection.folds, selection.base
     for fitted, held_out in zip(folds.fitted, folds.held_out, strict=True):
-        by_hand = identify_jointly(find("wang_mason"), {}, drops[fitted]).model.predict(drops[held_out])
+        by_hand = joint.fit(drops[fitted], find("wang_mason")).model.predict(drops[held_out])
         error = mass_error(drops[held_out], by_hand)
         torch.testing.assert_close(base.error[held_out], error, rtol=1e-3, atol=1e-6)
 
@@ -95,7 +97,11 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     path = table.save(impacts, tmp_path / "drops.csv")
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
-    found = diagnose(table.load(path, impacts.shape, validate=False), **alone(truth), candidates=few("surface_tilt"))
+    found = diagnose(
+        table.load(path, impacts.shape, validate=False),
+        options=DiagnoseOptions(candidates=few("surface_tilt")),
+        **alone(truth),
+    )
     assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
     assert len(found.record.impacts) == 60
     with pytest.raises(DataError, match=r"repeats '5' of row 5 .data.correct=.drop_duplicates. drops"):
@@ -106,7 +112,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
 def test_exact_data_are_no_trouble(law):
     """Nothing is left by the true law, and a law that is not true is seen to be worse."""
     drops = synthetic.load(size=80, velocity_noise=0, spin_noise=0, law="wang_mason")
-    found = diagnose(drops, find(law), candidates=few("surface_tilt", "side_drag"))
+    found = diagnose(drops, find(law), options=DiagnoseOptions(candidates=few("surface_tilt", "side_drag")))
     assert Diagnosis.from_json(found.to_json()) == found
     assert min(found.laws, key=lambda one: one.error).name == "wang_mason"
     if law == "wang_mason":
@@ -120,7 +126,9 @@ def test_bodies_of_different_mass_do_not_blind_it():
     impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
     factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(50)
     several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
-    one, three = (diagnose(d, **alone(truth), candidates=few("surface_tilt")) for d in (impacts, several))
+    one, three = (
+        diagnose(d, options=DiagnoseOptions(candidates=few("surface_tilt")), **alone(truth)) for d in (impacts, several)
+    )
     assert one.verdict == three.verdict == "unknown"
     assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
 
@@ -140,7 +148,10 @@ def test_it_computes_on_one_thread():
     try:
         with pytest.raises(Seen, match=r"^1$"):
             diagnose(
-                synthetic.load(size=30), **alone({"law": "mirtich"}), candidates=few("surface_tilt"), on_event=look
+                synthetic.load(size=30),
+                options=DiagnoseOptions(candidates=few("surface_tilt")),
+                **alone({"law": "mirtich"}),
+                on_event=look,
             )
         assert torch.get_num_threads() == 2
     finally:
@@ -150,7 +161,7 @@ def test_it_computes_on_one_thread():
 def test_a_law_that_is_given_is_compared_with_the_others():
     drops = synthetic.load(size=120, law="mirtich")
     events = RecordingObserver()
-    found = diagnose(drops, find("whittaker"), candidates=few("surface_tilt"), on_event=events)
+    found = diagnose(drops, find("whittaker"), options=DiagnoseOptions(candidates=few("surface_tilt")), on_event=events)
     compared = events.last(LawsCompared)
     errors = {fit.name: fit.error for fit in compared.fits}
     assert compared.law == found.law == "whittaker"
@@ -168,7 +179,9 @@ def test_the_budget_adds_up(is_stated):
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
     stated = (noise["v"], noise["v"], noise["omega"]) if is_stated else None
-    budget = diagnose(impacts, **alone(truth), candidates=few("contact_patch"), noise=stated).budget
+    budget = diagnose(
+        impacts, options=DiagnoseOptions(candidates=few("contact_patch"), noise=stated), **alone(truth)
+    ).budget
     shares = budget.shares
     assert budget.noise.mean == pytest.approx(floor, rel=0.1)
     assert shares.noise + shares.explained + shares.unexplained == pytest.approx(1, abs=0.03)
@@ -182,7 +195,9 @@ def test_the_budget_adds_up(is_stated):
 def test_ones_own_effect_is_a_candidate_like_any_other():
     impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=150)
     mine = {EffectId("mine"): formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
-    found = diagnose(impacts, **alone(truth), candidates=mine | few("surface_tilt", "adhesion"))
+    found = diagnose(
+        impacts, options=DiagnoseOptions(candidates=mine | few("surface_tilt", "adhesion")), **alone(truth)
+    )
     assert found.effects == ("mine",)
 
 
@@ -202,7 +217,10 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     )
     events = RecordingObserver()
     found = diagnose(
-        spoilt, **alone(truth), candidates=few("side_drag", "surface_tilt", "spin_damping"), on_event=events
+        spoilt,
+        options=DiagnoseOptions(candidates=few("side_drag", "surface_tilt", "spin_damping")),
+        **alone(truth),
+        on_event=events,
     )
     assert isinstance(events[0], AuditFindings)
     assert found.verdict == "bad_data"
@@ -257,7 +275,7 @@ def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     events = RecordingObserver()
     both = {key: effect for key, effect in all_candidates().items() if key.name in ("spin_damping", "adhesion")}
     two = [find(truth["law"]), find("anitescu_potra_poisson")]
-    found = diagnose(impacts, candidates=both, laws=two, on_event=events)
+    found = diagnose(impacts, options=DiagnoseOptions(candidates=both, laws=two), on_event=events)
     assert min(found.laws, key=lambda one: one.error).name != found.law == truth["law"]
     assert events.last(LawChanged).law == truth["law"]
     assert set(found.effects) == {effect["name"] for effect in truth["effects"]}

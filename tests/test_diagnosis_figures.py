@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from corruptions import corrupt
 from diagnoses import few
 from matplotlib.text import Text
@@ -47,7 +48,7 @@ def drops() -> Impacts:
 @pytest.fixture(scope="module")
 def found() -> result.Diagnosis:
     impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=250)
-    return diagnose(impacts, find(truth["law"]), candidates=few("spin_damping", "adhesion"))
+    return diagnose(impacts, find(truth["law"]), options=DiagnoseOptions(candidates=few("spin_damping", "adhesion")))
 
 
 def refused(findings: tuple[Finding, ...]) -> result.Diagnosis:

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from spatial import tossed
 
@@ -34,7 +35,7 @@ def measured(seed: int, **planted: tuple[float, ...]) -> Impacts:
 @pytest.fixture(scope="module")
 def found():
     impacts = measured(1, inertia_error=(0.3,))
-    return diagnose(impacts, laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES))
+    return diagnose(impacts, options=DiagnoseOptions(laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES)))
 
 
 def test_a_planted_effect_is_found(found):
@@ -62,7 +63,9 @@ def test_a_record_in_space_is_read_back(found, tmp_path):
 
 
 def test_nothing_is_named_where_nothing_is_hidden():
-    found = diagnose(measured(2), laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES))
+    found = diagnose(
+        measured(2), options=DiagnoseOptions(laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES))
+    )
     assert (found.verdict, found.missing) == (Verdict.NONE, ())
 
 
@@ -78,6 +81,6 @@ def test_a_turned_world_changes_no_name_and_no_error(found):
         r=impacts.r @ turn.T, q=torch.cat((impacts.q[:, :3] @ turn.T, q), -1), v_pre=impacts.v_pre @ both.T,
         v_post=impacts.v_post @ both.T, validate=False,
     )  # fmt: skip
-    again = diagnose(turned, laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES))
+    again = diagnose(turned, options=DiagnoseOptions(laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES)))
     assert again.effects == found.effects
     assert abs(again.budget.named.mean / found.budget.named.mean - 1) < 1e-3

@@ -5,6 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -13,7 +14,7 @@ from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.simulation import hidden_effects
@@ -31,7 +32,11 @@ def three():
 
 @pytest.fixture(scope="module")
 def found(impacts, three):
-    return diagnose(impacts, find("wang_mason"), candidates=three, laws=[find("wang_mason"), find("mirtich")])
+    return diagnose(
+        impacts,
+        find("wang_mason"),
+        options=DiagnoseOptions(candidates=three, laws=[find("wang_mason"), find("mirtich")]),
+    )
 
 
 def test_a_diagnosis_is_read_back_equal(found):
@@ -45,7 +50,7 @@ def test_a_diagnosis_is_read_back_equal(found):
     assert shown.startswith("Diagnosis(verdict='effects', law='wang_mason', ")
     assert all(f"{one.effect} (" in shown for one in found.missing)
     assert f"error {found.budget.base.mean:.3g} → {found.budget.named.mean:.3g}" in shown
-    fit = repr(identify_jointly("wang_mason", ["side_drag"], found.record.impacts))
+    fit = repr(joint.fit(found.record.impacts, "wang_mason", ["side_drag"]))
     assert "side_drag" in fit
     assert fit.count("tensor") == 3  # loss, agreement and whether it converged
     assert [rung.kind for rung in found.ladder] == [
@@ -102,7 +107,7 @@ def test_choices_are_joint_fits(found, impacts):
     assert len(found.choices.errors) == len(found.record.outcomes) == 2 ** len(effects)
     for k, interval in enumerate(found.choices.errors):
         chosen = {one.name: found.record.model.effects[one.name] for j, one in enumerate(effects) if k >> j & 1}
-        fit = identify_jointly(find("wang_mason"), chosen, impacts)
+        fit = joint.fit(impacts, find("wang_mason"), chosen)
         expected = mass_error(impacts, fit.model.predict(impacts)).mean().item()
         assert interval.mean == pytest.approx(expected, rel=0.01)
     full = len(found.record.outcomes) - 1
@@ -113,7 +118,7 @@ def test_choices_are_joint_fits(found, impacts):
         expected = bootstrap(without - with_, torch.Generator().manual_seed(0), 10).mean
         assert missing.reduction_on_all_trials.mean == pytest.approx(expected)
     fit = next(one for one in found.laws if one.name == "mirtich")
-    law = identify_jointly(find("mirtich"), {}, impacts).model.base
+    law = joint.fit(impacts, find("mirtich")).model.base
     assert float(fit.law().mu) == pytest.approx(float(law.mu), abs=1e-4)
 
 
@@ -121,11 +126,11 @@ def test_thresholds_decide(impacts, three):
     """An effect that would have to halve the error is not named, and a region no worse than the rest not reported."""
     strict = Thresholds(least_gain=0.99, region_ratio=100.0)
     law = find("wang_mason")
-    found = diagnose(impacts, law, candidates=three, laws=[law], thresholds=strict)
+    found = diagnose(impacts, law, options=DiagnoseOptions(candidates=three, laws=[law], thresholds=strict))
     assert found.missing == ()
     assert found.regions == ()
     assert found.verdict is Verdict.UNKNOWN  # for the processes still find something
     assert found.thresholds == strict
     assert Diagnosis.from_json(found.to_json()) == found
     with pytest.raises(DataError, match="at least 121 trials, got 120"):
-        diagnose(impacts, thresholds=replace(Thresholds(), fewest_trials=121))
+        diagnose(impacts, options=DiagnoseOptions(thresholds=replace(Thresholds(), fewest_trials=121)))

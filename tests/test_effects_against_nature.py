@@ -11,7 +11,7 @@ from repetitions import repeated
 
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -40,7 +40,7 @@ def test_parameters_are_natures(name, seed):
     impacts, truth = hidden_effects.draw(seed, effects=[name], size=400)
     effect = find_effect(name)()
     wanted = hidden_effects.comparable_parameters(name, truth["effects"][0]["parameters"])
-    fit = identify_jointly(find(truth["law"]), {name: effect}, impacts)
+    fit = joint.fit(impacts, find(truth["law"]), {name: effect})
     assert_found(fit, {f"{name}.{key}": value for key, value in wanted.items()})
 
 
@@ -51,7 +51,7 @@ def test_both_ways_of_losing_spin(form, parameter):
     draws = (hidden_effects.draw(seed, effects=["spin_damping"], size=400) for seed in range(20))
     impacts, truth = next(d for d in draws if d[1]["effects"][0]["form"].startswith(marks[form]))
     c = truth["effects"][0]["parameters"]["c"]
-    fit = identify_jointly(find(truth["law"]), {"spin": find_effect("spin_damping", form)()}, impacts)
+    fit = joint.fit(impacts, find(truth["law"]), {"spin": find_effect("spin_damping", form)()})
     assert_found(fit, {f"spin.{parameter}": 1 - math.exp(-c) if form == "after" else c})
 
 
@@ -60,7 +60,7 @@ def test_mujoco_agrees_on_three_at_once(kind):
     hidden = {"tilt": 0.03, "com_offset": (1e-3, -5e-4), "inertia_error": 0.15}
     drops = mujoco.load(size=250, kind=kind, seed=2, **hidden)
     names = ("surface_tilt", "com_offset", "inertia_error")
-    fit = identify_jointly(find("mirtich"), {name: find_effect(name)() for name in names}, drops)
+    fit = joint.fit(drops, find("mirtich"), {name: find_effect(name)() for name in names})
     wanted = {"surface_tilt.phi": 0.03, "com_offset.delta_a": 1e-3, "com_offset.delta_b": -5e-4}
     assert_found(fit, wanted | {"inertia_error.kappa": 0.15})
 
@@ -92,7 +92,7 @@ def test_tangential_restitution_goes_most_of_the_way_to_springs(seed, form, way)
     fitted, test = torch.arange(350), impacts[350:]
     effects = {"tangent": find_effect("tangential_restitution", form)()}
     law, named = (
-        mass_error(test, identify_jointly(find(truth["law"]), some, impacts, fitted).model.predict(test)).mean()
+        mass_error(test, joint.fit(impacts, find(truth["law"]), some, rows=fitted).model.predict(test)).mean()
         for some in ({}, effects)
     )
     v_post = torch.tensor(truth["v_post_from_measured"], dtype=torch.float64)[350:]

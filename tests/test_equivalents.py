@@ -25,7 +25,8 @@ from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.search.pool import Pool, Spec
 from contactlearn.diagnosis.search.selection import Selection, select, validated
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds, paired_gain, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
@@ -188,7 +189,7 @@ def test_the_proposed_drops_discriminate_the_two(rivals):
     for seed in range(6):
         together = joined(impacts, measured(made[:needed], gravity(0.004), seed))
         losses = [
-            identify_jointly(laws.find("wang_mason"), effects, together).loss.item()
+            joint.fit(together, laws.find("wang_mason"), effects).loss.item()
             for effects in (patch, {"gravity_impulse": gravity(0.0)})
         ]
         evidence.append((losses[0] - losses[1]) * len(together))

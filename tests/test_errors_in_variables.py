@@ -8,7 +8,8 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.effects import find_effect
-from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly, linearise
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions, assemble, linearise
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.simulation import synthetic
@@ -51,14 +52,14 @@ def test_the_mean_is_the_truth(case, times):
     noise = times * NOISE
     drops, chosen, theta = planted(law, names, noise, SEEDS * TRIALS)
     rows = torch.arange(SEEDS * TRIALS).view(SEEDS, TRIALS)
-    fit = identify_jointly(find(law), chosen, drops, rows, options=options(noise), start=theta)
+    fit = joint.fit(drops, find(law), chosen, rows=rows, options=options(noise), start=theta)
     assert fit.converged.all()
     error = (fit.values.mean(0) - theta) / (fit.values.std(0) / math.sqrt(SEEDS))
     assert (error.abs() < 3).all(), error
     covered = ((fit.values - theta).abs() <= 1.96 * fit.standard_errors).sum(0)
     assert (covered >= 16).all(), covered  # of 20; at 95 % fewer happen once in 400
     if "velocity_dependent_restitution" in names and times == 4:
-        old = identify_jointly(find(law), chosen, drops, rows, options=options(noise, EXACT), start=theta).values
+        old = joint.fit(drops, find(law), chosen, rows=rows, options=options(noise, EXACT), start=theta).values
         bias = (old.mean(0) - theta) / (old.std(0) / math.sqrt(SEEDS))
         assert bias[2] > 3, bias
 
@@ -76,23 +77,23 @@ def test_it_is_deming_regression_where_the_outcome_is_linear():
     v_post = v * torch.tensor((1.0, -0.6, 1.0)) + after
     drops = drops.replace(r=r, v_pre=v + before, v_post=v_post, validate=False)
     box = Box(mu=(0.0, 1e-9))
-    fit = identify_jointly(find("wang_mason"), {}, drops, options=options(noise, box=box))
+    fit = joint.fit(drops, find("wang_mason"), options=options(noise, box=box))
     x, y, w = -drops.v_pre[:, 1], v_post[:, 1], fit.weight
     xx, xy, yy = ((w * a * b).sum() for a, b in ((x, x), (x, y), (y, y)))
     deming = (yy - xx + ((yy - xx).square() + 4 * xy.square()).sqrt()) / (2 * xy)
     assert fit.values[1].item() == pytest.approx(deming.item(), rel=1e-5)
-    least_squares = identify_jointly(find("wang_mason"), {}, drops, options=options(noise, EXACT, box=box)).values[1]
+    least_squares = joint.fit(drops, find("wang_mason"), options=options(noise, EXACT, box=box)).values[1]
     dilution = (noise[1] ** 2 / x.square().mean()).item()
     assert (1 - least_squares / deming).item() == pytest.approx(dilution, rel=0.4)
 
 
 def test_gross_outliers_have_little_influence():
     drops, chosen, theta = planted(*CASES["spin damping"], NOISE, 400)
-    clean = identify_jointly(find("mirtich"), chosen, drops, options=options(NOISE), start=theta)
+    clean = joint.fit(drops, find("mirtich"), chosen, options=options(NOISE), start=theta)
     v_post = drops.v_post.clone()
     v_post[::25] = v_post[::25].flip(0) * -3
     wild = drops.replace(v_post=v_post, validate=False)
-    fit = identify_jointly(find("mirtich"), chosen, wild, options=options(NOISE, starts=2))
+    fit = joint.fit(wild, find("mirtich"), chosen, options=options(NOISE, starts=2))
     assert ((fit.values - clean.values).abs() <= 1.5 * clean.standard_errors).all()
     assert (fit.weight[::25] < 0.05).all()
     assert fit.outliers == 16
@@ -101,8 +102,7 @@ def test_gross_outliers_have_little_influence():
 def test_only_the_ratio_of_the_noises_counts():
     drops, chosen, theta = planted(*CASES["spin damping"], NOISE, 200)
     one, ten = (
-        identify_jointly(find("mirtich"), chosen, drops, options=options(scale * NOISE), start=theta)
-        for scale in (1.0, 10.0)
+        joint.fit(drops, find("mirtich"), chosen, options=options(scale * NOISE), start=theta) for scale in (1.0, 10.0)
     )
     torch.testing.assert_close(one.values, ten.values, rtol=1e-6, atol=1e-8)
     torch.testing.assert_close(one.standard_errors, ten.standard_errors, rtol=1e-4, atol=1e-8)
@@ -112,14 +112,12 @@ def test_subsets_are_a_batch_and_targets_are_one():
     drops, chosen, theta = planted(*CASES["restitution"], NOISE, 300)
     rows = torch.arange(300).view(2, 150)
     batch, wrench = (
-        identify_jointly(
-            find("mirtich"), chosen, drops, rows, options=options(NOISE, target=target), start=theta
-        ).values
+        joint.fit(drops, find("mirtich"), chosen, rows=rows, options=options(NOISE, target=target), start=theta).values
         for target in ("velocity", "wrench")
     )
     torch.testing.assert_close(batch, wrench, rtol=0, atol=0)
     for one, row in zip(batch, rows, strict=True):
-        alone = identify_jointly(find("mirtich"), chosen, drops, row, options=options(NOISE), start=theta).values
+        alone = joint.fit(drops, find("mirtich"), chosen, rows=row, options=options(NOISE), start=theta).values
         torch.testing.assert_close(one, alone, rtol=1e-4, atol=1e-5)
 
 
@@ -130,7 +128,7 @@ def test_an_averaged_component_counts_as_exact():
     v[:, 1] = v[:, 1].mean()
     drops = drops.replace(v_pre=v, validate=False)
     stated, found = (
-        identify_jointly(find("mirtich"), chosen, drops, options=options(NOISE, before), start=theta).values
+        joint.fit(drops, find("mirtich"), chosen, options=options(NOISE, before), start=theta).values
         for before in ((0.01, 0.0, 0.5), None)
     )
     torch.testing.assert_close(found, stated, rtol=0, atol=0)
@@ -140,7 +138,7 @@ def test_a_linearisation_is_about_the_latent_states():
     """At the fitted parameters the weighted gradient vanishes, as it does not about the measured states."""
     noise = 4 * NOISE
     drops, chosen, theta = planted(*CASES["restitution"], noise, 400)
-    fit = identify_jointly(find("anitescu_potra_newton"), chosen, drops, options=options(noise), start=theta)
+    fit = joint.fit(drops, find("anitescu_potra_newton"), chosen, options=options(noise), start=theta)
 
     def gradient(before):
         about = linearise(

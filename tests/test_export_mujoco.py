@@ -10,7 +10,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY, rotation
@@ -38,7 +38,7 @@ def measured(ellipse_drops):
 @pytest.mark.parametrize("law", ["spring_dashpot", "wang_mason"])
 def test_measured_states_have_the_outcome_of_the_model(measured, law):
     pool, test = measured
-    model = identify_jointly(law, {}, pool).model
+    model = joint.fit(pool, law).model
     (scene, hook), expected = export(model, test), model.predict(test).v_post
     assert hook is None
     found = outcomes(scene, test)

@@ -21,7 +21,7 @@ from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.identification import shared as fit
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
@@ -69,8 +69,8 @@ def inadmissible(drops: Impacts, name: str = "1") -> Impacts:
     return drops[[0]].replace(v_post=drops.v_pre[:1] * torch.tensor([1.0, -1.2, 1.0]), trial=(name,))
 
 
-def shared(drops: Impacts, **options) -> fit.SharedFit:
-    return fit.identify(laws.find("whittaker"), drops, **({"sizes": (1, 2, 5, 10, 20), "repetitions": 8} | options))
+def shared(drops: Impacts, **options) -> fit.SubsetFit:
+    return fit.fit_subsets(drops, laws.find("whittaker"), **{"sizes": (1, 2, 5, 10, 20), "repetitions": 8} | options)
 
 
 def surface(drops: Impacts):
@@ -99,7 +99,7 @@ FIGURES = {
     "convergence": lambda d: figures.convergence(shared(d)),
     "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
     "error comparison": lambda d: comparison(),
-    "trial parameters": lambda d: figures.trial_parameters(identify_trials(laws.find("anitescu_potra_newton"), d), d),
+    "trial parameters": lambda d: figures.trial_parameters(fit_trials(d, laws.find("anitescu_potra_newton")), d),
     "patch curve": lambda d: patch(),
 }
 
@@ -367,7 +367,7 @@ def test_convergence_and_comparison_show_their_numbers(drops):
 
 
 def test_trials_that_leave_friction_open_are_intervals(drops):
-    found = identify_trials(laws.find("anitescu_potra_newton"), drops)
+    found = fit_trials(drops, laws.find("anitescu_potra_newton"))
     flat = int(found.flat.sum())
     assert 0 < flat < len(drops)
     axes = figures.trial_parameters(found, drops, box=fit.Box(mu=(0.0, 0.5))).axes
@@ -377,15 +377,15 @@ def test_trials_that_leave_friction_open_are_intervals(drops):
     assert max(segment[:, 0].max() for segment in lines.get_segments()) <= 0.5
     assert any(f"{flat} of 80 trials leave μ undetermined" in a.get_title() for a in axes)
     rows = found.flat.nonzero()[:, 0]
-    found = identify_trials(laws.find("anitescu_potra_newton"), drops[rows])
+    found = fit_trials(drops[rows], laws.find("anitescu_potra_newton"))
     assert_fits(figures.trial_parameters(found, drops[rows]))
-    found = identify_trials(laws.find("mirtich", "fazeli2017"), drops[:5])
+    found = fit_trials(drops[:5], laws.find("mirtich", "fazeli2017"))
     assert figures.trial_parameters(found, drops[:5]).axes[0].get_xlabel().endswith("(s/m)")
 
 
 BAD = {
     "no laws": (lambda d: reachable_impulses(d, 0, {}), "at least one law"),
-    "other impacts": (lambda d: figures.trial_parameters(identify_trials(laws.find("mirtich"), d[:4]), d), "4 .* 80"),
+    "other impacts": (lambda d: figures.trial_parameters(fit_trials(d[:4], laws.find("mirtich")), d), "4 .* 80"),
     "no models": (lambda d: error_comparison({}, {}, "e (–)"), "any model"),
     "no interval": (lambda d: error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),
     "not finite": (

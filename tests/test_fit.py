@@ -11,7 +11,7 @@ from refusals import refused
 from repetitions import crossed, repeated
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.inference.identification.shared import Box, cost_surface, identify
+from contactlearn.inference.identification.shared import Box, cost_surface, fit_subsets
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, measured_impulse
 from contactlearn.models.contact_model import ContactModel
@@ -29,7 +29,7 @@ STICKY = [case for case in DISTINCT if case.values[0] not in PATHS]
 
 
 def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]:
-    """The subsets that `identify` is documented to draw: the first trials of random orders."""
+    """The subsets that `fit_subsets` is documented to draw: the first trials of random orders."""
     generator = seeded(seed)
     return [torch.randperm(n, generator=generator)[:size] for _ in range(repetitions)]
 
@@ -37,7 +37,7 @@ def orders(n: int, size: int, repetitions: int, seed: int) -> list[torch.Tensor]
 @pytest.mark.parametrize(("law", "variant", "mu", "eps"), crossed(DISTINCT, [(0.12, 0.55), (0.03, 0.9), (0.2, 0.1)]))
 def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
     drops = synthetic.load(100, law, mu, eps, velocity_noise=0, spin_noise=0, variant=variant)
-    fit = identify(find(law, variant), drops, sizes=(60,), repetitions=3)
+    fit = fit_subsets(drops, find(law, variant), sizes=(60,), repetitions=3)
     torch.testing.assert_close(fit.mu, torch.full_like(fit.mu, mu), rtol=0, atol=PLANTED)
     torch.testing.assert_close(fit.eps, torch.full_like(fit.eps, eps), rtol=0, atol=PLANTED)
     assert fit.cost.max() < PLANTED * drops.wrench[:, :2].norm(dim=-1).mean()
@@ -53,7 +53,7 @@ def test_noiseless_drops_give_back_their_parameters(law, variant, mu, eps):
 def test_scatter_falls_as_one_over_root_k(law):
     sizes = (8, 16, 32, 64)
     drops = synthetic.load(1000, law, 0.12, 0.55)
-    fit = identify(find(law), drops, sizes=sizes, repetitions=60, generator=seeded(1))
+    fit = fit_subsets(drops, find(law), sizes=sizes, repetitions=60, generator=seeded(1))
     for values, truth in ((fit.mu, 0.12), (fit.eps, 0.55)):
         slope = np.polyfit(np.log(sizes), values.std(0).log().numpy(), 1)[0]
         assert -0.75 < slope < -0.3  # −1/2, and 60 repetitions know a deviation to a tenth
@@ -87,9 +87,9 @@ def test_no_grid_beats_the_cost(law, variant, source, request):
     grid = brute_force(law, variant, drops, nested, 80 if slow else 400).view(4, len(sizes))
     for size, least in zip(sizes, grid.T, strict=True):
         allowed = NOT_BEATEN if size >= 20 else MISSED
-        fit = identify(find(law, variant), drops, sizes=(size,), repetitions=4, generator=seeded(3))
+        fit = fit_subsets(drops, find(law, variant), sizes=(size,), repetitions=4, generator=seeded(3))
         assert (fit.cost[:, 0] <= least * (1 + allowed) + 1e-6).all()
-    fit = identify(find(law, variant), drops, sizes=sizes, repetitions=4, generator=seeded(3))
+    fit = fit_subsets(drops, find(law, variant), sizes=sizes, repetitions=4, generator=seeded(3))
     assert (fit.cost <= grid * (1 + MISSED) + 1e-6).all()
 
 
@@ -98,7 +98,7 @@ def test_no_grid_beats_the_papers_convention(law, source, request):
     """Eq. (3.1) with the unweighted least-squares impulse and the authors' variants, as for its Table 1."""
     drops = drops_of(source, 80, law, "fazeli2017", request, 2, **NOISY)
     options = {"target": "least_squares"}
-    fit = identify(find(law, "fazeli2017"), drops, sizes=(20,), repetitions=4, generator=seeded(3), **options)
+    fit = fit_subsets(drops, find(law, "fazeli2017"), sizes=(20,), repetitions=4, generator=seeded(3), **options)
     axis = torch.linspace(0, 1, 60 if law == "mirtich" else 300, dtype=torch.float64)
     for cost, order in zip(fit.cost[:, 0], orders(len(drops), 20, 4, seed=3), strict=True):
         assert (
@@ -110,7 +110,7 @@ def test_costs_are_those_of_nested_subsets():
     """Repetition i at size k is the mean over the first k of the i-th random order, at the parameters found."""
     drops = synthetic.load(90, velocity_noise=0.05)
     sizes = (1, 4, 17, 50)
-    fit = identify(find("wang_mason"), drops, sizes=sizes, repetitions=5, generator=seeded(8))
+    fit = fit_subsets(drops, find("wang_mason"), sizes=sizes, repetitions=5, generator=seeded(8))
     assert fit.sizes == sizes
     assert fit.mu.shape == fit.eps.shape == fit.cost.shape == fit.mu_flat.shape == (5, 4)
     assert fit.mu_range.shape == fit.eps_range.shape == (5, 4, 2)
@@ -123,8 +123,8 @@ def test_costs_are_those_of_nested_subsets():
 @pytest.mark.parametrize("law", ["anitescu_potra_newton", "wang_mason", "drumwright_shell"])
 def test_a_single_size_is_the_last_of_many(law):
     drops = synthetic.load(200, law, velocity_noise=0.05, spin_noise=2.0)
-    many = identify(find(law), drops, sizes=(5, 30, 120), repetitions=4, generator=seeded(4))
-    one = identify(find(law), drops, sizes=(120,), repetitions=4, generator=seeded(4))
+    many = fit_subsets(drops, find(law), sizes=(5, 30, 120), repetitions=4, generator=seeded(4))
+    one = fit_subsets(drops, find(law), sizes=(120,), repetitions=4, generator=seeded(4))
     torch.testing.assert_close(one.cost[:, 0], many.cost[:, -1], rtol=1e-5, atol=0)
     torch.testing.assert_close(one.mu[:, 0], many.mu[:, -1], rtol=0, atol=1e-3)
     torch.testing.assert_close(one.eps[:, 0], many.eps[:, -1], rtol=0, atol=1e-3)
@@ -136,7 +136,7 @@ def test_scale_and_mirror_change_nothing_else():
     flip = torch.tensor((-1.0, 1.0, -1.0), dtype=torch.float64)  # x and the sense of rotation
     fields = {"r": drops.r * flip[:2], "q": drops.q * flip, "v_pre": drops.v_pre * flip, "v_post": drops.v_post * flip}
     base, heavy, mirror = (
-        identify(find("wang_mason"), impacts, sizes=(5, 40), repetitions=3, generator=seeded(6))
+        fit_subsets(impacts, find("wang_mason"), sizes=(5, 40), repetitions=3, generator=seeded(6))
         for impacts in (drops, drops.replace(mass=4 * drops.mass, inertia=4 * drops.inertia), drops.replace(**fields))
     )
     for other, scale in ((heavy, 4), (mirror, 1)):
@@ -151,7 +151,7 @@ def test_where_all_trials_stick_mu_is_flat(law, variant):
     slope = drops.wrench[:, 0].abs() / drops.wrench[:, 1]
     drops = drops[slope < 0.3]
     assert len(drops) > 40
-    fit = identify(find(law, variant), drops, sizes=(10, 40), repetitions=3)
+    fit = fit_subsets(drops, find(law, variant), sizes=(10, 40), repetitions=3)
     assert fit.mu_flat.all()
     assert (fit.mu_range[..., 1] == 1.0).all()
     assert (fit.mu_range[..., 0] < 0.7).all()
@@ -164,7 +164,7 @@ def test_mu_is_bounded_below_by_what_sticking_needs():
     drops = synthetic.load(400, "anitescu_potra_newton", 5.0, 0.55, velocity_noise=0, spin_noise=0)
     slope = drops.wrench[:, 0].abs() / drops.wrench[:, 1]
     drops, slope = drops[slope < 0.3], slope[slope < 0.3]
-    fit = identify(find("anitescu_potra_newton"), drops, sizes=(12,), repetitions=6, generator=seeded(2))
+    fit = fit_subsets(drops, find("anitescu_potra_newton"), sizes=(12,), repetitions=6, generator=seeded(2))
     needed = torch.stack([slope[order].max() for order in orders(len(drops), 12, 6, seed=2)])
     assert ((fit.mu_range[:, 0, 0] - needed).abs() < 1 / (Box().nodes - 1) + PLANTED).all()
 
@@ -174,7 +174,7 @@ def test_ranges_are_where_the_profiled_cost_stays_low(law):
     """Node by node: the least cost over the other parameter's nodes, or at its optimum, within 0.1 %."""
     drops = synthetic.load(60, law, 0.4, 0.55, velocity_noise=0.01, spin_noise=0.5)  # most of them stick
     box, sizes = Box(nodes=32), (4, 25)
-    fit = identify(find(law), drops, sizes=sizes, repetitions=3, box=box, generator=seeded(5))
+    fit = fit_subsets(drops, find(law), sizes=sizes, repetitions=3, box=box, generator=seeded(5))
     axes = box.axes()
     for i, order in enumerate(orders(len(drops), 25, 3, seed=5)):
         for j, k in enumerate(sizes):
@@ -194,7 +194,7 @@ def test_ranges_are_where_the_profiled_cost_stays_low(law):
 def test_ranges_hold_the_optimum_and_the_box_holds_both(law, variant):
     drops = synthetic.load(60, law, 0.12, 0.55, velocity_noise=0.1, spin_noise=5.0, variant=variant)
     box = Box(mu=(0.05, 0.1), eps=(0.3, 0.6), nodes=16)
-    fit = identify(find(law, variant), drops, sizes=(2, 30), repetitions=3, box=box)
+    fit = fit_subsets(drops, find(law, variant), sizes=(2, 30), repetitions=3, box=box)
     for values, ends, (low, high) in ((fit.mu, fit.mu_range, box.mu), (fit.eps, fit.eps_range, box.eps)):
         assert (low <= ends[..., 0]).all()
         assert (ends[..., 0] <= values).all()
@@ -206,7 +206,7 @@ def test_reproducible_from_the_generator_alone():
     drops = synthetic.load(60)
 
     def run(generator=None):
-        return identify(find("whittaker"), drops, sizes=(5, 10), repetitions=4, generator=generator)
+        return fit_subsets(drops, find("whittaker"), sizes=(5, 10), repetitions=4, generator=generator)
 
     torch.manual_seed(1)
     before = torch.get_rng_state()
@@ -218,7 +218,7 @@ def test_reproducible_from_the_generator_alone():
         assert torch.equal(getattr(first, name), getattr(second, name))
     assert torch.equal(run().mu, run(seeded(0)).mu)
     assert not torch.equal(first.mu, run(seeded(4)).mu)
-    fit = identify(find("whittaker"), synthetic.load(20), sizes=(10,), repetitions=1)
+    fit = fit_subsets(synthetic.load(20), find("whittaker"), sizes=(10,), repetitions=1)
     assert all(math.isnan(x) for x in fit.std())
     assert fit.mean() == (fit.mu.item(), fit.eps.item())
     seen = []
@@ -229,7 +229,7 @@ def test_reproducible_from_the_generator_alone():
             yield block
 
     drops = synthetic.load(30)
-    fit = identify(find("whittaker"), drops, sizes=range(1, 31), repetitions=9, progress=progress)
+    fit = fit_subsets(drops, find("whittaker"), sizes=range(1, 31), repetitions=9, progress=progress)
     assert torch.equal(torch.cat(seen), torch.stack(orders(30, 30, 9, seed=0)))
     assert len(fit.mu) == 9
 
@@ -237,24 +237,24 @@ def test_reproducible_from_the_generator_alone():
 def test_orders_may_be_given():
     """The random ones give what they give when they are drawn; what is beyond the largest size is not looked at."""
     drops, sizes = synthetic.load(60), (5, 20)
-    drawn = identify(find("wang_mason"), drops, sizes=sizes, repetitions=4, generator=seeded(3))
+    drawn = fit_subsets(drops, find("wang_mason"), sizes=sizes, repetitions=4, generator=seeded(3))
     for width in (60, 25, 20):
-        given = identify(find("wang_mason"), drops, sizes=sizes, orders=torch.stack(orders(60, width, 4, seed=3)))
+        given = fit_subsets(drops, find("wang_mason"), sizes=sizes, orders=torch.stack(orders(60, width, 4, seed=3)))
         for name in ("mu", "eps", "cost", "mu_range", "eps_range", "mu_flat"):
             assert torch.equal(getattr(given, name), getattr(drawn, name))
     # As if there were no other trials: whatever these are, and one order or three.
     drops, rows = synthetic.load(60, velocity_noise=0.05), torch.stack(orders(60, 20, 3, seed=7))
     options = {"sizes": (5, 20), "generator": seeded(1)}
-    every = identify(find("whittaker"), drops, orders=rows, **options)
+    every = fit_subsets(drops, find("whittaker"), orders=rows, **options)
     assert every.mu.shape == (3, 2)
     for i, order in enumerate(rows):
-        alone = identify(find("whittaker"), drops[order], orders=torch.arange(20)[None], **options)
+        alone = fit_subsets(drops[order], find("whittaker"), orders=torch.arange(20)[None], **options)
         torch.testing.assert_close(every.cost[i], alone.cost[0], rtol=NOT_BEATEN, atol=0)
         for name in ("mu", "eps", "mu_range", "eps_range"):
             torch.testing.assert_close(getattr(every, name)[i], getattr(alone, name)[0], rtol=0, atol=PLANTED)
     outside = torch.ones(60, 1, dtype=torch.bool).index_fill(0, rows.flatten(), False)
     other = drops.replace(v_post=drops.v_post + outside, q=drops.q + outside)
-    assert torch.equal(identify(find("whittaker"), other, orders=rows, **options).mu, every.mu)
+    assert torch.equal(fit_subsets(other, find("whittaker"), orders=rows, **options).mu, every.mu)
 
 
 def test_targets_agree_where_the_moment_is_zero():
@@ -305,29 +305,29 @@ def test_cost_surface_is_the_mean_distance(law, variant, target):
 @pytest.mark.parametrize("target", IMPULSE_TARGETS)
 def test_identify_fits_the_target(target):
     drops = synthetic.load(40, velocity_noise=0.05, spin_noise=5.0)
-    fit = identify(find("wang_mason"), drops, sizes=(40,), repetitions=1, target=target)
+    fit = fit_subsets(drops, find("wang_mason"), sizes=(40,), repetitions=1, target=target)
     cost = cost_surface(find("wang_mason"), drops, fit.mu[0], fit.eps[0], target=target)
     assert fit.cost.item() == pytest.approx(cost.item(), rel=1e-9)
 
 
 REFUSED = {
-    "too few trials": (lambda d: identify(find("whittaker"), d, sizes=(5, 21)), DataError, ["21", "20", "seed 0"]),
-    "sizes that fall": (lambda d: identify(find("whittaker"), d, sizes=(5, 3)), DataError, ["increasing", "[5, 3]"]),
-    "sizes that repeat": (lambda d: identify(find("whittaker"), d, sizes=(5, 5)), DataError, ["increasing", "[5, 5]"]),
-    "size zero": (lambda d: identify(find("whittaker"), d, sizes=(0, 3)), DataError, ["positive", "[0, 3]"]),
-    "no sizes": (lambda d: identify(find("whittaker"), d, sizes=()), DataError, ["sizes", "[]"]),
-    "no repetitions": (lambda d: identify(find("whittaker"), d, sizes=(3,), repetitions=0), DataError,
+    "too few trials": (lambda d: fit_subsets(d, find("whittaker"), sizes=(5, 21)), DataError, ["21", "20", "seed 0"]),
+    "sizes that fall": (lambda d: fit_subsets(d, find("whittaker"), sizes=(5, 3)), DataError, ["increasing", "[5, 3]"]),
+    "sizes that repeat": (lambda d: fit_subsets(d, find("mirtich"), sizes=(5, 5)), DataError, ["increasing", "[5, 5]"]),
+    "size zero": (lambda d: fit_subsets(d, find("whittaker"), sizes=(0, 3)), DataError, ["positive", "[0, 3]"]),
+    "no sizes": (lambda d: fit_subsets(d, find("whittaker"), sizes=()), DataError, ["sizes", "[]"]),
+    "no repetitions": (lambda d: fit_subsets(d, find("whittaker"), sizes=(3,), repetitions=0), DataError,
         ["at least 1", "got 0"]),
     "box upside down": (lambda d: Box(mu=(0.5, 0.5)), DataError, ["mu", "low < high", "[0.5, 0.5]"]),
     "box below zero": (lambda d: Box(eps=(-0.1, 1.0)), DataError, ["eps", "0 ≤ low", "[-0.1, 1.0]"]),
     "box above one": (lambda d: Box(eps=(0.0, 1.2)), DataError, ["eps", "1 or below", "[0.0, 1.2]"]),
     "box not a number": (lambda d: Box(mu=(0.0, math.nan)), DataError, ["mu", "nan"]),
     "few nodes": (lambda d: Box(nodes=2), DataError, ["3 nodes", "got 2"]),
-    "law": (lambda d: identify(find("witaker"), d, sizes=(3,)), UnknownNameError,
+    "law": (lambda d: fit_subsets(d, find("witaker"), sizes=(3,)), UnknownNameError,
         ["witaker", "did you mean 'whittaker'?"]),
-    "variant": (lambda d: identify(find("whittaker", "fazeli"), d, sizes=(3,)), UnknownNameError,
+    "variant": (lambda d: fit_subsets(d, find("whittaker", "fazeli"), sizes=(3,)), UnknownNameError,
         ["fazeli", "did you mean 'fazeli2017'?"]),
-    "target": (lambda d: identify(find("whittaker"), d, sizes=(3,), target="momentun"), UnknownNameError,
+    "target": (lambda d: fit_subsets(d, find("whittaker"), sizes=(3,), target="momentun"), UnknownNameError,
         ["momentun", "did you mean 'momentum'?"]),
 }  # fmt: skip
 

@@ -13,7 +13,8 @@ from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.joint import FitOptions, FitThresholds, assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions, FitThresholds, assemble
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.models.contact_model import ContactModel
@@ -46,7 +47,7 @@ def assert_recovered(fit, theta, sigmas=4.0):
 @pytest.mark.parametrize("target", ["velocity", "wrench"])
 def test_planted_effects_are_found(law, target):
     drops, chosen, theta = planted(TRUE, law=law)
-    fit = identify_jointly(find(law), chosen, drops, options=FitOptions(target=target))
+    fit = joint.fit(drops, find(law), chosen, options=FitOptions(target=target))
     assert_recovered(fit, theta)
     assert fit.converged
     assert not fit.undetermined()
@@ -55,21 +56,19 @@ def test_planted_effects_are_found(law, target):
 
 def test_planted_parameters_are_exact_without_noise_and_kept_within_their_bounds():
     drops, chosen, theta = planted(TRUE, noise=0 * NOISE)
-    fit = identify_jointly(find("wang_mason"), chosen, drops)
+    fit = joint.fit(drops, find("wang_mason"), chosen)
     torch.testing.assert_close(fit.values, theta, rtol=1e-6, atol=1e-8)
     drops, chosen, _ = planted(TRUE)
-    fit = identify_jointly(
-        find("wang_mason"), chosen, drops, options=FitOptions(box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0)))
-    )
+    fit = joint.fit(drops, find("wang_mason"), chosen, options=FitOptions(box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0))))
     assert fit.values[0] == pytest.approx(0.1)
     assert "bound" in fit.at_bounds()["mu"]
     low, high = torch.tensor([(p.low, p.high) for p in fit.parameters], dtype=torch.float64).T
     assert ((fit.values >= low) & (fit.values <= high)).all()
     # Two tilts: only their sum is determined.
     twice = {"one": chosen["surface_tilt"], "other": chosen["surface_tilt"]}
-    fit = identify_jointly(find("wang_mason"), twice, drops)
+    fit = joint.fit(drops, find("wang_mason"), twice)
     assert {"one.phi", "other.phi"} <= fit.undetermined().keys()
-    text = str(identify_jointly(find("wang_mason"), chosen, drops).model).splitlines()
+    text = str(joint.fit(drops, find("wang_mason"), chosen).model).splitlines()
     assert text[0].startswith("wang_mason (textbook): μ = 0.1")
     assert text[2].startswith("  + spin_damping: τ ← τ − c I ω⁺, c = 0.0983 ± 0.00")
     assert all("±" in line for line in text)
@@ -78,10 +77,10 @@ def test_planted_parameters_are_exact_without_noise_and_kept_within_their_bounds
 
 def test_gross_outliers_have_little_influence():
     drops, chosen, theta = planted(TRUE, n=500)
-    clean = identify_jointly(find("wang_mason"), chosen, drops)
+    clean = joint.fit(drops, find("wang_mason"), chosen)
     v_post = drops.v_post.clone()
     v_post[::25] = v_post[::25].flip(0) * -3  # 4 %: another trial's outcome, reversed and thrice as fast
-    fit = identify_jointly(find("wang_mason"), chosen, drops.replace(v_post=v_post))
+    fit = joint.fit(drops.replace(v_post=v_post), find("wang_mason"), chosen)
     assert_recovered(fit, theta)
     assert ((fit.values - clean.values).abs() <= 1.5 * clean.standard_errors).all()
     assert fit.outliers == 20
@@ -90,8 +89,8 @@ def test_gross_outliers_have_little_influence():
 
 def test_standard_errors_are_those_of_many_repetitions():
     drops, chosen, _ = planted(TRUE, 6000)
-    fits = identify_jointly(
-        find("wang_mason"), chosen, drops, torch.arange(6000).view(30, 200), options=FitOptions(starts=2)
+    fits = joint.fit(
+        drops, find("wang_mason"), chosen, rows=torch.arange(6000).view(30, 200), options=FitOptions(starts=2)
     )
     spread, stated = fits.values.std(0), fits.standard_errors.mean(0)
     assert ((spread / stated).log().abs() < math.log(1.5)).all(), spread / stated
@@ -103,9 +102,9 @@ def test_intervals_hold_beside_an_unknown_dependence_of_the_outcome_on_the_state
     spin, turn = drops.v_pre[:, 2:] / drops.v_pre[:, 2].std(), (2 * drops.q[:, 2:]).cos()
     drops = drops.replace(v_post=drops.v_post + spin.square() * turn * torch.tensor((0.05, 0.08, 5.0)))
     quick = FitOptions(starts=1, tolerance=1e-5)
-    limit = identify_jointly(find("wang_mason"), chosen, drops, options=quick, start=theta).values
-    fits = identify_jointly(
-        find("wang_mason"), chosen, drops, torch.arange(24_000).view(240, 100), options=quick, start=limit
+    limit = joint.fit(drops, find("wang_mason"), chosen, options=quick, start=theta).values
+    fits = joint.fit(
+        drops, find("wang_mason"), chosen, rows=torch.arange(24_000).view(240, 100), options=quick, start=limit
     )
     held = ((fits.values - limit).abs() <= 1.96 * fits.standard_errors).double().mean(0)
     assert (held > 0.9).all(), held
@@ -115,10 +114,10 @@ def test_intervals_hold_beside_an_unknown_dependence_of_the_outcome_on_the_state
 def test_subsets_are_a_batch():
     drops, chosen, _ = planted(TRUE)
     rows = torch.stack([torch.randperm(400, generator=torch.Generator().manual_seed(k))[:60] for k in range(3)])
-    batch = identify_jointly(find("wang_mason"), chosen, drops, rows)
+    batch = joint.fit(drops, find("wang_mason"), chosen, rows=rows)
     assert batch.values.shape == (3, 6)
     for k in range(3):
-        one = identify_jointly(find("wang_mason"), chosen, drops, rows[k])
+        one = joint.fit(drops, find("wang_mason"), chosen, rows=rows[k])
         torch.testing.assert_close(batch.values[k], one.values, rtol=1e-5, atol=1e-6)
     predicted = batch.model.predict(drops).v_post
     assert predicted.shape == (3, 400, 3)
@@ -131,14 +130,12 @@ def test_known_noise_weighs_the_components():
     noise = torch.tensor((0.005, 0.005, 20.0), dtype=torch.float64)
     drops, chosen, _ = planted({"surface_tilt": TRUE["surface_tilt"]}, noise=noise)
     for target in ("velocity", "wrench"):
-        fit = identify_jointly(
-            find("wang_mason"), chosen, drops, options=FitOptions(noise=(0.005, 0.005, 20.0), target=target)
+        fit = joint.fit(
+            drops, find("wang_mason"), chosen, options=FitOptions(noise=(0.005, 0.005, 20.0), target=target)
         )
         assert fit.standard_errors[2] < 0.02
     velocity, wrench = (
-        identify_jointly(
-            find("wang_mason"), chosen, drops, options=FitOptions(noise=noise.tolist(), target=target)
-        ).values
+        joint.fit(drops, find("wang_mason"), chosen, options=FitOptions(noise=noise.tolist(), target=target)).values
         for target in ("velocity", "wrench")
     )
     torch.testing.assert_close(velocity, wrench, rtol=1e-4, atol=1e-5)  # the same errors in other units
@@ -150,7 +147,7 @@ def test_a_correlation_is_no_undetermined_parameter():
     even = 1 / drops.v_pre[:, :2].norm(dim=-1, keepdim=True)
     drops = drops.replace(v_pre=even * drops.v_pre, v_post=even * drops.v_post)
     late = find_effect("gravity_impulse")()
-    fit = identify_jointly(find("wang_mason"), {"late": late}, drops)
+    fit = joint.fit(drops, find("wang_mason"), {"late": late})
     strong = replace(fit, thresholds=FitThresholds(collinearity=fit.correlation[1, 2].abs().item() - 0.01))
     assert not strong.undetermined().keys() & {"eps"}
     (said,) = [pair for pair in strong.trade_offs() if pair.startswith("eps and late.")]
@@ -164,21 +161,21 @@ def test_an_effect_is_undetermined_where_no_trial_or_few_tell_it():
     q = drops.q.clone()
     q[:, 0] = 0.1
     effect = effects.find_effect("location_dependent_friction")(span=(0.0, 0.2))
-    found = identify_jointly(find("wang_mason"), {"floor": effect}, drops.replace(q=q)).undetermined()
+    found = joint.fit(drops.replace(q=q), find("wang_mason"), {"floor": effect}).undetermined()
     assert any(name.startswith("floor.") for name in found)
     # Three trials in a rough corner of the floor, and none elsewhere says anything of it.
     q = drops.q.clone()
     q[:, 0] = 0.0
     q[:3, 0] = 1.0
     corner = formula(tau="c*x*Pn", parameters={"c": {"low": -0.01, "high": 0.01, "unit": "–"}})
-    found = identify_jointly(find("wang_mason"), {"corner": corner}, drops.replace(q=q)).undetermined()
+    found = joint.fit(drops.replace(q=q), find("wang_mason"), {"corner": corner}).undetermined()
     assert "about 3 trials constrain it" in found["corner.c"] or "about 2 trials" in found["corner.c"]
     # One trial tells of the parameter, so nothing is left of it: its error is that of the others' scatter.
     q = drops.q.clone()
     q[:, 0] = 0.0
     q[7, 0] = 1.0
     alone = formula(tau="c*x*Pn", parameters={"c": {"low": -0.1, "high": 0.1, "unit": "m"}})
-    fit = identify_jointly(find("wang_mason"), {"alone": alone}, drops.replace(q=q))
+    fit = joint.fit(drops.replace(q=q), find("wang_mason"), {"alone": alone})
     # Of ω, given the two other components, which say nothing of a moment.
     spread = (1 / torch.linalg.inv(fit.scatter)[2, 2]).sqrt()
     expected = spread * drops.inertia[7] / fit.model.predict(drops).wrench[7, 1]
@@ -186,7 +183,7 @@ def test_an_effect_is_undetermined_where_no_trial_or_few_tell_it():
     # A parameter of one sign that would rather have the other.
     effect = formula(tau="c*I*omega", parameters={"c": {"low": 0, "high": 1, "unit": "–"}})
     drops = drops.replace(v_post=drops.v_post - 0.01 * drops.v_pre * torch.tensor((0.0, 0.0, 1.0)))
-    fit = identify_jointly(find("wang_mason"), {"push": effect}, drops)
+    fit = joint.fit(drops, find("wang_mason"), {"push": effect})
     assert fit.values[2] == 0
     assert "is not seen: |c| < " in fit.at_bounds()["push.c"]
     assert "push.c" not in fit.undetermined()
@@ -195,7 +192,7 @@ def test_an_effect_is_undetermined_where_no_trial_or_few_tell_it():
 def test_the_effect_takes_the_error_to_the_floor():
     drops, chosen, theta = planted(TRUE, n=900)
     pool, test = drops[:500], drops[500:]
-    alone, with_ = (identify_jointly(find("wang_mason"), e, pool).model for e in ({}, chosen))
+    alone, with_ = (joint.fit(pool, find("wang_mason"), e).model for e in ({}, chosen))
     true = assemble(find("wang_mason"), chosen, theta)
     base, found, floor = (mass_error(test, model.predict(test)).mean() for model in (alone, with_, true))
     assert base > 1.3 * floor
@@ -213,19 +210,19 @@ REFUSED = {
 def test_unfittable_effects_are_refused(changes, error, message):
     drops, chosen, _ = planted(TRUE, 50)
     with pytest.raises(error, match=message):
-        identify_jointly(**{"law": find("wang_mason"), "effects": chosen, "impacts": drops} | changes())
+        joint.fit(**{"law": find("wang_mason"), "effects": chosen, "impacts": drops} | changes())
 
 
 def test_an_effect_that_needs_a_shape_is_refused_without():
     drops = synthetic.load(size=50).replace(shape=None)
     with pytest.raises(DataError, match="needs the body's shape"):
-        identify_jointly(find("wang_mason"), {"late": effects.find_effect("sampling_delay")()}, drops)
+        joint.fit(drops, find("wang_mason"), {"late": effects.find_effect("sampling_delay")()})
 
 
 def test_few_trials_do_not_look_certain():
     drops, chosen, theta = planted(TRUE, 300)
     rows = torch.stack([torch.randperm(300, generator=torch.Generator().manual_seed(k))[:12] for k in range(60)])
-    fit = identify_jointly(find("wang_mason"), chosen, drops, rows)
+    fit = joint.fit(drops, find("wang_mason"), chosen, rows=rows)
     covered = ((fit.values - theta).abs() <= 2 * fit.standard_errors).double().mean(0)
     assert (covered > 0.8).all(), covered
 

@@ -7,7 +7,7 @@ from drops import drops_of, seeded
 from repetitions import crossed, repeated
 
 from contactlearn.core.errors import UnknownNameError
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.shared import Box, distances
 from contactlearn.laws import find, names
 from contactlearn.mechanics import rigid_body
@@ -67,7 +67,7 @@ def best_in_eps(law: str, variant: str, impacts: Impacts, mu: torch.Tensor) -> t
 def test_no_grid_beats_any_trial(law, variant, source, request):
     slow = (law, variant) in SLOW
     drops = drops_of(source, 60 if slow else 300, law, variant, request, 1, **NOISY)
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     grid = brute_force(law, variant, drops, Box(), (60, 30, 60) if slow else (110, 50, 160))
     assert (fit.error <= grid + BEATEN).all()
     attained = distances(find(law, variant), drops, fit.mu, fit.eps, target="momentum")
@@ -78,7 +78,7 @@ def test_no_grid_beats_any_trial(law, variant, source, request):
 def test_no_grid_beats_any_trial_in_a_smaller_box(law, variant):
     drops = synthetic.load(80, law, 0.15, 0.5, velocity_noise=0.1, spin_noise=4.0, variant=variant)
     box = Box(mu=(0.05, 0.3), eps=(0.35, 0.6))
-    fit = identify_trials(find(law, variant), drops, box=box)
+    fit = fit_trials(drops, find(law, variant), box=box)
     assert (fit.error <= brute_force(law, variant, drops, box, (40, 20, 60)) + BEATEN).all()
     for values, (low, high) in ((fit.mu, box.mu), (fit.mu_low, box.mu), (fit.mu_high, box.mu), (fit.eps, box.eps)):
         assert (low <= values).all()
@@ -100,7 +100,7 @@ def test_grids_rarely_win_on_extreme_bodies(law):
     P[::5, 0] *= -1  # friction along the slip, as in the published drops
     v_post = rigid_body.apply_wrench(mass, inertia, r, v, torch.nn.functional.pad(P, (0, 1)))
     impacts = Impacts(mass, inertia, r, torch.zeros_like(v), v, v_post)
-    fit = identify_trials(find(law), impacts)
+    fit = fit_trials(impacts, find(law))
     lost = fit.error - brute_force(law, "textbook", impacts, Box(), (80, 40, 100)) > 1e-9 * size(impacts)
     assert lost.sum() <= 1
 
@@ -108,14 +108,14 @@ def test_grids_rarely_win_on_extreme_bodies(law):
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
 def test_drops_that_obey_the_law_are_fitted_exactly(law, variant):
     drops = exact_drops(200, law, variant)
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     assert (fit.error <= EXACT * size(drops)).all()
 
 
 @pytest.mark.parametrize("target", ["least_squares", "contact"])
 def test_error_is_against_the_target(target):
     drops = synthetic.load(50, velocity_noise=0.05, spin_noise=5.0)
-    fit = identify_trials(find("wang_mason"), drops, target=target)
+    fit = fit_trials(drops, find("wang_mason"), target=target)
     attained = distances(find("wang_mason"), drops, fit.mu, fit.eps, target=target)
     torch.testing.assert_close(fit.error, attained, rtol=0, atol=1e-9 * size(drops).max().item())
     assert (fit.error <= 0.2 * size(drops)).all()
@@ -128,7 +128,7 @@ def test_a_sticking_trial_bounds_mu_below_only(law, variant):
     v_t = drops.v_c[:, 0] + (drops.W @ drops.wrench[:, :2, None])[:, 0, 0]
     sticks = v_t.abs() < 1e-9
     assert 50 < sticks.sum() < 250
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     assert (fit.flat == sticks).all()
     assert (fit.mu_high[sticks] == 1).all()
     cone = drops.wrench[:, 0].abs() / drops.wrench[:, 1]
@@ -143,7 +143,7 @@ def test_a_sliding_trial_determines_mu(law, variant):
     without_friction = (law, variant) in (("anitescu_potra_poisson", "fazeli2017"), ("drumwright_shell", "fazeli2017"))
     slope = drops.wrench[:, 0].abs() / drops.wrench[:, 1] * (1.55 if without_friction else 1)
     slides = (slope - 0.12).abs() < 1e-9
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     assert slides.sum() > 20
     for mu in (fit.mu, fit.mu_low, fit.mu_high):
         torch.testing.assert_close(mu[slides], torch.full_like(mu[slides], 0.12), rtol=0, atol=INTERVAL)
@@ -154,7 +154,7 @@ def test_a_sliding_trial_determines_mu(law, variant):
 @pytest.mark.parametrize(("law", "variant", "source"), crossed(SLIDES, SOURCES))
 def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, source, request):
     drops = drops_of(source, 300, law, variant, request, 1, **NOISY)
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     assert (fit.mu_low <= fit.mu).all()
     assert (fit.mu <= fit.mu_high).all()
     rows = fit.flat.nonzero()[:40, 0]
@@ -177,7 +177,7 @@ def test_the_error_is_level_on_the_interval_and_rises_beyond_it(law, variant, so
 def test_a_smooth_minimum_is_no_interval(law, variant, source, request):
     """Where the error is not 0 it is level to second order; only plateaus count, and these are wide."""
     drops = drops_of(source, 300, law, variant, request, 1, **NOISY)
-    fit = identify_trials(find(law, variant), drops)
+    fit = fit_trials(drops, find(law, variant))
     width = fit.mu_high - fit.mu_low
     assert not ((width > 1e-6) & (width < 1e-4)).any()
     assert (fit.flat == (width > 1e-6)).all()
@@ -186,7 +186,7 @@ def test_a_smooth_minimum_is_no_interval(law, variant, source, request):
 @pytest.mark.parametrize(("law", "variant"), DISTINCT)
 def test_scale_and_mirror_change_nothing_else(law, variant):
     drops = synthetic.load(60, law, 0.15, 0.5, velocity_noise=0.1, spin_noise=4.0, variant=variant)
-    base = identify_trials(find(law, variant), drops)
+    base = fit_trials(drops, find(law, variant))
     flip = torch.tensor((-1.0, 1.0, -1.0), dtype=torch.float64)  # x and the sense of rotation
     fields = {"r": drops.r * flip[:2], "q": drops.q * flip, "v_pre": drops.v_pre * flip, "v_post": drops.v_post * flip}
     heavy = drops.replace(mass=4 * drops.mass, inertia=4 * drops.inertia)
@@ -194,7 +194,7 @@ def test_scale_and_mirror_change_nothing_else(law, variant):
     if (law, variant) != VISCOUS:  # whose μ is in s/m
         others.append((drops.replace(v_pre=2 * drops.v_pre, v_post=2 * drops.v_post), 2))
     for impacts, scale in others:
-        other = identify_trials(find(law, variant), impacts)
+        other = fit_trials(impacts, find(law, variant))
         torch.testing.assert_close(
             other.error, scale * base.error, rtol=0, atol=scale * 1e-10 * size(drops).max().item()
         )
@@ -203,21 +203,21 @@ def test_scale_and_mirror_change_nothing_else(law, variant):
 def test_trials_are_independent():
     drops = synthetic.load(150, velocity_noise=0.1, spin_noise=4.0)
     rows = torch.tensor((3, 77, 140))
-    some, every = identify_trials(find("wang_mason"), drops[rows]), identify_trials(find("wang_mason"), drops)
-    one = identify_trials(find("wang_mason"), drops[rows[1:2]])
+    some, every = fit_trials(drops[rows], find("wang_mason")), fit_trials(drops, find("wang_mason"))
+    one = fit_trials(drops[rows[1:2]], find("wang_mason"))
     for name in ("mu", "eps", "error", "mu_low", "mu_high"):
         torch.testing.assert_close(getattr(some, name), getattr(every, name)[rows], rtol=1e-6, atol=1e-9)
         torch.testing.assert_close(getattr(one, name), getattr(every, name)[rows[1:2]], rtol=1e-6, atol=1e-9)
     drops = synthetic.load(40)
     before = torch.get_rng_state()
-    first, second = identify_trials(find("mirtich"), drops), identify_trials(find("mirtich"), drops)
+    first, second = fit_trials(drops, find("mirtich")), fit_trials(drops, find("mirtich"))
     assert torch.equal(torch.get_rng_state(), before)
     assert torch.equal(first.mu, second.mu)
     assert (first.law.name, first.law.variant) == ("mirtich", "textbook")
     drops = synthetic.load(5)
     with pytest.raises(UnknownNameError, match="did you mean 'whittaker'"):
-        identify_trials(find("witaker"), drops)
+        fit_trials(drops, find("witaker"))
     with pytest.raises(UnknownNameError, match="did you mean 'textbook'"):
-        identify_trials(find("whittaker", "textbok"), drops)
+        fit_trials(drops, find("whittaker", "textbok"))
     with pytest.raises(UnknownNameError, match="did you mean 'contact'"):
-        identify_trials(find("whittaker"), drops, target="contakt")
+        fit_trials(drops, find("whittaker"), target="contakt")

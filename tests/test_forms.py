@@ -12,7 +12,8 @@ from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import State, catalogue, find_effect
 from contactlearn.effects.tangential_restitution import _integrate_springs
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
 from contactlearn.laws.contact import Contact
 from contactlearn.mechanics.rigid_body import rotate
@@ -65,7 +66,7 @@ def test_a_turned_frame_is_a_tilt_with_a_contact_that_was_seen():
     seen, computed = (find_effect("surface_tilt", form)(0.04) for form in ("seen", "computed"))
     torch.testing.assert_close(predicted(seen, exact), exact.v_post, rtol=0, atol=ROUNDING)
     assert (predicted(computed, exact) - exact.v_post).abs().max() > 0.01
-    fit = identify_jointly(find("wang_mason"), {"tilt": seen}, noisy(exact, exact.v_post))
+    fit = joint.fit(noisy(exact, exact.v_post), find("wang_mason"), {"tilt": seen})
     assert_found(fit, torch.tensor((0.2, 0.6, 0.04), dtype=torch.float64))
     seen, computed = (find_effect("surface_tilt", form)(0.01) for form in ("seen", "computed"))
     with pytest.raises(DataError, match=r"needs the body's shape.*form=seen"):
@@ -134,18 +135,18 @@ def test_derivatives_of_springs_are_those_of_differences():
 
 def test_planted_forms_are_found():
     exact, effect = drops(), find_effect("tangential_restitution", "impulse")
-    fit = identify_jointly(find("wang_mason"), {"it": effect()}, noisy(exact, predicted(effect(0.4), exact)))
+    fit = joint.fit(noisy(exact, predicted(effect(0.4), exact)), find("wang_mason"), {"it": effect()})
     assert_found(fit, torch.tensor((0.2, 0.6, 0.4), dtype=torch.float64))
     sharp = drops(HEXAGON, 300)
     true = sharp.replace(r=lowest_of_rounded(sharp.q[:, 2], 0.003), validate=False)
     v_post = ContactModel(LAW).predict(true).v_post
-    fit = identify_jointly(find("wang_mason"), {"it": find_effect("corner_radius")()}, noisy(sharp, v_post))
+    fit = joint.fit(noisy(sharp, v_post), find("wang_mason"), {"it": find_effect("corner_radius")()})
     assert_found(fit, torch.tensor((0.2, 0.6, 0.003), dtype=torch.float64))
     assert fit.standard_errors[2] < 5e-4
     impacts = drops(size=300)
     step = find_effect("parameter_drift", "restitution_step")
     made = noisy(impacts, predicted(step(0.15, 0.4, trials=300.0), impacts))
-    fit = identify_jointly(LAW, {"it": step()}, made)
+    fit = joint.fit(made, LAW, {"it": step()})
     assert_found(fit, torch.tensor((0.2, 0.6, 0.15, 0.4)))
 
 
@@ -191,7 +192,7 @@ def test_each_object_has_its_own_coefficient(name, index):
     coefficients = torch.tensor((0.12, 0.55), dtype=torch.float64).repeat(len(impacts), 1)
     coefficients[:, index] += own[torch.arange(len(impacts)) % 3]
     v_post = ContactModel(find("wang_mason").at(*coefficients.T)).predict(impacts).v_post
-    fit = identify_jointly(find("wang_mason"), {"it": effect}, noisy(impacts, v_post))
+    fit = joint.fit(noisy(impacts, v_post), find("wang_mason"), {"it": effect})
     assert [p.symbol for p in fit.parameters[2:]] == ["Δ(brass)", "Δ(oak)"]
     assert_found(fit, torch.tensor((0.12, 0.55, 0.1, -0.05), dtype=torch.float64))
     assert "0 for the first object, steel" in str(fit.model)
@@ -212,7 +213,7 @@ def test_objects_are_known_by_name(tmp_path):
     assert torch.equal(steel, glass)
     assert not torch.equal(steel[1], whole[1])
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    assert torch.equal(checkpoint.load(tmp_path / "model.pt")[0].predict(impacts).v_post, whole)
+    assert torch.equal(checkpoint.load(tmp_path / "model.pt").predict(impacts).v_post, whole)
 
 
 @pytest.mark.parametrize("count", [1, 7])
@@ -222,8 +223,8 @@ def test_one_object_or_many_tell_nothing(count):
     effect = find_effect("body_dependent_friction")().prepare(impacts)
     assert effect.parameters == ()
     assert f"undetermined with {count} of them" in effect.equation
-    fit = identify_jointly(find("wang_mason"), {"it": effect}, impacts)
-    alone = identify_jointly(find("wang_mason"), {}, impacts)
+    fit = joint.fit(impacts, find("wang_mason"), {"it": effect})
+    alone = joint.fit(impacts, find("wang_mason"))
     torch.testing.assert_close(fit.values, alone.values)
 
 
@@ -280,10 +281,10 @@ def test_a_formula_on_paper_has_its_form(name, form, amount):
     impacts = impacts.replace(v_post=on_paper(name, impacts, amount))
     left = {}
     for kind in catalogue()[name]:
-        fit = identify_jointly(find("wang_mason"), {"it": kind()}, impacts)
+        fit = joint.fit(impacts, find("wang_mason"), {"it": kind()})
         left[kind.form] = mass_error(impacts, fit.model.predict(impacts)).mean().item()
     assert left.pop(form) < 0.2 * min(left.values()), left
-    found = identify_jointly(find("wang_mason"), {"it": find_effect(name, form)()}, noisy(impacts, impacts.v_post))
+    found = joint.fit(noisy(impacts, impacts.v_post), find("wang_mason"), {"it": find_effect(name, form)()})
     if name != "velocity_dependent_friction":  # whose rises depend on the knots
         assert_found(found, torch.tensor((0.2, 0.6, amount, 0.0)[: len(found.values)], dtype=torch.float64))
 
@@ -297,9 +298,9 @@ def test_large_bodies_have_large_lengths():
         r=10 * small.r, inertia=100 * small.inertia, v_pre=turn * small.v_pre, v_post=turn * small.v_post
     )
     made = large.replace(v_post=predicted(patch(0.1, 0.03), large))
-    fit = identify_jointly(LAW, {"it": patch()}, made)
+    fit = joint.fit(made, LAW, {"it": patch()})
     torch.testing.assert_close(fit.values, torch.tensor((0.2, 0.6, 0.1, 0.03), dtype=torch.float64), atol=1e-4, rtol=0)
-    assert identify_jointly(LAW, {"it": patch()}, small).parameters[-1].high == 0.01
+    assert joint.fit(small, LAW, {"it": patch()}).parameters[-1].high == 0.01
 
 
 def test_pressure_behind_the_slip():

@@ -316,7 +316,7 @@ def test_formulas_survive_pickling_their_own_options_and_a_checkpoint(place, tmp
         assert torch.equal(predict(copy), predict(effect))
     for values in (POINTS[place], torch.tensor(POINTS[place]).double() * torch.tensor([[[1.0]], [[0.5]]]).double()):
         model = ContactModel(LAW, effects={"mine": BY_PLACE[place].at(values)})
-        loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
+        loaded = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
         assert str(loaded) == str(model)
         assert torch.equal(loaded.predict(DROPS).v_post, model.predict(DROPS).v_post)
         assert loaded.effects["mine"].parameters == BY_PLACE[place].parameters

@@ -9,6 +9,7 @@ from spatial import tossed
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.serialisation import from_json, to_json
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Formula
 from contactlearn.diagnosis.result.remainder import WrenchComponent
@@ -18,7 +19,7 @@ from contactlearn.effects.base import PLACES
 from contactlearn.effects.configuration_dependent_restitution import QuadraticLeverRestitution
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.symbols import FORMULA_OUTPUTS, KNOWN, at_place, of_state, symbols
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find as find_law
 from contactlearn.mechanics import rigid_body
@@ -165,7 +166,7 @@ def test_formulas_that_make_no_sense_are_refused(entries, message):
 def test_formulas_survive_pickling_and_a_checkpoint(place, tmp_path):
     effect = BY_PLACE[place].at([0.01 * (k + 1) for k in range(len(BY_PLACE[place].parameters))])
     model = ContactModel(LAW, effects={"mine": effect})
-    loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
+    loaded = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
     assert str(loaded) == str(model)
     for again in (pickle.loads(pickle.dumps(effect)), loaded.effects["mine"]):
         assert again.spaces == (SPACE,)
@@ -204,7 +205,7 @@ PLANTED = {
 @pytest.mark.parametrize(("component", "axis", "planted", "term", "value"), PLANTED.values(), ids=PLANTED)
 def test_a_planted_dependence_is_found_by_its_formula(component, axis, planted, term, value):
     impacts = measured(WrenchComponent(component), axis, planted)
-    fit = identify_jointly(LAW, {}, impacts)
+    fit = joint.fit(impacts, LAW)
     folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
     best, *_ = formulas(impacts, fit.model, component, folds)
     assert (best.axis, best.terms) == (axis, (term,))
@@ -219,7 +220,7 @@ def test_a_planted_dependence_is_found_by_its_formula(component, axis, planted, 
 @pytest.mark.parametrize("component", WrenchComponent)
 def test_every_term_is_accepted_and_none_is_found_where_nothing_is_planted(component):
     impacts = measured(component, next(iter(axes(component, SPACE))), lambda one, P_n: 0 * P_n, seed=4)
-    fit = identify_jointly(LAW, {}, impacts)
+    fit = joint.fit(impacts, LAW)
     for axis in axes(component, SPACE):
         library, _ = Library.of(impacts, fit.model, component, axis)
         for term in library.terms:
@@ -230,7 +231,7 @@ def test_every_term_is_accepted_and_none_is_found_where_nothing_is_planted(compo
 def test_a_diagnosis_proposes_a_formula():
     component, axis, planted, term, _ = PLANTED["drag along the slip"]
     impacts = measured(WrenchComponent(component), axis, planted)
-    found = diagnose(impacts, laws=[LAW], candidates=few("inertia_error"))
+    found = diagnose(impacts, options=DiagnoseOptions(laws=[LAW], candidates=few("inertia_error")))
     assert found.formulas[0].output == "P1"
     assert found.formulas[0].terms == (term,)
     assert '+effect.mine.P1="c1*m*slip"' in found.formulas[0].overrides()

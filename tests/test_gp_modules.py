@@ -164,9 +164,9 @@ def test_a_checkpoint_has_the_modules(tmp_path, monkeypatch, limit):
         mean={"_target_": "gpytorch.means.ConstantMean"},
         optimiser={"iterations": 3},
     )
-    model = learn(Recipe("x1", "wrench", processes=chosen), IMPACTS, ROWS)
+    model = learn(IMPACTS, Recipe("x1", "wrench", processes=chosen), rows=ROWS)
     assert "MaternKernel, ConstantMean" in model.processes.kind
-    loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
+    loaded = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
     close(loaded.predict(IMPACTS).v_post, model.predict(IMPACTS).v_post, rtol=1e-9, atol=1e-9)
     gps = loaded.processes.gps.train()
     assert isinstance(gps, SparseGPs if limit == 10 else ExactGPs)
@@ -181,10 +181,10 @@ class Own(RBFKernel):
 def test_a_checkpoint_executes_no_class_that_is_not_there(tmp_path, monkeypatch):
     own = {"_target_": f"{__name__}.Own"}
     model = learn(
-        Recipe("x2", "impulse", processes=ProcessOptions(kernel=own, optimiser={"iterations": 2})), IMPACTS, ROWS
+        IMPACTS, Recipe("x2", "impulse", processes=ProcessOptions(kernel=own, optimiser={"iterations": 2})), rows=ROWS
     )
     path = checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    assert type(checkpoint.load(path)[0].processes.gps.kernel.base_kernel) is Own
+    assert type(checkpoint.load(path).processes.gps.kernel.base_kernel) is Own
     monkeypatch.setattr(modules, "_subclasses", lambda base: iter(()))  # as if it had not been imported
     with pytest.raises(DataError, match=rf"{__name__}.Own is no module of GPyTorch.*; import {__name__} first"):
         checkpoint.load(path)
@@ -226,8 +226,8 @@ def test_fixed_noise_is_that_of_the_covariances():
     parameters = Recipe("x1", "parameters_identified", law=Mirtich(), processes=fixed)
     for one, impacts in ((recipe, IMPACTS), (parameters, stated)):
         with pytest.raises(DataError, match="the target has no stated noise"):
-            learn(one, impacts, ROWS, one.law)
-    processes = learn(recipe, stated, ROWS).processes
+            learn(impacts, one, rows=ROWS, base=one.law)
+    processes = learn(stated, recipe, rows=ROWS).processes
     assert isinstance(processes.gps.likelihood, FixedNoiseGaussianLikelihood)
     noise = processes.gps.noise_variance().sqrt() * processes.outputs.spread.mT
     close(noise, (IMPACTS.mass[:20] * spread[:2, None]).expand(2, -1))

@@ -5,6 +5,7 @@ from unittest.mock import patch
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import ERROR, few, made_up, provenance_of
 from drops import seeded
 from observers import RecordingObserver
@@ -130,7 +131,12 @@ def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
     law, events = find("wang_mason"), RecordingObserver()
 
-    found = diagnose(impacts, law, candidates=few("contact_patch"), laws=[law], thresholds=SMALL, on_event=events)
+    found = diagnose(
+        impacts,
+        law,
+        options=DiagnoseOptions(candidates=few("contact_patch"), laws=[law], thresholds=SMALL),
+        on_event=events,
+    )
     assert found.effects == ("contact_patch",)
     assert [(one.trials, one.table_trials) for one in events.of(SubsampleStarted)] == [(150, 900), (300, 900)]
     sample = found.sample

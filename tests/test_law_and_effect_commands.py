@@ -16,7 +16,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.models import checkpoint
 from contactlearn.simulation import synthetic
@@ -47,7 +47,7 @@ def test_training_fits_a_law_with_effects(tmp_path):
         "effect_spin_damping",
         "predicted_against_measured",
     }
-    model, _ = checkpoint.load(tmp_path / "model.pt")
+    model = checkpoint.load(tmp_path / "model.pt")
     assert str(model) == found["equation"]
     drops = synthetic.load(size=20, seed=3)
     assert model.predict(drops).v_post.isfinite().all()
@@ -57,7 +57,7 @@ def test_training_fits_a_law_with_effects(tmp_path):
 def test_training_learns_what_a_law_with_effects_leaves(tmp_path, model):
     _, results = trained(tmp_path, f"model={model}", "effect=[gravity_impulse]", "law=mirtich")
     assert list(results["errors"]) == ["mirtich", "mirtich + gravity_impulse", f"{model} + gravity_impulse", *BOUNDS]
-    loaded, _ = checkpoint.load(tmp_path / "model.pt")
+    loaded = checkpoint.load(tmp_path / "model.pt")
     assert "gravity_impulse" in str(loaded)
 
 
@@ -92,7 +92,7 @@ def test_a_line_of_mathematics_is_the_effect_that_it_spells(tmp_path):
         for results, name in ((own, "mine"), (known, "spin_damping"))
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-6, abs=1e-9)
-    model, _ = checkpoint.load(tmp_path / "own" / "model.pt")
+    model = checkpoint.load(tmp_path / "own" / "model.pt")
     assert "mine: τ ← τ + (-c*I*omega_post), c = " in str(model)
 
 
@@ -101,7 +101,7 @@ def test_a_class_user_candidates(tmp_path, monkeypatch):
     printed, results = trained(tmp_path, "+effect.cable._target_=cable_torque.CableTorque")
     assert "wang_mason + cable" in results["joint"]
     assert "cable: τ ← τ − k sin θ, k = " in printed
-    assert "cable: τ ← τ − k sin θ, k = " in str(checkpoint.load(tmp_path / "model.pt")[0])
+    assert "cable: τ ← τ − k sin θ, k = " in str(checkpoint.load(tmp_path / "model.pt"))
     sys.modules.pop("cable_torque")
     gc.collect()
     with pytest.raises(DataError, match="unknown effect 'cable_torque'"):
@@ -152,9 +152,9 @@ def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
     drops = synthetic.load(size=120)
     chosen = {name: find_effect(name)() for name in ("location_dependent_friction", "velocity_dependent_restitution")}
     rows = torch.arange(120).view(2, 60)
-    model = identify_jointly(find("mirtich"), chosen, drops, rows).model
+    model = joint.fit(drops, find("mirtich"), chosen, rows=rows).model
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    again, _ = checkpoint.load(tmp_path / "model.pt")
+    again = checkpoint.load(tmp_path / "model.pt")
     assert torch.equal(again.predict(drops).v_post, model.predict(drops).v_post)
     assert torch.equal(again.parameter_covariance, model.parameter_covariance)
     assert str(again) == str(model)
@@ -208,7 +208,7 @@ def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
 def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
     printed = run("train.py", *TRAIN, *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
     assert "bumpy_floor" in printed
-    model, _ = checkpoint.load(tmp_path / "run" / "model.pt")
+    model = checkpoint.load(tmp_path / "run" / "model.pt")
     assert model.base.share == 0.5
 
 

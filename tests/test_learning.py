@@ -15,7 +15,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.laws import Law, find
@@ -91,7 +91,7 @@ def base_of(recipe: Recipe, **options) -> Law | None:
 
 
 def trained(recipe: Recipe, impacts: Impacts, rows: Tensor, **options) -> ContactModel:
-    return learn(recipe, impacts, rows, base_of(recipe, members=len(rows)), **options)
+    return learn(impacts, recipe, rows=rows, base=base_of(recipe, members=len(rows)), **options)
 
 
 def error(model: ContactModel, test: Impacts) -> Tensor:
@@ -125,7 +125,7 @@ def test_parameters_may_be_plain_numbers(name, exact):
     """A law's own μ and ε, in double precision like those of many subsets."""
     train, test = exact
     recipe = RECIPES[name]
-    model = learn(recipe, train, subsets(400, 100), recipe.law.at(MU, EPS))
+    model = learn(train, recipe, rows=subsets(400, 100), base=recipe.law.at(MU, EPS))
     assert metrics.mass_error(test, model.predict(test)).max() < EXACT
 
 
@@ -137,7 +137,9 @@ def test_a_wrong_law_is_put_right(name, exact):
     wrong = {"mu": 0.2, "eps": 0.45}
     before = error(ContactModel(law(**wrong)), test)
     few, many = (
-        error(learn(recipe, train, subsets(400, n, members), base_of(recipe, members=members, **wrong)), test).mean()
+        error(
+            learn(train, recipe, rows=subsets(400, n, members), base=base_of(recipe, members=members, **wrong)), test
+        ).mean()
         for n, members in ((100, 3), (300, 1))
     )
     assert few < 0.12 * before.mean()
@@ -148,7 +150,7 @@ def test_parameters_are_found_from_afar(exact):
     """One linearisation of the law leaves a tenth of the error: contacts change their modes on the way."""
     train, test = exact
     base = law(mu=0.2, eps=0.3)
-    model = learn(RECIPES["likelihood"], train, subsets(400, 100), base)
+    model = learn(train, RECIPES["likelihood"], rows=subsets(400, 100), base=base)
     assert error(model, test).mean() < 0.01 * error(ContactModel(base), test).mean()
 
 
@@ -198,7 +200,7 @@ def test_planted_restitution_is_found_where_trials_stick(name, space, eps):
     assert ((P[:, 0].abs() < 0.99 * STICKING * P[:, 1]).double().mean()) > 0.9
     found, rms, off = {}, {}, {}
     for target in ("parameters_identified", "parameters_likelihood"):
-        model = learn(Recipe(space, target, find(name)), train, rows, base)
+        model = learn(train, Recipe(space, target, find(name)), rows=rows, base=base)
         theta, _ = model.parameters.predict(test)
         found[target] = error(model, test).mean()
         rms[target] = (theta[..., 1] - truth).square().mean().sqrt()
@@ -224,7 +226,7 @@ def test_planted_restitution_is_found_where_some_slide(name, space, eps):
     base, rows = law(name, MU, 0.5), subsets(300, 100)
     errors = {}
     for target in ("parameters_identified", "parameters_likelihood"):
-        model = learn(Recipe(space, target, find(name)), train, rows, base)
+        model = learn(train, Recipe(space, target, find(name)), rows=rows, base=base)
         theta, _ = model.parameters.predict(test)
         errors[target] = error(model, test).mean()
     assert (theta[..., 1] - truth).square().mean().sqrt() < 0.005
@@ -242,7 +244,7 @@ def test_friction_stays_as_it_is_shared_where_no_trial_depends_on_it(name):
     base = find(name).at(wanted, torch.full_like(wanted, 0.5))
     P = ContactModel(base).predict(train).wrench
     train = train[(P[..., 0].abs() < 0.5 * P[..., 1]).all(0)]
-    model = learn(Recipe("x1", "parameters_likelihood", find(name)), train, subsets(len(train), 30), base)
+    model = learn(train, Recipe("x1", "parameters_likelihood", find(name)), rows=subsets(len(train), 30), base=base)
     theta, variance = model.parameters.predict(synthetic.load(50))
     torch.testing.assert_close(theta[..., 0], wanted.expand(3, 50), rtol=1e-9, atol=0)
     assert variance.isfinite().all()
@@ -251,8 +253,8 @@ def test_friction_stays_as_it_is_shared_where_no_trial_depends_on_it(name):
 @pytest.mark.parametrize("variant", ["textbook", "fazeli2017"])
 def test_identified_parameters_are_those_of_single_trials(variant, pool):
     recipe, rows = Recipe("x1", "parameters_identified", find("whittaker", variant)), subsets(900, 20)
-    model = learn(recipe, pool, rows, find("whittaker", variant).at(MU, EPS))
-    found = identify_trials(find("whittaker", variant), pool)
+    model = learn(pool, recipe, rows=rows, base=find("whittaker", variant).at(MU, EPS))
+    found = fit_trials(pool, find("whittaker", variant))
     wanted = torch.stack((found.mu, found.eps), -1)[rows]
     gps, outputs = model.parameters.gps, model.parameters.outputs
     torch.testing.assert_close(outputs.undo(gps.train_targets.mT), wanted, rtol=0, atol=ALIKE)
@@ -338,9 +340,11 @@ def test_batched_subsets_equal_looped(recipe, n, pool, test):
     rows = subsets(900, n)
     mu, eps = torch.tensor([[0.1], [0.12], [0.15]]).double(), torch.tensor([[0.5], [0.55], [0.6]]).double()
     base = recipe.law.at(mu, eps) if recipe.law else None
-    every = learn(recipe, pool, rows, base).predict(test)
+    every = learn(pool, recipe, rows=rows, base=base).predict(test)
     for i in range(SEEDS):
-        alone = learn(recipe, pool, rows[i], recipe.law.at(mu[i], eps[i]) if recipe.law else None).predict(test)
+        alone = learn(pool, recipe, rows=rows[i], base=recipe.law.at(mu[i], eps[i]) if recipe.law else None).predict(
+            test
+        )
         assert_same(alone, Prediction(every.v_post[i], every.wrench[i], every.covariance[i]))
 
 
@@ -390,7 +394,7 @@ def test_a_learned_model_may_be_the_base(target, pool, test):
     """What is left of the impulse is learnt on top of parameters that were learnt before."""
     rows = subsets(900, 50)
     base = trained(RECIPES["likelihood"], pool, rows)
-    model = learn(Recipe("x1", target), pool, rows, base)
+    model = learn(pool, Recipe("x1", target), rows=rows, base=base)
     mean, _ = model.residual.predict(test)
     below, found = base.predict(test), model.predict(test)
     added = (
@@ -460,8 +464,8 @@ def test_a_training_is_watched_round_by_round(name, pool, test):
     def on_round(now):
         seen.append((now.regressor.training.loss.mean().item(), now.model().predict(test)))
 
-    watched = learn(recipe, pool, rows, base, on_round=on_round)
-    alone = learn(recipe, pool, rows, base).predict(test)
+    watched = learn(pool, recipe, rows=rows, base=base, on_round=on_round)
+    alone = learn(pool, recipe, rows=rows, base=base).predict(test)
     assert torch.equal(watched.predict(test).covariance, alone.covariance)
     assert torch.equal(seen[-1][1].covariance, alone.covariance)
     assert not torch.equal(seen[0][1].v_post, alone.v_post)

@@ -9,7 +9,7 @@ from spatial import in_space, tossed
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn, target_units
 from contactlearn.laws import find
 from contactlearn.mechanics.features import SPACES, feature_units
@@ -60,23 +60,23 @@ def test_features_are_those_of_the_plane_along_the_slip():
 
 
 def test_parameters_of_single_trials_are_those_of_the_plane():
-    plane, space = (identify_trials(LAW, impacts) for impacts in (PLANAR, in_space(PLANAR)))
+    plane, space = (fit_trials(impacts, LAW) for impacts in (PLANAR, in_space(PLANAR)))
     torch.testing.assert_close(space.error, plane.error, rtol=1e-6, atol=1e-9)
     shared = (LAW.impulse(TOSSED.W, TOSSED.v_c) - TOSSED.wrench[:, :3]).norm(dim=-1)
-    assert (identify_trials(LAW, TOSSED).error <= shared + 1e-12).all()
+    assert (fit_trials(TOSSED, LAW).error <= shared + 1e-12).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_learned_models_turn_with_the_impact_and_load_again(target, tmp_path):
     recipe = Recipe("x1", target, LAW)
-    model = learn(recipe, TOSSED, ROWS, LAW)
+    model = learn(TOSSED, recipe, rows=ROWS, base=LAW)
     held_out, (other, turn) = TOSSED[60:], turned(TOSSED[60:], 2.0)
     predicted, again = model.predict(held_out), model.predict(other)
     torch.testing.assert_close(again.v_post, predicted.v_post @ turn.T, rtol=1e-7, atol=1e-7)
     torch.testing.assert_close(again.covariance, turn @ predicted.covariance @ turn.T, rtol=1e-6, atol=1e-6)
     assert model.processes.outputs.mean.shape[-1] == len(target_units(target, SPACE))
     checkpoint.save(model, tmp_path / "model.pt", provenance={})
-    loaded, _ = checkpoint.load(tmp_path / "model.pt")
+    loaded = checkpoint.load(tmp_path / "model.pt")
     assert torch.equal(loaded.predict(held_out).v_post, predicted.v_post)
     with pytest.raises(ContactLearnError, match="has learnt from 8 features of bodies in space"):
         loaded.predict(PLANAR)
@@ -96,7 +96,7 @@ def test_kernels_name_the_features_of_space():
     kernel = {"_target_": "gpytorch.kernels.RBFKernel", "active_dims": ["v_n"]}
     recipe = Recipe("x1", "impulse", processes=ProcessOptions(kernel=kernel))
     for impacts, last in ((PLANAR, 4), (TOSSED, 7)):
-        model = learn(recipe, impacts, torch.arange(12))
+        model = learn(impacts, recipe, rows=torch.arange(12))
         lengths = model.processes.gps.hyperparameters()[0, :-2]
         assert lengths.isfinite().nonzero()[:, 0].tolist() == [last]
     Recipe("x1", "impulse", processes=ProcessOptions(kernel=kernel | {"active_dims": ["slip"]}))

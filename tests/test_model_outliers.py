@@ -5,7 +5,7 @@ import torch
 
 from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
@@ -84,7 +84,7 @@ def test_published_drops_have_a_spin_of_the_wrong_sign(ellipse_drops):
     drops = ellipse_drops.replace(
         q=ellipse_drops.q * flip, v_pre=ellipse_drops.v_pre * flip, v_post=ellipse_drops.v_post * flip
     )
-    fit = identify_jointly(find("wang_mason"), {}, drops)
+    fit = joint.fit(drops, find("wang_mason"))
     finding = find_model_outliers(drops, lambda impacts: fit.model.predict(impacts).v_post)
     assert finding is not None
     assert finding.value("trials") <= 5

@@ -44,7 +44,7 @@ def restitution(drops: Impacts) -> torch.Tensor:
 
 
 def law_error(law: str, drops: Impacts) -> tuple[tuple[float, float], float]:
-    found = fit.identify(find(law), drops, sizes=(150,), repetitions=3)
+    found = fit.fit_subsets(drops, find(law), sizes=(150,), repetitions=3)
     prediction = ContactModel(found.to_law()).predict(drops)
     return found.mean(), metrics.mass_error(drops, prediction).mean().item()
 

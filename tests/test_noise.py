@@ -6,7 +6,7 @@ import torch
 from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.result import NoiseSource
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -76,7 +76,7 @@ def test_what_an_outlier_leaves_is_noise_of_its_own():
     v_post = impacts.v_post.clone()
     v_post[7] += 50.0
     wild = impacts.replace(v_post=v_post)
-    fit = identify_jointly(find("wang_mason"), {}, wild)
+    fit = joint.fit(wild, find("wang_mason"))
     assert fit.inliers.tolist() == [row != 7 for row in range(300)]
     own = mass_error(wild, fit.model.predict(wild))[7].item() / 300
     spoilt, clean = floor(wild, fit.model, inliers=fit.inliers), floor(impacts, fit.model)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import crossed, repeated
 from torch import Tensor
@@ -23,10 +24,11 @@ from contactlearn.data.audit.findings import audit
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.problem import suited
-from contactlearn.inference.identification.shared import identify
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse
@@ -109,12 +111,12 @@ def with_laws(drops: Impacts) -> Iterator[Any]:
 def with_identification(drops: Impacts) -> Iterator[Any]:
     for name in laws.names():
         law = laws.find(name)
-        fit = identify(law, drops, sizes=(len(drops),), repetitions=1)
+        fit = fit_subsets(drops, law, sizes=(len(drops),), repetitions=1)
         yield fit
         for mu, eps in ((fit.mu, fit.eps), (fit.mu_range, fit.eps_range)):
             assert (mu >= 0).all()
             assert ((eps >= 0) & (eps <= 1)).all()
-        yield identify_trials(law, drops)
+        yield fit_trials(drops, law)
 
 
 def with_bounds(drops: Impacts) -> Iterator[Any]:
@@ -128,7 +130,7 @@ def with_bounds(drops: Impacts) -> Iterator[Any]:
 def with_effects(drops: Impacts) -> Iterator[Any]:
     for name, form in EFFECTS.items():
         try:
-            fit = identify_jointly(ROUTH, {name: find_effect(name, form)()}, drops, options=FitOptions(starts=2))
+            fit = joint.fit(drops, ROUTH, {name: find_effect(name, form)()}, options=FitOptions(starts=2))
         except ContactLearnError:  # too few trials
             yield from ()
         else:
@@ -143,7 +145,7 @@ def with_learned_models(drops: Impacts) -> Iterator[Any]:
     for space, target in (("state", "velocity"), ("x1", "wrench"), ("x2", "impulse"), ("x2", "parameters_identified")):
         law = ROUTH.at(0.2, 0.5) if target.startswith("parameters") else None
         try:
-            yield learn(Recipe(space, target, law), drops, rows, law).predict(drops)
+            yield learn(drops, Recipe(space, target, law), rows=rows, base=law).predict(drops)
         except ContactLearnError:  # one trial
             yield from ()
 
@@ -204,17 +206,17 @@ def measures(drops: Impacts, mass: float = 1.0, length: float = 1.0) -> dict[str
     for name in laws.names():
         law = laws.find(name)
         found[f"impulse {name}"] = law.at(0.2, 0.5).impulse(drops.W, drops.v_c) / mass / length
-        fit, trials = identify(law, drops, sizes=(len(drops),), repetitions=1), identify_trials(law, drops)
+        fit, trials = fit_subsets(drops, law, sizes=(len(drops),), repetitions=1), fit_trials(drops, law)
         found[f"shared {name}"] = torch.cat((fit.mu, fit.eps, fit.cost / mass / length))
         found[f"trials {name}"] = torch.cat((trials.error / mass / length, trials.flat.double()))
     for patch in (0.0, 0.01):
         found[f"bound {patch}"] = metrics.mass_error(drops, bounds.irb(drops, patch=patch * length))
     for name in ("com_offset", "spin_damping", "adhesion", "side_drag"):
-        fit = identify_jointly(ROUTH, {name: find_effect(name)()}, drops, options=FitOptions(starts=2))
+        fit = joint.fit(drops, ROUTH, {name: find_effect(name)()}, options=FitOptions(starts=2))
         found[f"with {name}"] = torch.cat((fit.values[:2], metrics.mass_error(drops, fit.model.predict(drops))))
     rows = torch.arange(len(drops))
     for space, target in (("x1", "wrench"), ("state", "velocity")):
-        predicted = learn(Recipe(space, target), drops, rows).predict(drops)
+        predicted = learn(drops, Recipe(space, target), rows=rows).predict(drops)
         found[f"learned {target}"] = metrics.mass_error(drops, predicted)
     return found
 
@@ -258,7 +260,7 @@ def test_the_diagnosis_names_the_same(scale):
     drops = drops.replace(v_post=true.predict(drops).v_post + noise * torch.tensor([0.01, 0.01, 0.3]))
     three, named = few("spin_damping", "com_offset", "adhesion"), []
     for mass, length in ((1.0, 1.0), SCALES[scale]):
-        found = diagnose(scaled(drops, mass, length), ROUTH, candidates=three, laws=[ROUTH])
+        found = diagnose(scaled(drops, mass, length), ROUTH, options=DiagnoseOptions(candidates=three, laws=[ROUTH]))
         named.append([one.effect for one in found.missing])
     assert named[0] == named[1]
     assert [one.name for one in named[0]] == ["spin_damping"]
@@ -269,7 +271,9 @@ def test_a_diagnosis_is_complete(fault):
     """Its JSON holds no number that is none: `to_json` refuses those."""
     drops = copied(FAULTS[fault](), 2, 1e-3)
     assert diagnose(
-        drops, ROUTH, candidates=few("spin_damping", "tangential_restitution"), laws=[ROUTH], seconds=5
+        drops,
+        ROUTH,
+        options=DiagnoseOptions(candidates=few("spin_damping", "tangential_restitution"), laws=[ROUTH], seconds=5),
     ).to_json()
 
 

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from test_roll_out import energy
 from test_tracks_space import BOX, MASS, impacts_in, written
 
-from contactlearn import identify_jointly
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.data.recordings.result import Rest
 from contactlearn.effects import State, find_effect
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import CHANGES
 from contactlearn.mechanics.bodies import make_shapes, shapes_entries
@@ -186,7 +186,7 @@ def test_tosses_of_a_tetrahedron_are_found(tosses):
         error = getattr(impacts, f"v_{side}") - torch.tensor(np.array([made[row][truth] for row in rows]))
         deviation = getattr(impacts, f"v_{side}_cov").diagonal(dim1=-2, dim2=-1).sqrt()
         assert 0.9 < (error.abs() < 1.96 * deviation).double().mean() < 0.99
-    mu, eps = identify_jointly("wang_mason", {}, impacts).values
+    mu, eps = joint.fit(impacts, "wang_mason").values
     assert abs(mu - 0.18) < 0.02
     assert abs(eps - 0.5) < 0.03
 

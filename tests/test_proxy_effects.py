@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from drops import LAW, NOISE, fitted, normal, thrown
 
@@ -13,7 +14,8 @@ from contactlearn.diagnosis.stages import SearchResult
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.effects import EffectId, State, find_effect
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
@@ -35,7 +37,7 @@ def hidden(restitution=by_slip_and_angle, size=300):
 
 
 def models(drops, *sets):
-    return [identify_jointly(LAW, {name: find_effect(name)() for name in names}, drops) for names in sets]
+    return [joint.fit(drops, LAW, {name: find_effect(name)() for name in names}) for names in sets]
 
 
 def test_nothing_is_left_out_where_the_state_tells_nothing():
@@ -45,7 +47,11 @@ def test_nothing_is_left_out_where_the_state_tells_nothing():
 
 
 def test_a_diagnosis_reports_excluded_candidates():
-    found = diagnose(hidden(size=180), "wang_mason", candidates=few(TRUE, STAND_IN), laws=[find("wang_mason")])
+    found = diagnose(
+        hidden(size=180),
+        "wang_mason",
+        options=DiagnoseOptions(candidates=few(TRUE, STAND_IN), laws=[find("wang_mason")]),
+    )
     assert found.verdict is Verdict.UNKNOWN
     assert {*found.effects, *(one.effect.name for one in found.candidates if one.confidence is not None)} == {TRUE}
     assert found.remainder is not None
@@ -85,7 +91,7 @@ def test_a_moment_at_the_contact_is_no_more_than_a_candidate_where_the_shape_is_
     bodies = ["beech"] * 5 + ["oak"] * (len(drops) - 5)  # too few beeches for an outline, so no body has one
     drops = drops.replace(shape=None, object=bodies)
     candidates = few("orientation_offset", proxy)
-    found = diagnose(drops, "wang_mason", candidates=candidates, laws=[find("wang_mason")])
+    found = diagnose(drops, "wang_mason", options=DiagnoseOptions(candidates=candidates, laws=[find("wang_mason")]))
     assert found.shapeless == (EffectId("orientation_offset"),)
     assert (found.effects, found.verdict) == ((), Verdict.UNKNOWN)
     (candidate,) = found.candidates

@@ -19,7 +19,8 @@ from contactlearn.diagnosis.unexplained.remainder import is_significant, learn_r
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.rigid_body import apply_wrench
 from contactlearn.models.contact_model import ContactModel, predict_with
@@ -39,7 +40,7 @@ FLOOR = 1.08  # held-out error over that of the best prediction from the noisy s
 def hidden(*effects, seed=1, size=150, fitted=(), **options):
     """Drops, their truth, and the true law fitted to them."""
     drops, truth = hidden_effects.draw(seed, effects=list(effects), size=size, **options)
-    fit = identify_jointly(laws.find(truth["law"]), {name: find_effect(name)() for name in fitted}, drops)
+    fit = joint.fit(drops, laws.find(truth["law"]), {name: find_effect(name)() for name in fitted})
     return drops, truth, fit
 
 
@@ -87,7 +88,7 @@ def test_a_small_stated_noise_hides_no_remainder():
     noise = 0.003, 0.003, 0.1
     v_post = predict_with(LAW, drops, values).v_post + torch.tensor(noise) * normal(len(drops), 3, seed=2)
     drops = drops.replace(v_post=v_post)
-    fit = identify_jointly(LAW, {}, drops, options=FitOptions(noise=noise, noise_before=(0.0, 0.0, 0.0)))
+    fit = joint.fit(drops, LAW, options=FitOptions(noise=noise, noise_before=(0.0, 0.0, 0.0)))
     far = fit.weight < fit.thresholds.outlier_weight
     assert fit.outliers == far.sum() > 0.1 * len(drops)
     assert what_remains(drops, fit, inliers=fit.inliers).remainder.share.low > 0.3
@@ -129,14 +130,14 @@ def test_an_unknown_effect_remains_and_its_formula_is_found(unknown):
     parameters = {key: given[f"effect.mine.parameters.{key}"] for key in names}
     effect = formula(parameters, **{output: given[prefix]})
     assert effect.equation == formula_effect(best.output, best.terms, best.ranges).equation
-    again = identify_jointly(fit.model.base, {"mine": effect}, drops)
+    again = joint.fit(drops, fit.model.base, {"mine": effect})
     assert again.values[2:].tolist() == pytest.approx(best.coefficients, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["com_offset", "velocity_dependent_restitution", "surface_tilt"])
 def test_a_named_effect_leaves_nothing_once_it_is_in_the_model(name):
     drops, truth, with_ = hidden(name, fitted=[name])
-    assert what_remains(drops, identify_jointly(laws.find(truth["law"]), {}, drops)).remainder.found
+    assert what_remains(drops, joint.fit(drops, laws.find(truth["law"]))).remainder.found
     found = what_remains(drops, with_).remainder
     assert found.components == ()
     assert found.share.mean < 0.03
@@ -148,7 +149,7 @@ def test_gross_outliers_do_not_change_the_report():
     v_post = drops.v_post.clone()
     v_post[::30] += torch.tensor([4.0, -4.0, 300.0])
     drops = drops.replace(v_post=v_post)
-    fit = identify_jointly(fit.model.base, {}, drops)
+    fit = joint.fit(drops, fit.model.base)
     for options in ({}, {"inliers": fit.inliers}):
         learned = what_remains(drops, fit, **options)
         assert learned.remainder.components == ("n",)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from browser import nothing_sticks_out
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import SIX, few, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
@@ -16,7 +17,8 @@ from contactlearn.diagnosis.result import Candidate, Diagnosis, PlausibleModel, 
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Prediction
@@ -43,7 +45,11 @@ def found():
     impacts, _ = hidden_effects.draw(11, effects=["surface_tilt", "spin_damping"], size=120)
     names = (HOSTILE, *impacts.trial[1:])
     impacts = impacts.replace(trial=names, object=(HOSTILE,) * len(impacts), source=HOSTILE)
-    return diagnose(impacts, find("wang_mason"), candidates=few("surface_tilt", "spin_damping", "side_drag"))
+    return diagnose(
+        impacts,
+        find("wang_mason"),
+        options=DiagnoseOptions(candidates=few("surface_tilt", "spin_damping", "side_drag")),
+    )
 
 
 def about(impacts):
@@ -178,10 +184,7 @@ def test_a_large_page_is_small_enough():
 
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory, found):
-    models = {
-        law: identify_jointly(find(law), {}, found.record.impacts, options=FitOptions(starts=2)).model
-        for law in PAPER_LAWS
-    }
+    models = {law: joint.fit(found.record.impacts, find(law), options=FitOptions(starts=2)).model for law in PAPER_LAWS}
     laws = {law: find(law).at(model.base.mu, model.base.eps) for law, model in models.items()}
     predictions = {law: model.predict(found.record.impacts) for law, model in models.items()}
     curves = {HOSTILE: learning_curve((10, 100), (0.2, 0.1))}

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.effects import find_effect
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import turned
@@ -258,7 +258,7 @@ def test_a_body_slides_as_far_as_its_friction_lets_it(space, friction, mu):
 
 def test_a_fan_spreads_as_the_parameters_are_uncertain():
     drops = synthetic.load(60, seed=2)
-    model = identify_jointly("wang_mason", {"gravity_impulse": find_effect("gravity_impulse")()}, drops).model
+    model = joint.fit(drops, "wang_mason", {"gravity_impulse": find_effect("gravity_impulse")()}).model
     state = BodyState(pose=[(0, 0.5, 0.3), (0, 0.4, 0.3)], velocity=(1, 0, 5), mass=0.0364, inertia=1.7e-5)
     fan = model.roll_out(state, drops.shape, samples=50, generator=torch.Generator().manual_seed(1))
     assert fan.times.shape == (50, 2, 10)

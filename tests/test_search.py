@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 
 from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.pipeline import diagnose
@@ -224,7 +225,11 @@ def test_a_larger_model_that_is_no_better_is_not_plausible():
 
 def test_a_search_without_time_is_reported():
     impacts, _ = hidden_effects.draw(12, effects=["spin_damping"], size=80)
-    found = diagnose(impacts, find("wang_mason"), candidates=few(SPIN, DRAG), laws=[find("wang_mason")], seconds=1e-6)
+    found = diagnose(
+        impacts,
+        find("wang_mason"),
+        options=DiagnoseOptions(candidates=few(SPIN, DRAG), laws=[find("wang_mason")], seconds=1e-6),
+    )
     assert not found.complete
     assert found.models
     assert found.frontier[0].effects == ()
@@ -258,7 +263,9 @@ DRIFTS = [key for key in all_candidates() if key.name == "parameter_drift"]
 def test_a_drifting_measurement_is_recognised():
     """Errors with a memory of ten trials, alike for all impacts: no physics."""
     drifting = wandering(synthetic.load(size=200, seed=3), memory=0.9)
-    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS), laws=[find("wang_mason")])
+    found = diagnose(
+        drifting, find("wang_mason"), options=DiagnoseOptions(candidates=few(SPIN, *DRIFTS), laws=[find("wang_mason")])
+    )
     (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
     assert "Effects over the order are left out" in finding.sentence
     assert found.physics == "none"
@@ -267,7 +274,9 @@ def test_a_drifting_measurement_is_recognised():
 
 def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
     drifting = wandering(planted(240, parameter_drift={"c": 0.3}), memory=0.7)
-    found = diagnose(drifting, find("wang_mason"), candidates=few(SPIN, *DRIFTS), laws=[find("wang_mason")])
+    found = diagnose(
+        drifting, find("wang_mason"), options=DiagnoseOptions(candidates=few(SPIN, *DRIFTS), laws=[find("wang_mason")])
+    )
     (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
     assert "Other effects over the order are left out" in finding.sentence
     assert found.effects == ("parameter_drift",)

@@ -14,8 +14,9 @@ from contactlearn.effects import State, find_effect
 from contactlearn.effects import catalogue as effect_catalogue
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
-from contactlearn.inference.identification.shared import Box, identify
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.shared import Box, fit_subsets
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Impacts, Prediction, measured_impulse
@@ -246,28 +247,28 @@ def thrown(law, mu=0.2, eps=0.4, noise=0.0):
 @pytest.mark.parametrize("law", ["whittaker", "drumwright_shell", "wang_mason", "mirtich"])
 def test_coefficients_are_identified_in_space(law):
     impacts = thrown(law, noise=0.01)
-    fit = identify_jointly(law, {}, impacts)
+    fit = joint.fit(impacts, law)
     assert fit.converged
     error = (fit.values - torch.tensor((0.2, 0.4))).abs()
     assert (error < 4 * fit.standard_errors).all()
     assert (fit.standard_errors < 0.02).all()
     known = (0.01,) * 3 + (0.1,) * 3
-    again = identify_jointly(law, {}, impacts, options=FitOptions(noise=known, noise_before=(1e-4,) * 6, starts=2))
+    again = joint.fit(impacts, law, options=FitOptions(noise=known, noise_before=(1e-4,) * 6, starts=2))
     assert ((again.values - fit.values).abs() < 3 * fit.standard_errors).all()
 
 
 def test_identification_agrees_with_the_plane():
     sizes = {"sizes": (60,), "repetitions": 2, "box": Box(nodes=16)}
-    plane, space = (identify("whittaker", one, **sizes) for one in (PLANAR, SPATIAL))
+    plane, space = (fit_subsets(one, "whittaker", **sizes) for one in (PLANAR, SPATIAL))
     for name in ("mu", "eps", "cost"):
         torch.testing.assert_close(getattr(space, name), getattr(plane, name), rtol=1e-6, atol=1e-9)
 
 
 def test_a_fit_refuses_what_does_not_exist_in_space():
     with pytest.raises(ContactLearnError, match=r"law mirtich .* exists for bodies that move in a plane alone"):
-        identify_jointly(find("mirtich", "fazeli2017"), {}, SPATIAL)
+        joint.fit(SPATIAL, find("mirtich", "fazeli2017"))
     with pytest.raises(ContactLearnError, match="effect contact_patch exists for bodies that move in a plane alone"):
-        identify_jointly("whittaker", ["contact_patch"], SPATIAL)
+        joint.fit(SPATIAL, "whittaker", ["contact_patch"])
 
 
 OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))
@@ -428,6 +429,6 @@ def test_effects_are_fitted_in_space(name):
     effects = {key: find_effect(key)().prepare(tossed) for key in PLANTED[name]}
     truth = {key: effects[key].at(values) for key, values in PLANTED[name].items()}
     model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=truth)
-    fit = identify_jointly("whittaker", list(effects), tossed.replace(v_post=model.predict(tossed).v_post))
+    fit = joint.fit(tossed.replace(v_post=model.predict(tossed).v_post), "whittaker", list(effects))
     wanted = torch.tensor([0.2, 0.4, *(x for values in PLANTED[name].values() for x in values)]).double()
     torch.testing.assert_close(fit.values, wanted, rtol=1e-4, atol=1e-5)

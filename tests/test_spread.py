@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import repeated
 
@@ -39,7 +40,7 @@ def alike(seed, size=100, spread=0.0):
 @pytest.mark.parametrize("seed", repeated(0, 1, 2, 3, 4))
 @pytest.mark.parametrize("size", repeated(100, 200))
 def test_scatter_is_no_effect(size, seed):
-    found = diagnose(alike(seed, size), LAW, laws=[LAW])
+    found = diagnose(alike(seed, size), LAW, options=DiagnoseOptions(laws=[LAW]))
     assert found.effects == ()
     assert found.verdict == "none"
     assert "averaged_vy" in [finding.correction for finding in found.findings]
@@ -49,7 +50,7 @@ def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
     tilt = few("surface_tilt")
     for drops in (alike(0, spread=5.0), hidden_effects.draw(3, effects=[], size=120)[0]):
-        assert diagnose(drops, LAW, candidates=tilt, laws=[LAW]).corrections == ()
+        assert diagnose(drops, LAW, options=DiagnoseOptions(candidates=tilt, laws=[LAW])).corrections == ()
     drops = alike(0)
     mended = correct(drops, ["averaged_vy"])
     torch.testing.assert_close(mended.v_pre[:, 1], drops.v_pre[:, 1].mean().expand(100))

@@ -9,7 +9,7 @@ import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.effects import find_effect
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.rigid_body import rotation
@@ -54,7 +54,7 @@ def test_the_mass_centre_flies_where_the_tracked_point_does_not():
 
 def test_the_covariance_is_that_of_samples_of_the_parameters():
     drops = synthetic.load(60, seed=2)
-    model = identify_jointly("wang_mason", ["side_drag"], drops).model
+    model = joint.fit(drops, "wang_mason", ["side_drag"]).model
     state = BodyState(pose=(0, 0.02, 0.4), velocity=(0.5, -2, 8), mass=0.05, inertia=1e-5, shape=Ellipse((0.03, 0.02)))
     found = model.step(state, uncertainty=True)
     small = 1e-4 * model.parameter_covariance

@@ -7,7 +7,7 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.identification.shared import identify
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import count_trainings
 from contactlearn.inference.learning.recipe import Recipe, learn
@@ -40,12 +40,12 @@ def curves(drops):
 def test_a_curve_is_what_training_by_hand_gives(drops, curves):
     pool, test = drops
     orders, fits, laws, learned = curves
-    model = learn(RECIPES["residual"], pool, orders[:, :30], study.law_at(fits["whittaker"], 30))
+    model = learn(pool, RECIPES["residual"], rows=orders[:, :30], base=study.law_at(fits["whittaker"], 30))
     for name, metric in metrics.METRICS.items():
         torch.testing.assert_close(
             learned["residual"].errors[name][1], metric.error(test, model.predict(test)), rtol=EXACT, atol=EXACT
         )
-    alone = identify(find("whittaker"), pool[orders[1, :10]], sizes=(10,), orders=torch.arange(10)[None])
+    alone = fit_subsets(pool[orders[1, :10]], find("whittaker"), sizes=(10,), orders=torch.arange(10)[None])
     assert fits["whittaker"].mu[1, 0] == pytest.approx(alone.mu.item(), abs=1e-6)
     assert laws["whittaker"].errors["mass_error"].shape == (2, 3, 30)
     assert laws["whittaker"].density is None

@@ -179,7 +179,7 @@ def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monke
 
 def test_constant_columns_have_no_length_scale():
     drops, recipe = synthetic.load(20), Recipe("state", "velocity")  # of one body
-    regressor = learn(recipe, drops, torch.arange(20)).processes
+    regressor = learn(drops, recipe, rows=torch.arange(20)).processes
     for one in process_estimates(recipe, regressor, drops.space):
         assert {*SPACES["state"].columns} - {*one.length_scales} == {"m", "I"}
 

@@ -52,8 +52,8 @@ def results(folder):
 def copied(model, folder, change=lambda provenance: provenance):
     """A checkpoint of the same model in another folder, its provenance changed."""
     folder.mkdir(exist_ok=True)
-    loaded, provenance = checkpoint.load(model / "model.pt")
-    return checkpoint.save(loaded, folder / "model.pt", provenance=change(provenance))
+    loaded = checkpoint.load(model / "model.pt")
+    return checkpoint.save(loaded, folder / "model.pt", provenance=change(loaded.provenance))
 
 
 def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tmp_path):
@@ -67,7 +67,7 @@ def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tm
     found = results(tmp_path)
     assert list(found["errors"]) == ["mirtich", "best_post_hoc", "irb", "x1_wrench"]
     _, test = synthetic.load(size=60, seed=5).split(0.25, torch.Generator().manual_seed(0))
-    model, _ = checkpoint.load(folder / "model.pt")
+    model = checkpoint.load(folder / "model.pt")
     error = metrics.mass_error(test, model.predict(test)).mean().item()
     assert found["errors"]["x1_wrench"]["mass_error"]["mean"] == pytest.approx(error, rel=1e-9)
     assert (found["model"], found["law"]) == ("x1_wrench", None)
@@ -127,7 +127,7 @@ def test_a_model_is_not_judged_on_trials_that_it_has_seen(trained, tmp_path):
 
 
 def test_a_model_that_has_seen_one_body_says_so(tmp_path):
-    model = learn(Recipe("state", "velocity"), synthetic.load(size=20), torch.arange(20))
+    model = learn(synthetic.load(size=20), Recipe("state", "velocity"), rows=torch.arange(20))
     path = checkpoint.save(model, tmp_path / "one_body.pt", provenance={})
     disc = "data.shape={kind: disc, radius: 0.03}"
     printed = run("evaluate.py", f"checkpoint={path}", *OTHERS, disc, f"hydra.run.dir={tmp_path / 'disc'}")
@@ -175,7 +175,7 @@ def test_a_figure_shows_all_of_the_names_of_models():
 
 def _subsets(folder):
     rows = torch.arange(20).reshape(2, 10)
-    model = learn(Recipe("x1", "impulse"), synthetic.load(size=20), rows)
+    model = learn(synthetic.load(size=20), Recipe("x1", "impulse"), rows=rows)
     return checkpoint.save(model, folder / "model.pt", provenance={})
 
 
@@ -248,13 +248,13 @@ def test_a_learned_model_knows_its_recipe(target):
     drops, law = synthetic.load(size=12), laws.find("whittaker").at(0.1, 0.5)
     recipe = Recipe("x2", target, law)
     base = ContactModel(law, effects={"side_drag": find_effect("side_drag")()}) if target == "wrench" else law
-    model = learn(recipe, drops, torch.arange(12), base)
+    model = learn(drops, recipe, rows=torch.arange(12), base=base)
     found = Recipe.of(model)
     assert (found.features, found.target, found.law.name) == ("x2", target, "whittaker")
-    again = learn(found, drops, torch.arange(12), base, like=model.processes)
+    again = learn(drops, found, rows=torch.arange(12), base=base, like=model.processes)
     assert again.processes.training.loss.mean() < model.processes.training.loss.mean() + 0.05
     with pytest.raises(ContactLearnError, match="on top of a learned model"):
-        Recipe.of(learn(Recipe("x1", "impulse"), drops, torch.arange(12), model))
+        Recipe.of(learn(drops, Recipe("x1", "impulse"), rows=torch.arange(12), base=model))
 
 
 def test_a_job_is_another_one_if_its_checkpoint_changes(trained, tmp_path):

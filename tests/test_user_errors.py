@@ -14,12 +14,14 @@ from commands import run
 from repetitions import repeated
 
 import contactlearn
-from contactlearn import ContactModel, Recipe, diagnose, identify, identify_jointly, laws
+from contactlearn import ContactModel, Recipe, diagnose, laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.recordings.track import Recording
 from contactlearn.diagnosis.events import track
 from contactlearn.effects import find_effect, named_effects
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import events
 from contactlearn.simulation import synthetic
@@ -100,14 +102,14 @@ def test_sizes_follow_the_data(tmp_path):
 
 def test_names_stand_for_laws_and_effects():
     drops = synthetic.load(size=60)
-    by_name = identify_jointly("mirtich", ["spin_damping"], drops)
-    by_hand = identify_jointly(laws.find("mirtich"), {"spin_damping": find_effect("spin_damping")()}, drops)
+    by_name = joint.fit(drops, "mirtich", ["spin_damping"])
+    by_hand = joint.fit(drops, laws.find("mirtich"), {"spin_damping": find_effect("spin_damping")()})
     assert str(by_name.model) == str(by_hand.model)
-    assert identify("mirtich", drops, sizes=(20,), repetitions=2).law.name == "mirtich"
+    assert fit_subsets(drops, "mirtich", sizes=(20,), repetitions=2).law.name == "mirtich"
     with pytest.raises(UnknownNameError, match="did you mean 'mirtich'"):
         diagnose(drops, "mirtisch")
     with pytest.raises(UnknownNameError, match="did you mean 'spin_damping'"):
-        identify_jointly("mirtich", ["spin_dampin"], drops)
+        joint.fit(drops, "mirtich", ["spin_dampin"])
     for wrong in ("spin_damping", {"spin_damping": 0.1}, [3]):
         with pytest.raises(ContactLearnError):
             named_effects(wrong)
@@ -118,7 +120,7 @@ def test_names_stand_for_laws_and_effects():
     with pytest.raises(ContactLearnError, match="a recipe builds on a law"):
         Recipe("x1", "wrench", "mirtich")
     with pytest.raises(ContactLearnError, match="law must be a Law or its name"):
-        identify_jointly(3, [], synthetic.load(size=20))
+        joint.fit(synthetic.load(size=20), 3, [])
     # What an editor offers is there, without an import of its own.
     for room in ("data", "diagnosis", "inference", "mechanics", "models", "results", "simulation"):
         package = getattr(contactlearn, room)
@@ -171,10 +173,10 @@ LAW = laws.find("wang_mason").at(0.12, 0.55)
 
 @pytest.mark.parametrize("use", [
     ContactModel(LAW).predict,
-    lambda given: identify(LAW, given),
-    lambda given: identify_jointly(LAW, {}, given),
+    lambda given: fit_subsets(given, LAW),
+    lambda given: joint.fit(given, LAW),
     diagnose,
-], ids=["predict", "identify", "identify_jointly", "diagnose"])  # fmt: skip
+], ids=["predict", "fit_subsets", "fit", "diagnose"])  # fmt: skip
 def test_non_impacts_are_refused_with_the_way_to_read_a_table(use):
     with pytest.raises(ContactLearnError, match=r"impacts must be Impacts, got DataFrame; frame\.to_csv.*table\.load"):
         use(pd.DataFrame({"mass": [1.0]}))

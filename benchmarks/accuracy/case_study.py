@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping
 
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from torch import Tensor
 
 from contactlearn import diagnose
@@ -26,7 +27,8 @@ from contactlearn.data import ellipse_drops
 from contactlearn.effects import Effect, find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
-from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
@@ -42,10 +44,10 @@ LADDER = (
 """Effects and their forms."""
 
 
-def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds) -> tuple[JointFit, list[Tensor]]:
+def rung(law: str, effects: Mapping[str, Effect], impacts: Impacts, folds: Folds) -> tuple[Fit, list[Tensor]]:
     """Fit, and held-out errors [N]: of a law with effects alone, with a learned impulse, and with a learned wrench."""
-    fit = identify_jointly(find(law), effects, impacts)
-    base = identify_jointly(find(law), effects, impacts, folds.fitted, start=fit.values).model.predict(impacts)
+    fit = joint.fit(impacts, find(law), effects)
+    base = joint.fit(impacts, find(law), effects, rows=folds.fitted, start=fit.values).model.predict(impacts)
     rows = folds.fitted[:, :TRIALS]
     body = impacts.mass, impacts.inertia, impacts.r
     left = impacts.v_post - base.v_post
@@ -79,7 +81,7 @@ def main() -> None:
     seed = parser.parse_args().seed
     torch.set_num_threads(1)
     published = ellipse_drops.load()
-    found = diagnose(published, seed=seed)
+    found = diagnose(published, options=DiagnoseOptions(seed=seed))
     print(f"{found.equation}\n")
     print("| model | alone | + rigid | + wrench | rigid − wrench | IRB bound |\n|---|---|---|---|---|---|")
     for impacts in (published, found.record.impacts):

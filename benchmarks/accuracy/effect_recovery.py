@@ -20,7 +20,8 @@ from torch import Tensor
 
 from contactlearn.effects import Effect, catalogue, find_effect
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import FitOptions, assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions, assemble
 from contactlearn.inference.learning.curves import run
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
@@ -66,7 +67,7 @@ def sized(effect: Effect) -> tuple[Effect, Tensor, float]:
         theta = torch.cat((law, start + factor * (ends - start)))
         impacts = drops(effect, theta, 4000, 999)
         without = mass_error(
-            impacts, identify_jointly(find(LAW), {}, impacts, options=FitOptions(starts=2)).model.predict(impacts)
+            impacts, joint.fit(impacts, find(LAW), options=FitOptions(starts=2)).model.predict(impacts)
         ).mean()
         return 1 - (mass_error(impacts, _true(effect, theta).predict(impacts)).mean() / without).item()
 
@@ -86,7 +87,7 @@ def recover(effect: Effect, theta: Tensor, trials: int, seed: int) -> tuple[Tens
     """Estimates [K], standard errors [K], and the excess of the held-out error over the true model's."""
     impacts = drops(effect, theta, trials + 2000, seed)
     order = torch.randperm(len(impacts), generator=torch.Generator().manual_seed(seed))
-    fit = identify_jointly(find(LAW), {effect.name: effect}, impacts, order[:trials])
+    fit = joint.fit(impacts, find(LAW), {effect.name: effect}, rows=order[:trials])
     test = impacts[order[trials:]]
     errors = [mass_error(test, model.predict(test)).mean().item() for model in (fit.model, _true(effect, theta))]
     return fit.values, fit.standard_errors, errors[0] / errors[1] - 1

@@ -18,7 +18,7 @@ from contactlearn.cli.settings import SourceSettings
 from contactlearn.data import ellipse_drops
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws.spring_dashpot import LEAST
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
@@ -50,7 +50,7 @@ def usual(scene: Scene) -> str:
 def judge(law: str, names: tuple[str, ...], pool: Impacts, test: Impacts) -> str:
     """Fit, export, and compare one impact."""
     effects = {name: find_effect(name)().prepare(pool) for name in names}
-    model = identify_jointly(law, effects, pool).model
+    model = joint.fit(pool, law, effects).model
     if model.law.coefficients[1].item() < LEAST:
         return f"| {'+'.join((law, *names))} | refused: ε = {model.law.coefficients[1].item():.3f} |"
     scene, hook = export(model, test)

@@ -32,7 +32,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.inference.evaluation.replay import STARTS, ReplayErrors, Spread, replays, width
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec, rotation
@@ -111,7 +111,7 @@ def toss(model: Any, pose: Tensor, velocity: Tensor, time: Tensor, set_contact: 
 def models_of(impacts: Impacts, effects: tuple[str, ...], mu: float | None, contact_time: float) -> dict[str, Any]:
     """Fit, and return scenes and models by name."""
     kinds = {"stated": (), "identified": effects}
-    fitted = {name: identify_jointly("wang_mason", some, impacts).model for name, some in kinds.items()}
+    fitted = {name: joint.fit(impacts, "wang_mason", some).model for name, some in kinds.items()}
     usual = USUAL.format(
         mu=fitted["stated"].law.mu.item() if mu is None else mu, joints=JOINTS[impacts.space.d],
         half=width(impacts.shape) / 2, mass=impacts.mass[0].item(),
@@ -151,7 +151,7 @@ def main() -> None:
     even = torch.tensor([int(re.findall(r"\d+", name)[-1]) % 2 == 0 for name in recordings])
     fitted_to = {name for name, fits in zip(recordings, even.tolist(), strict=True) if fits}
     models = models_of(found.impacts[even], effects, mu, given.contact_time)
-    card = identify_jointly("wang_mason", (), correct(found.impacts, ["rig"])[even]).model
+    card = joint.fit(correct(found.impacts, ["rig"])[even], "wang_mason").model
     print(f"card: {card}\nfriction of slides: {found.rig.friction}")
     rows, count = {name: {} for name in (*models, "card, roll-out")}, 0
     for start in STARTS:

@@ -22,7 +22,8 @@ from blind.load import BlindSet, load, planted_change
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import Effect
-from contactlearn.inference.identification.joint import JointFit, assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit, assemble
 from contactlearn.mechanics.impacts import Impacts
 
 
@@ -38,15 +39,15 @@ def planted_parts(blind_set: BlindSet, found: Diagnosis) -> dict[str, dict[str, 
     known = all_candidates()
     listed = {one.effect.name: known[one.effect] for one in (*found.candidates[::-1], *found.missing)}
     law = str(found.law)
-    stated = identify_jointly(law, listed, impacts)
+    stated = joint.fit(impacts, law, listed)
     parts = dict[str, dict[str, float]]()
     for name, effect in listed.items():
         with either_sign(effect):
-            whole = identify_jointly(law, listed, impacts, start=stated.values)
-            plain = identify_jointly(law, listed, without, start=whole.values)
-            own = identify_jointly(law, {name: effect}, without).model
+            whole = joint.fit(impacts, law, listed, start=stated.values)
+            plain = joint.fit(without, law, listed, start=whole.values)
+            own = joint.fit(without, law, {name: effect}).model
         exact = without.replace(v_post=replace(own, effects={}).predict(without).v_post + change)
-        alone = identify_jointly(law, {name: effect}, exact)
+        alone = joint.fit(exact, law, {name: effect})
         mine = [k for k, p in enumerate(stated.parameters) if p.name.startswith(f"{name}.")]
         off = (stated.values[mine] - alone.values[2:]).abs() / stated.standard_errors[mine]
         taken = _part(whole, name, impacts, change, whole.values)
@@ -73,7 +74,7 @@ def either_sign(effect: Effect) -> Iterator[None]:
         kind._parameters = before
 
 
-def _part(fit: JointFit, name: str, impacts: Impacts, change: Tensor, values: Tensor) -> Tensor:
+def _part(fit: Fit, name: str, impacts: Impacts, change: Tensor, values: Tensor) -> Tensor:
     """Part of a change of v_post that an effect of a model makes at some values of its parameters."""
     model = assemble(fit.model.law, fit.model.effects, values)
     less: dict[str, Effect] = {other: effect for other, effect in model.effects.items() if other != name}

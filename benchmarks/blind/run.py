@@ -21,6 +21,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
@@ -40,7 +41,7 @@ def ask(blind_set: BlindSet, seconds: float, shapeless: bool = False) -> Answer:
         try:
             impacts = load(blind_set)
             impacts = impacts.replace(shape=None) if shapeless else impacts
-            found = diagnose(impacts, seconds=seconds)
+            found = diagnose(impacts, options=DiagnoseOptions(seconds=seconds))
             answer = answer_of(blind_set.suite, blind_set.name, found)
             if blind_set.measured == "ellipse_drops":
                 answer = replace(answer, planted=planted_parts(blind_set, found))

@@ -26,7 +26,7 @@ LAW = laws.find("wang_mason").at(0.2, 0.5)
 def _models() -> list[ContactModel]:
     mine = formula(parameters={"c": [-1, 1]}, tau="-c*rx*Pn")
     effects = {"spin_damping": find_effect("spin_damping", "during")().at([0.2]), "mine": mine}
-    learned = learn(Recipe("x2", "impulse", LAW), DROPS, torch.arange(6), LAW)
+    learned = learn(DROPS, Recipe("x2", "impulse", LAW), rows=torch.arange(6), base=LAW)
     return [ContactModel(LAW), ContactModel(laws.find("chatterjee_ruina", e_t=0.3), effects=effects), learned]
 
 

@@ -20,9 +20,9 @@ from torch import Tensor
 from contactlearn.core import devices
 from contactlearn.core.devices import moved
 from contactlearn.inference.evaluation import bounds
-from contactlearn.inference.identification.joint import identify_jointly
-from contactlearn.inference.identification.per_trial import identify_trials
-from contactlearn.inference.identification.shared import identify
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.per_trial import fit_trials
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.models.gp.sparse import SparseGPs
 from contactlearn.simulation import synthetic
@@ -63,16 +63,16 @@ def works(quick: bool) -> dict[str, Work]:
             (W, v_c, mu, eps, torch.empty((grid, grid, trials, 2), dtype=torch.float64)),
         ),
         f"shared μ and ε, 100 subsets of {trials}": (
-            lambda drops: identify(law, drops, sizes=(min(120, trials),)).mu,
+            lambda drops: fit_subsets(drops, law, sizes=(min(120, trials),)).mu,
             (drops,),
         ),
-        f"μ and ε of {trials} single trials": (lambda drops: identify_trials(law, drops).error, (drops,)),
+        f"μ and ε of {trials} single trials": (lambda drops: fit_trials(drops, law).error, (drops,)),
         f"a law with five effects, {trials} trials": (
-            lambda drops: identify_jointly(law, effects, drops).values,
+            lambda drops: joint.fit(drops, law, effects).values,
             (drops,),
         ),
         f"the same, 20 subsets of {subsets.shape[1]}": (
-            lambda *given: identify_jointly(law, effects, *given).values,
+            lambda impacts, rows: joint.fit(impacts, law, effects, rows=rows).values,
             (drops, subsets),
         ),
         f"IRB bound of {many} trials": (lambda drops: bounds.irb(drops).v_post, (synthetic.load(size=many),)),

@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from scipy.optimize import differential_evolution, minimize
 
-from contactlearn.inference.identification.per_trial import identify_trials
+from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.laws import find
 from speed.harness import drops, header, interleaved, medians, parsed, parser, repeated, row, timed
 
@@ -126,7 +126,7 @@ def compare(name: str, impacts, rounds: int) -> bool:
     torch.testing.assert_close(scalar, find(name).at(0.15, 0.55).impulse(W, v_c), rtol=1e-12, atol=1e-12)
     order = torch.randperm(total, generator=torch.Generator().manual_seed(0))
     subsets = {rival: order[: FEW.get(rival, total)].tolist() for rival in RIVALS}
-    errors, fit = {}, identify_trials(find(name), impacts)
+    errors, fit = {}, fit_trials(impacts, find(name))
 
     def clock(rival):
         errors[rival], seconds = timed(loop, RIVALS[rival], law, [contacts[i] for i in subsets[rival]])
@@ -134,7 +134,7 @@ def compare(name: str, impacts, rounds: int) -> bool:
 
     clocks = {}
     for rival in RIVALS:
-        clocks["ours", rival] = repeated(lambda: identify_trials(find(name), impacts), 3)
+        clocks["ours", rival] = repeated(lambda: fit_trials(impacts, find(name)), 3)
         clocks[rival] = lambda rival=rival: clock(rival)
     times = interleaved(clocks, rounds)
     ours = medians({"ours": [value for rival in RIVALS for value in times["ours", rival]]})["ours"]

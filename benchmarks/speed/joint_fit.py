@@ -18,7 +18,8 @@ import torch
 from scipy.optimize import least_squares
 
 from contactlearn.effects import State, find_effect
-from contactlearn.inference.identification.joint import assemble, identify_jointly, named_parameters
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import assemble, named_parameters
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
 from contactlearn.models.contact_model import derivative, resolve
@@ -94,9 +95,9 @@ def main():
     header("task", "method", "seconds", "ratio", "rms error, in our standard errors")
     for task, rows in tasks.items():
         parts = [drops] if rows is None else [drops[one] for one in rows]
-        fit = identify_jointly(find("wang_mason"), effects, drops, rows)
+        fit = joint.fit(drops, find("wang_mason"), effects, rows=rows)
         methods = {
-            "ours": lambda rows=rows: identify_jointly(find("wang_mason"), effects, drops, rows).values,
+            "ours": lambda rows=rows: joint.fit(drops, find("wang_mason"), effects, rows=rows).values,
             "SciPy, exact derivatives": lambda parts=parts: torch.stack([rival(one, effects, True) for one in parts]),
             "SciPy, finite differences": lambda parts=parts: torch.stack([rival(one, effects, False) for one in parts]),
         }

@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 
 from blind.judge import Answer, answer_of
 from blind.report import by_group, judged, reliability, wrong
@@ -31,7 +32,7 @@ MAKERS = {"engine": engine.reported, "impulse": impulse.reported}
 def ask(toss: Toss, trials: int) -> Answer:
     """Diagnose a set from its impacts alone; the time is the processor's."""
     impacts, began = MAKERS[toss.suite](draw(toss.hidden, toss.seed), trials, toss.seed), time.process_time()
-    answer = answer_of(toss.suite, str(toss.seed), diagnose(impacts, seed=toss.seed))
+    answer = answer_of(toss.suite, str(toss.seed), diagnose(impacts, options=DiagnoseOptions(seed=toss.seed)))
     return replace(answer, seconds=time.process_time() - began)
 
 

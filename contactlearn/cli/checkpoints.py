@@ -153,9 +153,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _load(path: Path) -> TrainedModel:
-    model, about = checkpoint.load(path)
+    model = checkpoint.load(path)
     try:
-        provenance = from_json(Provenance, json.dumps(about))
+        provenance = from_json(Provenance, json.dumps(model.provenance))
     except ContactLearnError:  # of a program of the user's own
         provenance = None
     return TrainedModel(path=path, model=model, provenance=provenance)

@@ -1,7 +1,7 @@
 """Devices on which tensors lie and are computed: the CPU, or a GPU that PyTorch sees.
 
     there = moved(impacts, "cuda")
-    fit = moved(identify_jointly("mirtich", ["spin_damping"], there), "cpu")
+    fit = moved(fit(there, "mirtich", ["spin_damping"]), "cpu")
 
 Laws, effects, identification, bounds, errors and processes compute where their impacts lie, and their results stay
 there.  Random numbers are drawn on the CPU, so that they are the same on every device.  A model predicts impacts on its

@@ -1,6 +1,7 @@
 """Diagnosis: from measurements and a contact model to a named missing effect, or to an honest alternative.
 
 pipeline         `diagnose`: audit, corrections, and the choice between one pass and subsamples
+options          `DiagnoseOptions`: candidates, laws, noise, time and limits
 stages           all stages in order, from the laws to the result
 sampling         large tables, diagnosed on subsamples
 search           candidates, the selection among them, and the ladder of held-out errors

@@ -31,7 +31,7 @@ from contactlearn.diagnosis.search.selection import Selection, validated
 from contactlearn.diagnosis.sign_flips import exceedance, random_signs, window_spread
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
-from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
 from contactlearn.inference.identification.robust import robust_distance
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
@@ -296,7 +296,7 @@ def lasts_beside(
     return bool(sums.sum() > sigmas * sums.square().sum().sqrt() and over[held].sum() > 0)
 
 
-def drifts(fit: JointFit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:
+def drifts(fit: Fit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:
     """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
     model, residual = fit.model, _left(impacts, fit)
     found = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
@@ -337,6 +337,6 @@ def drift_finding(drift: Drift, space: Space) -> Finding:
     return Finding(name="measurement_drift", sentence=sentence, evidence=evidence)
 
 
-def _left(impacts: Impacts, fit: JointFit) -> Float[Tensor, "n D"]:
+def _left(impacts: Impacts, fit: Fit) -> Float[Tensor, "n D"]:
     """The residual of a fitted model."""
     return impacts.v_post - fit.model.predict(impacts).v_post

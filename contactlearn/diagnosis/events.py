@@ -14,9 +14,9 @@ process can follow a run: `read_events` decodes them.
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Sized
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import msgspec
 
@@ -214,8 +214,16 @@ Event: TypeAlias = (
     | LearningProgress
 )
 """Any event."""
-OnEvent: TypeAlias = Callable[[Event], None]
-"""Consumer of events."""
+
+
+class OnEvent(Protocol):
+    """Consumer of events."""
+
+    def __call__(self, event: Event, /) -> None:
+        """Take one event."""
+        ...
+
+
 _decoder = msgspec.json.Decoder(Event)
 
 

@@ -108,7 +108,7 @@ class Record:
                 f"{folder / _ARRAYS}: outcomes must have shape (choices, {len(impacts)}, {impacts.space.D}) for the "
                 f"{len(impacts)} trials of {_IMPACTS}, got {tuple(outcomes.shape)}; do the files belong to one run?"
             )
-        base, model = (checkpoint.load(folder / name)[0] for name in (_BASE, _MODEL))
+        base, model = (checkpoint.load(folder / name) for name in (_BASE, _MODEL))
         return cls(impacts=impacts, base=base, model=model, outcomes=outcomes, residuals=residuals)
 
 

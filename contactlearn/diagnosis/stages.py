@@ -75,7 +75,8 @@ from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dep
 from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, held_out_error, held_out_interval
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
@@ -142,7 +143,7 @@ def _law_fit(law: Law, given: Mapping[str, Effect], impacts: Impacts, folds: Fol
 def _fit_alone(law: Law, impacts: Impacts, options: FitOptions) -> Law:
     """Fit a law without any effect to all trials."""
     options = replace(options, starts=2, standard_errors=False)
-    return identify_jointly(law, {}, impacts, options=options).model.law
+    return joint.fit(impacts, law, options=options).model.law
 
 
 # --- Search ------------------------------------------------------------------------------------

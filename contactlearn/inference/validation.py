@@ -11,7 +11,8 @@ from torch import Tensor
 from contactlearn.core.errors import DataError
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.inference.identification.robust import robust_distance
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -82,7 +83,7 @@ class ValidatedFit:
     """
 
     effects: Mapping[str, Effect]
-    fit: JointFit
+    fit: Fit
     error: Float[Tensor, " n"]
     loss: Float[Tensor, " n"]
 
@@ -101,23 +102,21 @@ class CrossValidation:
     folds: Folds
     options: FitOptions
 
-    def fit(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"] | None = None) -> JointFit:
+    def fit(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"] | None = None) -> Fit:
         """Fit the law with effects to all trials, from a start or by a search."""
-        return identify_jointly(
-            self.law, effects, self.impacts, options=replace(self.options, starts=_STARTS), start=start
-        )
+        return joint.fit(self.impacts, self.law, effects, options=replace(self.options, starts=_STARTS), start=start)
 
-    def predicted(self, effects: Mapping[str, Effect], fit: JointFit) -> Prediction:
+    def predicted(self, effects: Mapping[str, Effect], fit: Fit) -> Prediction:
         """Predict all trials [b, n] by the fits of the folds, which start at that to all trials."""
         options = replace(self.options, tolerance=_TOLERANCE, standard_errors=False)
         rows = self.folds.fitted
-        held = identify_jointly(self.law, effects, self.impacts, rows, options=options, start=fit.values)
+        held = joint.fit(self.impacts, self.law, effects, rows=rows, options=options, start=fit.values)
         return held.model.predict(self.impacts)
 
     def validated(
         self,
         effects: Mapping[str, Effect],
-        fit: JointFit,
+        fit: Fit,
         scatter: Float[Tensor, "D D"] | None = None,
         held: Prediction | None = None,
     ) -> ValidatedFit:
@@ -148,7 +147,7 @@ def held_out_error(
 ) -> float:
     """Compute the mean held-out mass error of a law with effects, fitted from a start if one is given."""
     options = replace(options, starts=2, tolerance=_TOLERANCE, standard_errors=False)
-    model = identify_jointly(law, effects, impacts, folds.fitted, options=options, start=start).model
+    model = joint.fit(impacts, law, effects, rows=folds.fitted, options=options, start=start).model
     return folds.scores(mass_error(impacts, model.predict(impacts))).nanmean().item()
 
 

@@ -29,7 +29,7 @@ is what a turn of the body by s does to r_y.  In axes in which x or θ is mirror
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from contactlearn.core.numerics import number
@@ -260,6 +260,20 @@ class Apparatus:
             return None
         error = math.hypot(zero.error, 2 * slope.error)
         return Estimate(value=sense * (zero.value - 2 * slope.value), error=error)
+
+    def to_columns(self) -> dict[str, float]:
+        """Return the estimates as a table has them, by column."""
+        known = {name: one for name in PAIRS if (one := getattr(self, name)) is not None}
+        pairs = {PAIRS[name]: (one.value, one.error) for name, one in known.items()}
+        columns = {name: x for names, pair in pairs.items() for name, x in zip(names, pair, strict=True)}
+        applied = {APPLIED[name]: one.applied for name, one in known.items() if name in APPLIED and one.applied}
+        return columns | applied
+
+
+PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
+"""The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
+APPLIED = {name: f"apparatus_{name}_applied" for name in CHANGES}
+"""The columns of what the data have had of a change, by the field of `Apparatus`; where it is not 0."""
 
 
 @dataclass(frozen=True, kw_only=True)

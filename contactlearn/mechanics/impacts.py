@@ -18,10 +18,12 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
 (d, D) = (2, 3) in the plane and (3, 6) in space (`mechanics.space`); r says which it is.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -37,6 +39,9 @@ from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes,
 from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _ROUNDING = 1e-9  # of a correlation
 _FEWEST, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
@@ -241,6 +246,59 @@ class Impacts:
     def __len__(self) -> int:
         return len(self.mass)
 
+    @classmethod
+    def from_frame(
+        cls,
+        frame: "DataFrame",
+        *,
+        shape: Mapping[str, Any] | AnyShape | None = None,
+        columns: Mapping[str, str | None] | None = None,
+        units: Mapping[str, str] | None = None,
+        mass: float | None = None,
+        inertia: float | None = None,
+        validate: bool = True,
+    ) -> "Impacts":
+        """Impacts from the columns of a DataFrame, as `contactlearn.read_table` reads them from a file.
+
+        Args:
+            frame: a row for each impact, with the columns that `to_frame` writes, or their names in `columns`.
+            shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
+            columns: names in the frame by ours, such as {"vx": "speed_x"}; None where it has no such column.
+            units: of length, mass, angle and time, and the sense of rotation; those left out are SI.
+            mass: of all bodies in kg, for a frame without that column.
+            inertia: of all bodies in kg m², for a frame without that column.
+            validate: see the class.
+
+        Raises:
+            DataError: naming the rule, the row, the column, the value and a fix.
+            UnknownNameError: a shape, column, quantity or unit that does not exist.
+        """
+        # Names and units of columns are read in the room above, which is named at the call so that nothing loads it.
+        load = import_module("contactlearn.data.table").load
+        return load(frame, shape, columns, units or {}, mass, inertia, validate=validate)
+
+    def to_frame(self) -> "DataFrame":
+        """Return a table with a row for each impact, in SI units; `from_frame` reads it back, but for the shape."""
+        from pandas import DataFrame  # takes long to load
+
+        return DataFrame(self.to_columns())
+
+    def to_columns(self) -> dict[str, Sequence[Any] | np.ndarray]:
+        """Return the columns of a table, by name: names, fields, upper halves of covariances, apparatus."""
+        columns: dict[str, Sequence[Any] | np.ndarray] = {"trial": self.trial, "object": self.object}
+        for name, names in self.space.components.items():
+            if (value := getattr(self, name)) is not None:
+                columns |= zip(names, value.cpu().reshape(len(self), -1).T.numpy(), strict=True)
+        for name, names in self.space.covariances.items():
+            if (value := getattr(self, name)) is not None:
+                columns |= zip(names, value.cpu()[:, *self.space.upper].T.numpy(), strict=True)
+        known = {} if self.apparatus is None else self.apparatus.to_columns()
+        return columns | {name: [value] * len(self) for name, value in known.items()}
+
+    def _repr_html_(self) -> str:
+        """Show the first rows, as a notebook does."""
+        return f"<p>{escape(repr(self))}</p>" + self[:5].to_frame().to_html(float_format="{:.4g}".format, index=False)
+
     def __repr__(self) -> str:
         objects = ", ".join(dict.fromkeys(self.object))
         return f"Impacts({len(self)} trials of {objects}, shape={self.shape}, source={self.source!r})"
@@ -368,7 +426,7 @@ def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor
     raise UnknownNameError("impulse target", target, IMPULSE_TARGETS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
     """Prediction of a model for N impacts; leading axes, such as seeds, may come before N.
 
@@ -379,6 +437,41 @@ class Prediction:
     v_post: Float[Tensor, "*#batch n 3"]
     wrench: Float[Tensor, "*#batch n 3"]
     covariance: Float[Tensor, "*#batch n 3 3"] | None = None
+
+    def __repr__(self) -> str:
+        """Write how many impacts are predicted, and the mean velocity after them."""
+        *batch, n, _ = self.v_post.shape
+        several = f" by each of {tuple(batch)} models" if batch else ""
+        mean = ", ".join(f"{x:.3g}" for x in self.v_post.reshape(-1, self.v_post.shape[-1]).mean(0).tolist())
+        sure = "" if self.covariance is None else ", with covariances"
+        return f"Prediction({n} impacts{several}, mean v_post ({mean}){sure})"
+
+    def _repr_html_(self) -> str:
+        if self.v_post.ndim > 2:
+            return f"<p>{escape(repr(self))}</p>"
+        table = self.to_frame().head(5).to_html(float_format="{:.4g}".format, index=False)
+        return f"<p>{escape(repr(self))}</p>{table}"
+
+    def to_frame(self) -> "DataFrame":
+        """Return a table with a row for each impact: velocity after it, wrench, and covariances as `Impacts` has them.
+
+        Raises:
+            ContactLearnError: a prediction with leading axes.
+        """
+        from pandas import DataFrame  # takes long to load
+
+        if self.v_post.ndim > 2:
+            shape = tuple(self.v_post.shape)
+            raise ContactLearnError(
+                f"a table has a row for each impact; these are {shape} predictions of several models"
+            )
+        space = PLANE if self.v_post.shape[-1] == PLANE.D else SPACE
+        columns = dict(zip(space.components["v_post"], self.v_post.detach().cpu().T.numpy(), strict=True))
+        columns |= zip(space.wrench, self.wrench.detach().cpu().T.numpy(), strict=True)
+        if self.covariance is not None:
+            upper = self.covariance.detach().cpu()[:, *space.upper].T.numpy()
+            columns |= zip(space.covariances["v_post_cov"], upper, strict=True)
+        return DataFrame(columns)
 
     @classmethod
     def from_wrench(cls, impacts: Impacts, wrench: Float[Tensor, "*#batch n 3"]) -> "Prediction":
@@ -396,6 +489,5 @@ def require_impacts(given: object) -> None:
     if isinstance(given, Impacts):
         return
     kind = type(given).__name__
-    written = "frame.to_csv('drops.csv', index=False) writes one, and " if kind == "DataFrame" else ""
-    read = "contactlearn.data.table.load('drops.csv', shape=…) reads a table"
-    raise ContactLearnError(f"impacts must be Impacts, got {kind}; {written}{read}")
+    call = "Impacts.from_frame(frame, shape=…)" if kind == "DataFrame" else "read_table('drops.csv', shape=…)"
+    raise ContactLearnError(f"impacts must be Impacts, got {kind}; contactlearn.{call} makes them")

@@ -38,26 +38,27 @@ Format 1 has an effect's form among its options, format 2 no modules of processe
 """
 
 _KINDS = {kind.__name__: kind for kind in (ContactModel, Regressor, Standardisation)}
+_NOT_KEPT = ("status", "provenance")  # a file has its own provenance beside the model
 _INFINITE = (".scale", "_bound")  # may be so: of a constant column, of GPyTorch's constraints
 _FIX = "copy the file again, upgrade contactlearn if a newer one wrote it, or save the model again"
 
 
-def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[str, Any]) -> Path:
+def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: Mapping[str, Any] | None = None) -> Path:
     """Write a model and its provenance; the file appears whole or not at all.
 
     Args:
         model: with leading axes or without.
         path: of a .pt file.
-        provenance: settings and data that made the model, as JSON.
+        provenance: settings and data that made the model, as JSON; `model.provenance` if None.
 
     Raises:
         DataError: a suffix other than .pt, or the file cannot be written.
         TypeError: the provenance is not JSON.
     """
-    path, tensors = Path(path), {}
+    path, tensors, about = Path(path), {}, dict(model.provenance if provenance is None else provenance)
     if path.suffix != ".pt":
         raise DataError(f"{path}: a checkpoint is a .pt file, got suffix {path.suffix!r}")
-    description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": provenance}
+    description = {"format": FORMAT, "model": _describe(model, "model", tensors), "provenance": about}
     contents = {"description": json.dumps(description), "tensors": tensors}
     try:
         with atomic_write(path) as part, part.open("wb") as file:  # of a path, PyTorch's error has no cause
@@ -67,8 +68,8 @@ def save(model: ContactModel, path: str | os.PathLike[str], *, provenance: dict[
     return path
 
 
-def load(path: str | os.PathLike[str]) -> tuple[ContactModel, dict[str, Any]]:
-    """Read the model of a file, on the CPU, and its provenance.
+def load(path: str | os.PathLike[str]) -> ContactModel:
+    """Read the model of a file, on the CPU, with its provenance.
 
     Raises:
         DataError: no such file, not a checkpoint, not all of one, or one of a newer format.
@@ -89,7 +90,7 @@ def load(path: str | os.PathLike[str]) -> tuple[ContactModel, dict[str, Any]]:
         raise DataError(f"{path}: is not a checkpoint, or not all of one ({seen}); {_FIX}") from error
 
 
-def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
+def _read(path: Path) -> ContactModel:
     size = path.stat().st_size
     with ZipFile(path) as archive:  # PyTorch does not look at the checksums
         _refuse_bombs(archive, size)
@@ -104,7 +105,9 @@ def _read(path: Path) -> tuple[ContactModel, dict[str, Any]]:
     model = _build(description["model"], "model", tensors)
     if tensors:
         raise DataError(f"no part of the model has a tensor {', '.join(tensors)}")
-    return model, description["provenance"]
+    if not isinstance(provenance := description["provenance"], dict):
+        raise DataError(f"has provenance {provenance!r}, and it is always an object of JSON")
+    return replace(model, provenance=provenance)
 
 
 def _refuse_bombs(archive: ZipFile, size: int) -> None:
@@ -146,7 +149,7 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         own = {"x": x, "y": y, "weight": weight, "noise": noise} | gps.state_dict()
         about = {"kind": type(part).__name__, "options": as_text(vars(replace(options, optimiser=None)))}
         return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    own = {field.name: getattr(part, field.name) for field in fields(part) if field.name != "status"}
+    own = {field.name: getattr(part, field.name) for field in fields(part) if field.name not in _NOT_KEPT}
     return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
 
 

@@ -11,7 +11,7 @@ subsets, may come before the impacts in every part.
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -34,6 +34,8 @@ from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.roll_out import RECORDING, RollOut, Until, follow
 
+Metric = Callable[[Impacts, Prediction], Tensor]
+"""Error [..., N] of each impact."""
 RESIDUALS = ("velocity", "impulse", "wrench")
 """Quantity to which a residual is added: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
 
@@ -44,6 +46,7 @@ class ContactModel:
 
     In space residual and noise are in the axes of the slip (`Impacts.slip_axes`): what is learnt turns with the impact.
     `parameter_covariance` [..., K, K] is that of the fitted μ, ε and parameters of the effects, in this order.
+    `provenance` is what a checkpoint says of the data and settings that made the model; empty for any other model.
 
     Raises:
         ContactLearnError: effects without a law for them to act on.
@@ -56,6 +59,7 @@ class ContactModel:
     noise: Tensor | None = None
     effects: Mapping[str, Effect] = field(default_factory=dict)
     parameter_covariance: Tensor | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
 
     def __post_init__(self):
         if not (self.base is None or isinstance(self.base, Law | ContactModel)):
@@ -65,7 +69,7 @@ class ContactModel:
             )
         if not isinstance(self.effects, Mapping):
             raise ContactLearnError(
-                f"a model has effects by name with their values, got {self.effects!r}; identify_jointly fits them"
+                f"a model has effects by name with their values, got {self.effects!r}; contactlearn.fit finds them"
             )
         if self.effects and not isinstance(self.base, Law):
             raise ContactLearnError(f"effects act around a law, got {self.base}; name one, such as law=wang_mason")
@@ -88,6 +92,20 @@ class ContactModel:
             return prediction
         covariance = self.spread(impacts, mean, variance) + self._noise_of(impacts)
         return Prediction(prediction.v_post, prediction.wrench, covariance)
+
+    def score(self, impacts: Impacts, metric: Metric) -> Float[Tensor, "*batch"]:
+        """Compute the mean error over the impacts, one for each leading axis of the model.
+
+        Args:
+            impacts: measurements, best held out from the fit.
+            metric: the error of each impact, such as `contactlearn.metrics.mass_error`.
+
+        Raises:
+            ContactLearnError: the metric is no function.
+        """
+        if not callable(metric):
+            raise ContactLearnError(f"a metric is a function, such as contactlearn.metrics.mass_error; got {metric!r}")
+        return metric(impacts, self.predict(impacts)).mean(-1)
 
     def step(self, state: BodyState, *, uncertainty: bool = False) -> BodyOutcome:
         """Return the velocity after contact of one body or of many, without a data set.
@@ -185,7 +203,7 @@ class ContactModel:
             parts.append(slope @ under.parameter_covariance[..., None, :, :] @ slope.mT)
         if not parts:
             raise ContactLearnError(
-                "the model states no uncertainty: give it a parameter_covariance, as identify_jointly does, or a noise"
+                "the model states no uncertainty: give it a parameter_covariance, as contactlearn.fit does, or a noise"
             )
         return torch.stack(torch.broadcast_tensors(*parts)).sum(0)
 
@@ -275,6 +293,14 @@ class ContactModel:
             return [None] * (2 + sum(len(effect.parameters) for effect in self.effects.values()))
         errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
         return errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
+
+    @property
+    def name(self) -> str:
+        """Names of the law, the effects and the learned part, such as `wang_mason + side_drag + wrench(x1)`."""
+        base = self.base.name if isinstance(self.base, Law | ContactModel) else ""
+        parameters = "" if self.parameters is None else f"(μ, ε)({self.parameters.space})"
+        residual = "" if self.residual is None else f"{self.target}({self.residual.space})"
+        return " + ".join(filter(None, (base, *self.effects, parameters, residual))) or "no impulse"
 
     @property
     def law(self) -> Law:

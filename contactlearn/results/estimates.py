@@ -9,8 +9,8 @@ from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
-from contactlearn.inference.identification.joint import JointFit
-from contactlearn.inference.identification.shared import SharedFit
+from contactlearn.inference.identification.joint import Fit
+from contactlearn.inference.identification.shared import SubsetFit
 from contactlearn.inference.learning.recipe import Recipe, target_units
 from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.space import Space
@@ -31,7 +31,7 @@ def effect_ids(effects: Mapping[str, Effect]) -> tuple[EffectId, ...]:
     return tuple(EffectId(name, effect.form) for name, effect in effects.items())
 
 
-def law_estimate(fit: SharedFit) -> LawEstimate:
+def law_estimate(fit: SubsetFit) -> LawEstimate:
     """Return the parameters of a law, fitted to subsets, as numbers."""
     (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
     several = len(fit.mu) > 1
@@ -52,7 +52,7 @@ def law_estimate(fit: SharedFit) -> LawEstimate:
     )
 
 
-def joint_estimate(fit: JointFit) -> JointEstimate:
+def joint_estimate(fit: Fit) -> JointEstimate:
     """Return a law with effects, fitted to one subset, as numbers."""
     numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
     return JointEstimate(

@@ -30,7 +30,8 @@ from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.events import FILE, Event, LearningProgress, append_event, read_events
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.learning.curves import nested_orders
 from contactlearn.inference.learning.recipe import learn
 from contactlearn.workbench.commands import words_of
@@ -201,7 +202,7 @@ def curve_steps(models: Models, session: Session) -> Iterator[LearningProgress]:
         yield LearningProgress(done=done, total=len(sizes), errors=dict(errors))
         rows = orders[:, :size] if size < len(data.pool) else orders[:1]
         for name, one in ((ALONE, models.law_alone(session)), (MODEL, fitted)):
-            fit = identify_jointly(one.law, one.effects, data.pool, rows, options=FitOptions(starts=STARTS))
+            fit = joint.fit(data.pool, one.law, one.effects, rows=rows, options=FitOptions(starts=STARTS))
             errors[name] += ((size, mean_error(data.test, fit.model.predict(data.test))),)
     yield LearningProgress(done=len(sizes), total=len(sizes), errors=errors)
 
@@ -214,7 +215,7 @@ def learned_steps(models: Models, session: Session) -> Iterator[LearningProgress
     errors: dict[str, _Points] = {}
     for done, (name, recipe) in enumerate(recipes.items()):
         yield LearningProgress(done=done, total=len(recipes), errors=dict(errors))
-        model = learn(recipe, data.pool, torch.arange(len(data.pool)), fitted.model if recipe.law else None)
+        model = learn(data.pool, recipe, rows=torch.arange(len(data.pool)), base=fitted.model if recipe.law else None)
         errors[name] = ((len(data.pool), mean_error(data.test, model.predict(data.test))),)
     yield LearningProgress(done=len(recipes), total=len(recipes), errors=errors)
 

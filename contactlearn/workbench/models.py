@@ -35,7 +35,8 @@ from contactlearn.diagnosis.search.quadratic import Group, Quadratic, vanishing
 from contactlearn.effects import Effect, EffectId, find_effect, from_settings
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit, FitOptions, assemble
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -106,7 +107,7 @@ class FittedModel:
 
     law: Law
     effects: Mapping[str, Effect]
-    fit: JointFit
+    fit: Fit
     v_post: Float[Tensor, "n 3"]
     error: Interval
 
@@ -287,7 +288,7 @@ def _fit(session: Session, data: Split) -> FittedModel:
         options = {option.name: option.setting for option in session.options if option.effect == one.name}
         effects[one.name] = from_settings(find_effect(one.name, one.form), options)
     effects |= {line_name(k): parse_effect(line) for k, line in enumerate(session.lines)}
-    fit = identify_jointly(law, effects, data.pool, options=FitOptions(starts=STARTS))
+    fit = joint.fit(data.pool, law, effects, options=FitOptions(starts=STARTS))
     prediction = fit.model.predict(data.test)
     if not mass_error(data.test, prediction).isfinite().all():
         raise ContactLearnError(f"{fit.model} has errors that are not finite on held-out trials; leave an effect out")

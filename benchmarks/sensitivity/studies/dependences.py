@@ -14,7 +14,8 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.serial_dependence import find_serial_dependence
 from contactlearn.diagnosis.unexplained.state_dependence import find_state_dependence
 from contactlearn.effects import Effect, State, find_effect
-from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.models.contact_model import predict_with
@@ -151,7 +152,7 @@ class Drops(NamedTuple):
     """Drops with the true model fitted to them."""
 
     impacts: Impacts
-    fit: JointFit
+    fit: Fit
 
 
 def made(
@@ -205,7 +206,7 @@ def made(
     impacts = impacts.replace(v_pre=impacts.v_pre + before, v_post=exact + after, validate=False)
     impacts = impacts[impacts.v_c[:, 1] < -0.01].replace(validate=True)
     fitted = {named: find_effect(named)()} if named else {}
-    return Drops(impacts, identify_jointly(law, fitted, impacts, options=FitOptions(starts=4)))
+    return Drops(impacts, joint.fit(impacts, law, fitted, options=FitOptions(starts=4)))
 
 
 def _standard(x: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ from torch import Tensor
 from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.data.audit.trials import gross_outliers, scale_findings, trial_findings
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Impacts
@@ -155,7 +155,7 @@ def _modelled(kind: str, seed: int) -> Modelled:
         rows = some(impacts, 0.01, seed)
         mirror = torch.where(rows[:, None], torch.tensor((1.0, 1.0, -1.0), dtype=torch.float64), 1.0)
         impacts = after(impacts, impacts.v_post * mirror)
-    return Modelled(impacts, identify_jointly(find("wang_mason"), {}, impacts).model)
+    return Modelled(impacts, joint.fit(impacts, find("wang_mason")).model)
 
 
 MODELLED = Study(

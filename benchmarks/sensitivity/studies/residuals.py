@@ -12,7 +12,8 @@ from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import Remainder
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import learn_remainder
-from contactlearn.inference.identification.joint import JointFit, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from sensitivity.studies.cases import between, drops, heavy, random
@@ -33,7 +34,7 @@ def _failing(kind: str, seed: int) -> Failing:
     impacts, law = drops(effects, 300, seed)
     if kind == "heavy":
         impacts = heavy(impacts, seed)
-    prediction, windows = identify_jointly(laws.find(law), {}, impacts).model.predict(impacts), _windows(impacts, seed)
+    prediction, windows = joint.fit(impacts, laws.find(law)).model.predict(impacts), _windows(impacts, seed)
     if effects:
         return Failing(impacts, prediction, torch.ones(1, 300, dtype=torch.bool))
     windows = windows[: {"one": 1, "two": 2}.get(kind, 0)]
@@ -86,7 +87,7 @@ class Learning(NamedTuple):
     """A law with a residual, and the component and the variables in which something unknown acts."""
 
     impacts: Impacts
-    fit: JointFit
+    fit: Fit
     component: str
     variables: frozenset[str]
 
@@ -99,7 +100,7 @@ def residual(kind: str, strength: tuple[float, float], seed: int) -> Learning:
     impacts, law = drops((kind,) if kind in ACTS else (), 100, seed, strength)
     impacts = heavy(impacts, seed) if kind == "heavy" else impacts
     component, variables = ACTS.get(kind, ("", set()))
-    return Learning(impacts, identify_jointly(laws.find(law), {}, impacts), component, frozenset(variables))
+    return Learning(impacts, joint.fit(impacts, laws.find(law)), component, frozenset(variables))
 
 
 def _learned(learning: Learning, thresholds: Thresholds) -> Remainder:

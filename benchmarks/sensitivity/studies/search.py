@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import torch
+from contactlearn.diagnosis.options import DiagnoseOptions
 
 from contactlearn import laws
 from contactlearn.core.errors import DataError
@@ -83,7 +84,7 @@ SMALL = Study(
 def _diagnosed(hidden: Hidden, thresholds: Thresholds) -> bool:
     """Whether the data are diagnosed at all and the hidden effect is named, or any where there is none."""
     try:
-        found = diagnose(hidden.impacts, laws.find(hidden.law), thresholds=thresholds).missing
+        found = diagnose(hidden.impacts, laws.find(hidden.law), options=DiagnoseOptions(thresholds=thresholds)).missing
     except DataError:  # too few trials
         return False
     names = {missing.effect.name for missing in found}
@@ -99,7 +100,9 @@ FEW = Study(
 
 def _named_in_table(table: Hidden, thresholds: Thresholds) -> bool:
     """Whether the hidden effects are named, each of its family; where there are none, whether any is."""
-    found = diagnose(table.impacts, laws.find(table.law), candidates=all_candidates(), thresholds=thresholds).effects
+    found = diagnose(
+        table.impacts, laws.find(table.law), options=DiagnoseOptions(candidates=all_candidates(), thresholds=thresholds)
+    ).effects
     return set(table.effects) <= set(found) if table.effects else bool(found)
 
 
@@ -118,7 +121,11 @@ def _stated(kind: str, seed: int) -> Diagnosis:
     factor = off[kind] ** (1 - 2 * (seed % 2))
     noise = (0.01, 0.01, 0.5 * factor) if kind == "degrees" else (0.01 * factor, 0.01 * factor, 0.5 * factor)
     law, tilt = laws.find("wang_mason"), EffectId("surface_tilt", "computed")
-    return diagnose(textbook(seed, 100), law, laws=[law], candidates={tilt: all_candidates()[tilt]}, noise=noise)
+    return diagnose(
+        textbook(seed, 100),
+        law,
+        options=DiagnoseOptions(laws=[law], candidates={tilt: all_candidates()[tilt]}, noise=noise),
+    )
 
 
 STATED = Study(

@@ -16,6 +16,7 @@ from contactlearn.core import devices
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.events import track
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
@@ -55,14 +56,16 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
             impacts,
             settings.law,
             settings.effects,
-            candidates=others | own,
-            laws=laws or settings.laws,  # where none exists in this space, the first is refused by name
-            noise=settings.noise,
-            limits=settings.limits,
-            seed=settings.seed,
-            seconds=settings.seconds,
-            memory=available_memory(),
-            resume_folder=run.partial,
+            options=DiagnoseOptions(
+                candidates=others | own,
+                laws=laws or settings.laws,  # where none exists in this space, the first is refused by name
+                noise=settings.noise,
+                limits=settings.limits,
+                seed=settings.seed,
+                seconds=settings.seconds,
+                memory=available_memory(),
+                resume_folder=run.partial,
+            ),
             on_event=on_event,
         )
     command = _next_command(settings, run, found)

@@ -16,10 +16,10 @@ from contactlearn.data.blocks import sampled
 from contactlearn.diagnosis.events import OnEvent, track
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import bounds
-from contactlearn.inference.identification import shared
-from contactlearn.inference.identification.joint import FitOptions, JointFit, identify_jointly
-from contactlearn.inference.identification.per_trial import TrialFit, identify_trials
-from contactlearn.inference.identification.shared import SharedFit
+from contactlearn.inference.identification import joint, shared
+from contactlearn.inference.identification.joint import Fit, FitOptions
+from contactlearn.inference.identification.per_trial import TrialFit, fit_trials
+from contactlearn.inference.identification.shared import SubsetFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -37,7 +37,7 @@ def identify_law(
     sizes: Sequence[int],
     repetitions: int | None = None,
     orders: Int[Tensor, "m n"] | None = None,
-) -> SharedFit:
+) -> SubsetFit:
     """Identify the shared (μ, ε) of a law on random subsets.
 
     Args:
@@ -51,9 +51,9 @@ def identify_law(
         orders: of the pool's trials, the subsets being the first of each; drawn if None.
     """
     step = "convergence of" if len(sizes) > 1 else "identifying"
-    return shared.identify(
-        law,
+    return shared.fit_subsets(
         pool,
+        law,
         sizes=sizes,
         repetitions=settings.repetitions if repetitions is None else repetitions,
         orders=orders,
@@ -71,16 +71,16 @@ def fit_with_effects(
     rows: Int[Tensor, "*subsets n"],
     options: FitOptions,
     on_event: OnEvent,
-) -> dict[str, JointFit]:
+) -> dict[str, Fit]:
     """Fit the law alone and with its effects, by name, both to the same trials in the same way.
 
     Where flight limits a parameter, the fit has that to the impacts alone as `alone`.
     """
     fits = {}
     for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):
-        fit = identify_jointly(law, chosen, impacts, rows, options=options)
+        fit = joint.fit(impacts, law, chosen, rows=rows, options=options)
         if any(p.prior_from_flight for p in fit.parameters):
-            alone = identify_jointly(law, chosen, impacts.replace(apparatus=None), rows, options=options)
+            alone = joint.fit(impacts.replace(apparatus=None), law, chosen, rows=rows, options=options)
             fit = replace(fit, alone=alone)
         fits[augmented_name(law.name, chosen)] = fit
     return fits
@@ -96,7 +96,7 @@ def draw_cost_surface(law: Law, pool: Impacts, trials: int, settings: Identifica
     box, target = settings.box, settings.target
     mu, eps = box.axes()
     pool = pool[sampled(torch.ones(len(pool), dtype=torch.bool), trials)]
-    least = shared.identify(law, pool, sizes=(trials,), repetitions=1, box=box, target=target)
+    least = shared.fit_subsets(pool, law, sizes=(trials,), repetitions=1, box=box, target=target)
     cost = shared.cost_surface(law, pool, mu, eps, target=target)
     return figures.cost_map(mu, eps, cost, least.mean(), law, trials)
 
@@ -105,8 +105,8 @@ def draw_cost_surface(law: Law, pool: Impacts, trials: int, settings: Identifica
 class Comparison:
     """Fits to the pool, models from checkpoints, (μ, ε) of each trial by law, norm of the bounds, and device."""
 
-    fits: tuple[SharedFit, ...]
-    joint: Mapping[str, JointFit]
+    fits: tuple[SubsetFit, ...]
+    joint: Mapping[str, Fit]
     trained: Mapping[str, ContactModel]
     trials: Mapping[str, TrialFit]
     norm: bounds.Norm
@@ -128,7 +128,7 @@ def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -
     pool, impacts = moved(data.pool, device), moved(data.impacts, device)
     sizes = (min(data.train_size, FITTED),)
     fits = tuple(identify_law(law, pool, how, data.generator, on_event, sizes=sizes) for law in laws.values())
-    joint: dict[str, JointFit] = {}
+    joint: dict[str, Fit] = {}
     if settings.effects:
         rows = torch.arange(len(pool))
         found = fit_with_effects(settings.law, settings.effects, pool, rows, settings.fit, on_event)
@@ -136,7 +136,7 @@ def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -
     shown = settings.figures.parameters
     every = {**laws, shown.name: shown}
     trials = {
-        name: identify_trials(law, impacts, target=how.target, box=how.box)
+        name: fit_trials(impacts, law, target=how.target, box=how.box)
         for name, law in track(every.items(), "every trial", on_event)
     }
     trained = {name: moved(one.model, device) for name, one in settings.trained.items()}

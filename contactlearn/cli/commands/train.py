@@ -18,8 +18,8 @@ from contactlearn.core.devices import moved
 from contactlearn.diagnosis.events import OnEvent, RoundScored, TaskProgress, TrainingRound
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
-from contactlearn.inference.identification.joint import JointFit
-from contactlearn.inference.identification.shared import SharedFit
+from contactlearn.inference.identification.joint import Fit
+from contactlearn.inference.identification.shared import SubsetFit
 from contactlearn.inference.learning.recipe import Recipe, Round, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import feature_units
@@ -40,8 +40,8 @@ CHECKPOINT = "model.pt"
 class _Trained:
     """Fits and models; `models` are those of the error table, the trained one last, `laws` those of Best Post Hoc."""
 
-    fits: tuple[SharedFit, ...]
-    joint: Mapping[str, JointFit]
+    fits: tuple[SubsetFit, ...]
+    joint: Mapping[str, Fit]
     models: Mapping[str, ContactModel]
     laws: Mapping[str, ContactModel]
     surface: Figure | None
@@ -101,7 +101,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     """
     law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.identification
     sizes = (min(data.train_size, FITTED),)
-    shared, surface, joint = dict[str, SharedFit](), None, dict[str, JointFit]()
+    shared, surface, joint = dict[str, SubsetFit](), None, dict[str, Fit]()
     if law is not None and recipe is None and not effects:
         shared[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
         surface = fitting.draw_cost_surface(law, pool, *sizes, how)
@@ -122,7 +122,9 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
         name = fitting.augmented_name(settings.model, effects)
         reporter = _RoundReporter(name, len(rows), recipe, moved(data.test, settings.device), on_event)
         start = None if settings.start is None else moved(settings.start.model.regressor, settings.device)
-        models[name] = learn(recipe, pool, rows, base, impulse=how.target, box=how.box, like=start, on_round=reporter)
+        models[name] = learn(
+            pool, recipe, rows=rows, base=base, impulse=how.target, box=how.box, like=start, on_round=reporter
+        )
         reporter.score(models[name])
     fits = (shared[law.name],) if law is not None and not effects else ()
     return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)

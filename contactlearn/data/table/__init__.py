@@ -28,9 +28,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -44,7 +43,6 @@ from contactlearn.data.table.columns import (
     REQUIRED,
     SI,
     Units,
-    apparatus_columns,
     apparatus_of,
     name_columns,
 )
@@ -67,6 +65,9 @@ __all__ = [
     "read_blocks", "save", "table_blocks", "write_columns",
 ]  # fmt: skip
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
 _WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
@@ -88,7 +89,7 @@ class Table:
 
 
 def load(
-    path: str | os.PathLike[str],
+    path: "str | os.PathLike[str] | DataFrame",
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str] = SI,
@@ -97,12 +98,26 @@ def load(
     *,
     validate: bool = True,
 ) -> Impacts:
-    """Impacts from the table file `path`; the arguments and errors are those of `read`."""
+    """Impacts from a table file, or from a DataFrame with the same columns.
+
+    Args:
+        path: a .csv or .parquet file with the columns of the module's table, or a DataFrame.
+        shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
+        columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
+        units: of length, mass, angle and time, and the sense of rotation; those left out are SI.
+        mass: of all bodies in kg, for a table without that column.
+        inertia: of all bodies in kg m², for a table without that column.
+        validate: False reads also trials that do not approach the floor, for the audit and for corrections.
+
+    Raises:
+        DataError: naming the rule, the row, the column, the value as written and a fix.
+        UnknownNameError: a shape, column, quantity or unit that does not exist.
+    """
     return read(path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, validate=validate).impacts
 
 
 def read(
-    path: str | os.PathLike[str],
+    path: "str | os.PathLike[str] | DataFrame",
     *,
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
@@ -115,7 +130,7 @@ def read(
     """Impacts from the table file `path`, with the use of its columns.
 
     Args:
-        path: a .csv or .parquet file with the columns of the module's table.
+        path: a .csv or .parquet file with the columns of the module's table, or a DataFrame.
         shape: of all bodies or of each by its name in the column object, for `bodies.make_shapes`, or None where it is
             not known; lengths in m.  Names of bodies that the table has none of are refused, but not of `Shapes`, which
             may be those of a larger table.
@@ -142,7 +157,7 @@ def read(
 
 
 def read_blocks(
-    path: str | os.PathLike[str],
+    path: "str | os.PathLike[str] | DataFrame",
     rows: int | None,
     *,
     drop_incomplete: bool = False,
@@ -158,7 +173,7 @@ def read_blocks(
     Names are unique in each block alone.  The other arguments and the errors are those of `read`; with rows=None there
     is one block.
     """
-    path, known_shape, known_units = Path(path), make_shapes(shape), Units(units)
+    known_shape, known_units = make_shapes(shape), Units(units)
     stated = {"mass": mass, "inertia": inertia}
     numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
     read, left, bodies = 0, False, dict[str, None]()
@@ -176,9 +191,9 @@ def read_blocks(
             )
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
     if not left:
-        raise DataError(f"{path}: each of {read} rows has an empty cell, or one that is not a number")
+        raise DataError(f"{_name(path)}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
-        check_body_names(known_shape, bodies, str(path))
+        check_body_names(known_shape, bodies, str(_name(path)))
 
 
 def header(path: Path) -> list[str]:
@@ -200,8 +215,17 @@ def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str
     return cells.names("object")
 
 
-def _sheets(path: Path, rows: int | None) -> Iterator[sheet.Sheet]:
-    """The cells of a file, under its own names, `rows` at a time."""
+def _name(source: "str | os.PathLike[str] | DataFrame") -> Path:
+    """The table's name in errors."""
+    return Path(source) if isinstance(source, str | os.PathLike) else Path(type(source).__name__)
+
+
+def _sheets(source: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Iterator[sheet.Sheet]:
+    """The cells of a file under its own names, `rows` at a time; those of a frame at once."""
+    path = _name(source)
+    if not isinstance(source, str | os.PathLike):
+        yield sheet.of_frame(source, path)
+        return
     if path.is_dir():
         raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
     reader = _READERS[_suffix(path)]
@@ -316,7 +340,8 @@ def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> 
     Raises:
         DataError: another suffix, or the file cannot be written.
     """
-    return write_columns(map(_columns, [impacts] if isinstance(impacts, Impacts) else impacts), path)
+    blocks = [impacts] if isinstance(impacts, Impacts) else impacts
+    return write_columns((block.to_columns() for block in blocks), path)
 
 
 def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str]) -> Path:
@@ -333,22 +358,6 @@ def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str])
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path
-
-
-def _columns(impacts: Impacts) -> sheet.Columns:
-    """Impacts as columns of a table."""
-    columns: dict[str, Sequence[Any] | np.ndarray] = {name: getattr(impacts, name) for name in NAMES}
-    for field, names in impacts.space.components.items():
-        value = getattr(impacts, field)
-        if value is not None:
-            columns |= zip(names, value.reshape(len(impacts), -1).T.numpy(), strict=True)
-    for field, names in impacts.space.covariances.items():
-        value = getattr(impacts, field)
-        if value is not None:
-            columns |= zip(names, value[:, *impacts.space.upper].T.numpy(), strict=True)
-    if impacts.apparatus is not None:
-        columns |= apparatus_columns(impacts.apparatus, len(impacts))
-    return columns
 
 
 def check_suffix(path: Path) -> None:

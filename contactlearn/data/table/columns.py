@@ -20,14 +20,14 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from itertools import product
 from types import MappingProxyType
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.table.sheet import Sheet
-from contactlearn.mechanics.apparatus import CHANGES, PROPERTIES, Apparatus, Estimate
+from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
 from contactlearn.mechanics.impacts import OPTIONAL
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
@@ -105,25 +105,8 @@ def _powers(column: str) -> dict[str, int]:
     return {quantity: first.get(quantity, 0) + second.get(quantity, 0) for quantity in (*first, *second)}
 
 
-PAIRS = {field.name: (f"apparatus_{field.name}", f"apparatus_{field.name}_error") for field in fields(Apparatus)}
-"""The columns of a value and its standard error, by the field of `Apparatus` that they fill."""
-APPLIED = {name: f"apparatus_{name}_applied" for name in CHANGES}
-"""The columns of what the data have had of a change, by the field of `Apparatus`; where it is not 0."""
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
 """Columns that every table with estimates of the apparatus has."""
-
-
-def apparatus_columns(known: Apparatus, rows: int) -> dict[str, list[float]]:
-    """Return the columns of the estimates of an apparatus."""
-    pairs = {PAIRS[field.name]: getattr(known, field.name) for field in fields(Apparatus)}
-    columns = {
-        name: [value] * rows
-        for names, one in pairs.items()
-        if one is not None
-        for name, value in zip(names, (one.value, one.error), strict=True)
-    }
-    had = {column: one.applied for name, column in APPLIED.items() if (one := getattr(known, name)) and one.applied}
-    return columns | {column: [value] * rows for column, value in had.items()}
 
 
 def apparatus_of(cells: Sheet) -> Apparatus | None:

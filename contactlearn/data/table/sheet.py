@@ -13,12 +13,15 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _COMMENT = ("#", "%", "//")
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
@@ -224,6 +227,26 @@ def _cells(column: Any) -> Cells:
     if (types.is_floating(column.type) or types.is_integer(column.type)) and not column.null_count:
         return column.to_numpy()
     return column.to_pylist()
+
+
+def of_frame(frame: "DataFrame", path: Path) -> Sheet:
+    """The cells of a DataFrame; a named index is a column, too.
+
+    Raises:
+        DataError: something else than a DataFrame, or one without rows.
+    """
+    from pandas import DataFrame  # takes long to load
+
+    if not isinstance(frame, DataFrame):
+        raise DataError(f"a table is the path of a .csv or .parquet file, or a DataFrame; got {type(frame).__name__}")
+    if not len(frame):
+        raise DataError("DataFrame: has no rows; at least one is needed")
+    named = frame.reset_index() if all(frame.index.names) else frame
+    columns: list[Cells] = []
+    for _, values in named.items():
+        plain = values.dtype.kind in "fiu" and not values.hasnans
+        columns.append(values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist())
+    return Sheet(path, [str(name) for name in named.columns], columns)
 
 
 Columns = Mapping[str, Sequence[Any] | np.ndarray]

@@ -15,7 +15,8 @@ from torch import Tensor
 from contactlearn.diagnosis.result.effects import Choices
 from contactlearn.effects import EffectId, columns
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 
@@ -73,7 +74,7 @@ def fit_choices(
     for choice in progress(range(full, -1, -1)):
         left_out = {effect.name for j, effect in enumerate(effects) if not choice >> j & 1}
         left = {name: effect for name, effect in model.effects.items() if name not in left_out}
-        fit = identify_jointly(law, left, sample, options=options, start=start[choice])
+        fit = joint.fit(sample, law, left, options=options, start=start[choice])
         owner = [p.name.rpartition(".")[0] for p in fit.parameters]
         for j, effect in enumerate(effects):
             if effect.name in left:

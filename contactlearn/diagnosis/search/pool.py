@@ -19,7 +19,8 @@ from torch import Tensor
 from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic, vanishing
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.inference.identification.joint import FitOptions, JointFit, assemble, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit, FitOptions, assemble
 from contactlearn.inference.identification.robust import robust_distance
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.laws import Law
@@ -52,7 +53,7 @@ class ScoredFit:
 
     spec: Spec
     effects: Mapping[str, Effect]
-    fit: JointFit
+    fit: Fit
     score: float
 
     @cached_property
@@ -104,14 +105,14 @@ class Pool:
     def all_fitted(self, starts: Mapping[Spec, Float[Tensor, " k"] | None]) -> list[ScoredFit]:
         """Return models, each fitted from its start likewise."""
         options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
-        fit = partial(identify_jointly, impacts=self.impacts, options=options)
+        fit = partial(joint.fit, self.impacts, options=options)
         new = {spec: start for spec, start in starts.items() if spec not in self.models}
         calls = [partial(fit, self.laws[spec.law], self.effects(spec), start=start) for spec, start in new.items()]
         for spec, found in zip(new, side_by_side(calls), strict=True):
             self.models[spec] = self._scored(spec, found)
         return [self.models[spec] for spec in starts]
 
-    def _scored(self, spec: Spec, fit: JointFit) -> ScoredFit:
+    def _scored(self, spec: Spec, fit: Fit) -> ScoredFit:
         effects = self.effects(spec)
         return ScoredFit(spec, effects, fit, self.score(spec, effects, fit.loss.item()))
 
@@ -123,7 +124,7 @@ class Pool:
 
     def polished(self, *specs: Spec) -> list[ScoredFit]:
         """Return models of the pool after fits to the full tolerance, from which standard errors are taken."""
-        fit = partial(identify_jointly, impacts=self.impacts, options=self.options)
+        fit = partial(joint.fit, self.impacts, options=self.options)
         models = [self.models[spec] for spec in specs]
         calls = [partial(fit, self.laws[one.spec.law], one.effects, start=one.fit.values) for one in models]
         self.models |= {spec: self._scored(spec, found) for spec, found in zip(specs, side_by_side(calls), strict=True)}

@@ -22,7 +22,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects import Effect, EffectId, columns
-from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise, named_parameters
+from contactlearn.inference.identification.joint import Fit, FitOptions, linearise, named_parameters
 from contactlearn.inference.identification.problem import suited
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
@@ -67,7 +67,7 @@ class Quadratic:
         cls,
         law: Law,
         effects: Mapping[str, Effect],
-        fit: JointFit,
+        fit: Fit,
         impacts: Impacts,
         *,
         given: Sequence[str],

@@ -38,7 +38,8 @@ from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import Expression
 from contactlearn.effects.formula.symbols import FORMULA_OUTPUTS, symbols
 from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
@@ -318,7 +319,7 @@ class _Trials:
     def held_out(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
         """Held-out mass error of the law with effects."""
         law, rows = self.model.law, self.folds.fitted
-        fit = identify_jointly(law, effects, self.impacts, rows, options=self.options, start=start)
+        fit = joint.fit(self.impacts, law, effects, rows=rows, options=self.options, start=start)
         return self.folds.scores(mass_error(self.impacts, fit.model.predict(self.impacts)))
 
     def tried(self, axis: str, terms: Sequence[str], coefficients: Float[Tensor, " t"]) -> _Trial:
@@ -327,7 +328,7 @@ class _Trials:
         ranges = tuple((-high, high) for high in highs)
         effects = {**self.model.effects, self.name: formula_effect(self.component.output(axis), terms, ranges)}
         start = torch.cat((self.start, coefficients))
-        fit = identify_jointly(self.model.law, effects, self.impacts, options=self.options, start=start)
+        fit = joint.fit(self.impacts, self.model.law, effects, options=self.options, start=start)
         own = tuple(fit.values[len(self.start) :].tolist())
         return _Trial(self.component, axis, tuple(terms), ranges, own, self.held_out(effects, fit.values))
 

@@ -14,7 +14,7 @@ from functools import partial
 from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.state_dependence import fit_state_dependence
-from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.mechanics.impacts import Impacts
 
 _TRIALS = 300  # trials that processes are fitted to and tested on, at most
@@ -22,7 +22,7 @@ _TRIALS = 300  # trials that processes are fitted to and tested on, at most
 
 def index_without_proxies(
     impacts: Impacts,
-    fits: Sequence[JointFit],
+    fits: Sequence[Fit],
     options: FitOptions,
     thresholds: Thresholds,
     block: int = 1,

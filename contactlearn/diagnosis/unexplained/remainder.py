@@ -170,7 +170,7 @@ def learn_remainder(
         model: fitted to these impacts, without leading axes.
         folds: trials to fit and to hold out; all folds are fitted at once.
         generator: of the permutations and the bootstrap.
-        inliers: trials that are no gross outliers, see `JointFit`; if None, those without a component beyond several
+        inliers: trials that are no gross outliers, see `Fit`; if None, those without a component beyond several
             robust standard deviations.
         thresholds: limits of what is named.
 

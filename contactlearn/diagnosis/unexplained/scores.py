@@ -19,7 +19,7 @@ from torch.nn.functional import one_hot
 
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
-from contactlearn.inference.identification.joint import FitOptions, JointFit, linearise
+from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import derivative, resolve
@@ -43,13 +43,13 @@ class Scores:
     reach: Float[Tensor, "n D q"]
 
     @classmethod
-    def of_sequence(cls, impacts: Impacts, fit: JointFit, options: FitOptions) -> "Scores":
+    def of_sequence(cls, impacts: Impacts, fit: Fit, options: FitOptions) -> "Scores":
         """Linearise a fitted model about its parameters, beside coefficients that depend on the state."""
         alike = torch.eye(impacts.space.D, dtype=torch.float64).expand(len(impacts), -1, -1)
         return cls._beside(impacts, fit, options, alike, _own_state(impacts))
 
     @classmethod
-    def of_state(cls, impacts: Impacts, fit: JointFit, options: FitOptions, block: int = 1) -> "Scores":
+    def of_state(cls, impacts: Impacts, fit: Fit, options: FitOptions, block: int = 1) -> "Scores":
         """Linearise a fitted model about its parameters, beside slow drifts of the velocities and errors of v_pre.
 
         Where so many neighbouring trials, a `block`, resemble each other, there are fewer drifts, as of fewer trials.
@@ -66,7 +66,7 @@ class Scores:
     def _beside(
         cls,
         impacts: Impacts,
-        fit: JointFit,
+        fit: Fit,
         options: FitOptions,
         other: Float[Tensor, "n D k"],
         own: Float[Tensor, "n f"] | None = None,
@@ -123,7 +123,7 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
 _NOTICEABLE = 1.0  # standard errors of a sum over all trials that dilution may amount to
 
 
-def attenuation_regressors(impacts: Impacts, fit: JointFit, options: FitOptions) -> Float[Tensor, "n D k"]:
+def attenuation_regressors(impacts: Impacts, fit: Fit, options: FitOptions) -> Float[Tensor, "n D k"]:
     """Compute the whitened changes of v_post by errors of v_pre (regression dilution); none if their size is known.
 
     Components of v_pre count whose errors, if as large as the residual, could be seen over so many trials.

@@ -41,7 +41,7 @@ from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoefficientFit, VaryingCoefficientModel
 from contactlearn.effects import State
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.mechanics.space import PLANE
@@ -223,7 +223,7 @@ def _earlier(x: Float[Tensor, "n *k"], decay: float) -> Float[Tensor, "n *k"]:
 
 
 def find_serial_dependence(
-    impacts: Impacts, fit: JointFit, options: FitOptions, thresholds: Thresholds = Thresholds()
+    impacts: Impacts, fit: Fit, options: FitOptions, thresholds: Thresholds = Thresholds()
 ) -> SerialDependence | None:
     """Find the serial dependence of a fitted model's remainder; None without any.
 

@@ -34,7 +34,7 @@ from contactlearn.diagnosis.unexplained.varying_coefficients import VaryingCoeff
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.partial_residuals import share_explained
-from contactlearn.inference.identification.joint import FitOptions, JointFit
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -180,8 +180,8 @@ class StateDependenceFit:
 
 def find_state_dependence(
     impacts: Impacts,
-    fit: JointFit,
-    best: JointFit,
+    fit: Fit,
+    best: Fit,
     options: FitOptions,
     thresholds: Thresholds = Thresholds(),
     block: int = 1,
@@ -217,7 +217,7 @@ def find_state_dependence(
 
 
 def fit_state_dependence(
-    impacts: Impacts, fit: JointFit, options: FitOptions, level: float, trials: int, block: int = 1
+    impacts: Impacts, fit: Fit, options: FitOptions, level: float, trials: int, block: int = 1
 ) -> StateDependenceFit | None:
     """Fit the remainder of a model over the state, on so many trials; None where it does not depend on it."""
     if len(impacts) < max(_FEWEST, _BLOCKS * block):

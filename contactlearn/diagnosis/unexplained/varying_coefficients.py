@@ -20,7 +20,7 @@ from contactlearn.diagnosis.result.remainder import Coefficient
 from contactlearn.diagnosis.unexplained.remainder import relative_error_reduction
 from contactlearn.diagnosis.unexplained.scores import Scores
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.identification.joint import JointFit
+from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import predict_with
@@ -57,7 +57,7 @@ class VaryingCoefficientModel:
     """Trials, their folds, and the estimate `delta` of both coefficients' change by each trial with its information."""
 
     impacts: Impacts
-    fit: JointFit
+    fit: Fit
     folds: Folds
     delta: Float[Tensor, "n 2"]
     information: Float[Tensor, "n 2"]
@@ -65,7 +65,7 @@ class VaryingCoefficientModel:
 
     @classmethod
     def of(
-        cls, ordered: Impacts, fit: JointFit, scores: Scores, rows: Int[Tensor, " m"] | slice = slice(None)
+        cls, ordered: Impacts, fit: Fit, scores: Scores, rows: Int[Tensor, " m"] | slice = slice(None)
     ) -> "VaryingCoefficientModel":
         """Take some rows of the impacts in the order of their scores."""
         slope, residual = scores.slope[rows], scores.residual[rows]

@@ -9,13 +9,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import torch
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.core.numerics import is_number
+from contactlearn.core.numerics import is_number, measured
 from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.inference.identification import errors_in_variables, robust
 from contactlearn.inference.identification.problem import JointProblem, effects_at, suited
@@ -26,6 +26,9 @@ from contactlearn.mechanics.apparatus import Estimate, KnownParameter
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 from contactlearn.mechanics.space import require_space
 from contactlearn.models.contact_model import ContactModel
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +112,8 @@ class FitOptions:
         return replace(self, noise=after, noise_before=before) if min(after) > 0 else self
 
 
-@dataclass(frozen=True)
-class JointFit:
+@dataclass(frozen=True, repr=False)
+class Fit:
     """Result of a joint fit, for each subset (leading axes).
 
     `values` [..., K] and `covariance` [..., K, K] follow `parameters`, named `mu`, `eps` and `effect.parameter`.
@@ -127,7 +130,59 @@ class JointFit:
     agreement: Tensor  # [...] share of the starts followed to the end that reached this minimum
     converged: Tensor  # [...] whether the best start converged
     thresholds: FitThresholds = field(default_factory=FitThresholds, repr=False)
-    alone: "JointFit | None" = None  # to the impacts alone, where free flight has an estimate
+    alone: "Fit | None" = None  # to the impacts alone, where free flight has an estimate
+
+    def __repr__(self) -> str:
+        """Write the model with its values; those of several subsets are means."""
+        subsets = self.loss.numel()
+        equation = "; ".join(line.removeprefix("  + ") for line in str(self.model).splitlines())
+        trials = f"{self.weight.shape[-1]} trials" if self.loss.ndim == 0 else f"{subsets} subsets"
+        ended = "" if bool(self.converged.all()) else ", not converged"
+        return f"Fit({equation}; {trials}, {self.outliers} outliers{ended})"
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(float_format="{:.4g}".format)
+
+    @property
+    def params(self) -> dict[str, float]:
+        """Values of the parameters by name, means over the subsets."""
+        return dict(zip((p.name for p in self.parameters), self._means(self.values), strict=True))
+
+    def _means(self, x: Tensor) -> list[float]:
+        """Means [K] over the subsets."""
+        return x.reshape(-1, len(self.parameters)).mean(0).tolist()
+
+    def to_frame(self) -> "DataFrame":
+        """Return a table of the parameters: symbol, value, standard error, unit and the range that was searched.
+
+        Values and standard errors of several subsets are means.
+        """
+        from pandas import DataFrame, Index  # takes long to load
+
+        rows = zip(self.parameters, self._means(self.values), self._means(self.standard_errors), strict=True)
+        columns = [
+            {"symbol": p.symbol, "value": value, "standard_error": error, "unit": p.unit, "low": p.low, "high": p.high}
+            for p, value, error in rows
+        ]
+        return DataFrame(columns, index=Index([p.name for p in self.parameters], name="parameter"))
+
+    def summary(self) -> str:
+        """Describe the fit: a line for each parameter, then everything that limits what it says."""
+        rows = zip(self.parameters, self._means(self.values), self._means(self.standard_errors), strict=True)
+        width = max(len(p.name) for p in self.parameters)
+        lines = [repr(self).split(";")[0].removeprefix("Fit("), ""]
+        lines += [f"  {p.name:<{width}}  {p.symbol} = {measured(value, error, p.unit)}" for p, value, error in rows]
+        lines += [
+            "",
+            f"  {self.weight.shape[-1]} trials, {self.outliers} outliers, loss {self.loss.mean():.3f} nats a trial",
+        ]
+        if not bool(self.converged.all()):
+            lines.append("  the best start has not converged: use more starts")
+        if self.loss.ndim == 0 and bool(self.covariance.isfinite().all()):
+            lines += [f"  {name} is not determined: {reason}" for name, reason in self.undetermined().items()]
+            lines += [f"  {name} {reason}" for name, reason in self.at_bounds().items()]
+            lines += [f"  {sentence}" for sentence in self.trade_offs()]
+        return "\n".join(lines)
 
     @property
     def standard_errors(self) -> Tensor:
@@ -215,21 +270,22 @@ class JointFit:
         return found
 
 
-def identify_jointly(
-    law: Law | str,
-    effects: Mapping[str, Effect] | Iterable[str],
+def fit(
     impacts: Impacts,
-    rows: Tensor | None = None,
+    law: Law | str,
+    effects: Mapping[str, Effect] | Iterable[str] = (),
     *,
+    rows: Tensor | None = None,
     options: FitOptions = FitOptions(),
     start: Tensor | None = None,
-) -> JointFit:
+) -> Fit:
     """Fit a law with effects to trials.
 
     Args:
+        impacts: measurements.
         law: an analytical law or its name; its own μ and ε are ignored.
         effects: by name, or names alone; constants that they leave open are taken from the impacts.
-        impacts, rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
+        rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
         options: of the fit.
         start: values [..., K] to begin at instead of a search.
 
@@ -267,7 +323,7 @@ def identify_jointly(
     )
     theta, covariance, *others = back
     model = assemble(law, effects, theta, covariance if options.standard_errors else None)
-    return JointFit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
+    return Fit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
 
 
 class Linearisation(NamedTuple):

@@ -13,18 +13,22 @@ at a jump of P̂, found along the edge of sticking, or at a kink, found by a gri
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from contactlearn.inference.identification.shared import Box
-from contactlearn.laws import Law
-from contactlearn.mechanics.impacts import Impacts, measured_impulse
+from contactlearn.laws import Law, named
+from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TrialFit:
     """Optimum of every trial: μ, ε, error ‖P − P̂‖ (N s), and the range of μ that fits equally well, each [N].
 
@@ -38,24 +42,47 @@ class TrialFit:
     mu_low: Tensor
     mu_high: Tensor
 
+    def __repr__(self) -> str:
+        """Write medians and the middle halves of (μ, ε) over the trials."""
+        quartiles = torch.tensor([0.5, 0.25, 0.75], dtype=self.mu.dtype, device=self.mu.device)
+        listed = ", ".join(
+            "{} = {:.3f} ({:.3f} to {:.3f})".format(symbol, *values.quantile(quartiles).tolist())
+            for symbol, values in (("μ", self.mu), ("ε", self.eps))
+        )
+        stick = int(self.flat.sum())
+        law = f"{self.law.name} ({self.law.variant})"
+        return f"TrialFit({law}: median {listed} of {len(self.mu)} trials, {stick} of which leave μ open)"
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(float_format="{:.4g}".format, max_rows=10)
+
+    def to_frame(self) -> "DataFrame":
+        """Return a table with a row for each trial: mu, eps, error in N s, and the range of μ that fits as well."""
+        from pandas import DataFrame, RangeIndex  # takes long to load
+
+        names = ("mu", "eps", "error", "mu_low", "mu_high")
+        columns = {name: getattr(self, name).tolist() for name in names}
+        return DataFrame(columns, index=RangeIndex(1, len(self.mu) + 1, name="trial"))
+
     @property
     def flat(self) -> Tensor:
         """Whether μ is left undetermined [N]."""
         return self.mu_high - self.mu_low > 1e-6
 
 
-def identify_trials(
-    law: Law,
+def fit_trials(
     impacts: Impacts,
+    law: Law | str,
     *,
     target: str = "momentum",
     box: Box | None = None,
 ) -> TrialFit:
     """Identify (μ_k, ε_k) of every single trial, with its error and the interval of μ that fits equally well.
 
-    The arguments are those of `identify`; `box.nodes` is not used.
+    The arguments are those of `shared.fit_subsets`; `box.nodes` is not used.
     """
-    P = measured_impulse(impacts, target)
+    require_impacts(impacts)
+    law, P = named(law), measured_impulse(impacts, target)
     # Component by component in memory: the laws then read them a quarter faster.
     W, v_c, P = (x.movedim(0, -1).contiguous().movedim(-1, 0) for x in (impacts.W, impacts.v_c, P))
     problem = _Problem(law, W, v_c, P, box or Box())

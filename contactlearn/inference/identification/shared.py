@@ -16,14 +16,19 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
+from contactlearn.core.numerics import measured
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Cost = Callable[[Tensor], Tensor]
 """Costs [..., B, S] at parameters (μ, ε) [..., B, S, 2]."""
@@ -141,11 +146,11 @@ def ranges_within(cost: Cost, surfaces: Tensor, best: Tensor, x: Tensor, mu: Ten
     return ranges
 
 
-__all__ = ["Box", "SharedFit", "cost_surface", "distances", "identify"]
+__all__ = ["Box", "SubsetFit", "cost_surface", "distances", "fit_subsets"]
 
 
-@dataclass(frozen=True)
-class SharedFit:
+@dataclass(frozen=True, repr=False)
+class SubsetFit:
     """Parameters identified from subsets of trials: [m, S] for m repetitions and S subset sizes."""
 
     law: Law
@@ -156,6 +161,26 @@ class SharedFit:
     mu_range: Tensor  # [m, S, 2]
     eps_range: Tensor
     mu_flat: Tensor  # whether the subset leaves μ undetermined: mu_range spans over a tenth of the box
+
+    def __repr__(self) -> str:
+        """Write mean and standard deviation of (μ, ε) over the subsets of the largest size."""
+        values = zip("με", self.mean(), self.std(), strict=True)
+        listed = ", ".join(f"{symbol} = {measured(value, std)}" for symbol, value, std in values)
+        subsets = f"{len(self.mu)} subsets" if len(self.mu) > 1 else "1 subset"
+        return f"SubsetFit({self.law.name} ({self.law.variant}): {listed} over {subsets} of {self.sizes[-1]} trials)"
+
+    def _repr_html_(self) -> str:
+        return self.to_frame().to_html(float_format="{:.4g}".format)
+
+    def to_frame(self) -> "DataFrame":
+        """Return a table with a row for each subset size: mean and deviation of μ and ε, and the cost in N s."""
+        from pandas import DataFrame, Index  # takes long to load
+
+        columns = {
+            "mu": self.mu.mean(0), "mu_std": self.mu.std(0), "eps": self.eps.mean(0), "eps_std": self.eps.std(0),
+            "cost": self.cost.mean(0), "mu_undetermined": self.mu_flat.double().mean(0),
+        } if len(self.mu) > 1 else {"mu": self.mu[0], "eps": self.eps[0], "cost": self.cost[0]}  # fmt: skip
+        return DataFrame({name: x.tolist() for name, x in columns.items()}, index=Index(self.sizes, name="trials"))
 
     def mean(self) -> tuple[float, float]:
         """Mean (μ, ε) over the repetitions, at the largest size."""
@@ -193,24 +218,24 @@ def cost_surface(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target:
     return torch.stack([*parts]).sum(0) / len(impacts)
 
 
-def identify(
-    law: Law | str,
+def fit_subsets(
     impacts: Impacts,
+    law: Law | str,
     *,
-    sizes: Sequence[int] = (120,),
+    sizes: Sequence[int] | None = None,
     repetitions: int = 100,
     orders: Int[Tensor, "m k"] | None = None,
     generator: torch.Generator | None = None,
     target: str = "momentum",
     box: Box | None = None,
     progress: Callable[[Iterable[Tensor]], Iterable[Tensor]] = iter,
-) -> SharedFit:
+) -> SubsetFit:
     """Identify one (μ, ε) from the first k trials of m random orders, for every k of `sizes`.
 
     Args:
-        law: an analytical law or its name; its own μ and ε are ignored.
         impacts: trials to draw from, without replacement within a repetition.
-        sizes: subset sizes k, increasing; the subsets of one repetition are nested.
+        law: an analytical law or its name; its own μ and ε are ignored.
+        sizes: subset sizes k, increasing; the subsets of one repetition are nested.  Four fifths of the trials if None.
         repetitions: m.
         orders: m orders of the trials [m, k] as rows, at least as many as the largest size; random if left out.
         generator: source of the random orders; seed 0 if left out.
@@ -224,7 +249,7 @@ def identify(
     """
     require_impacts(impacts)
     law = named(law)
-    sizes, box = tuple(sizes), box or Box()
+    sizes, box = (max(1, 4 * len(impacts) // 5),) if sizes is None else tuple(sizes), box or Box()
     orders = _orders(impacts, sizes, repetitions, orders, generator or torch.Generator().manual_seed(0))
     mu, eps = (axis.to(impacts.mass) for axis in box.axes())
     # One evaluation serves every subset: [trials that are drawn, nodes²].
@@ -240,7 +265,7 @@ def identify(
         found.append(_search(_mean_distance(law, impacts, P, block, sizes), surfaces, box, mu, eps))
     x, best, mu_range, eps_range = (torch.cat(parts) for parts in zip(*found, strict=True))
     mu_flat = mu_range[..., 1] - mu_range[..., 0] > 0.1 * (box.mu[1] - box.mu[0])
-    return SharedFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
+    return SubsetFit(law, sizes, x[..., 0], x[..., 1], best, mu_range, eps_range, mu_flat)
 
 
 def _grid(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, target: str) -> Tensor:
@@ -255,7 +280,7 @@ def _grid(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, target: str) -> T
 def _orders(
     impacts: Impacts, sizes: tuple[int, ...], repetitions: int, orders: Tensor | None, generator: torch.Generator
 ) -> Tensor:
-    """Rows [m, largest size] of the subsets, given or random; `identify` lists the errors."""
+    """Rows [m, largest size] of the subsets, given or random; `fit_subsets` lists the errors."""
     if not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
         raise DataError(f"sizes must be positive and increasing, got {list(sizes)}")
     if sizes[-1] > len(impacts):

@@ -29,8 +29,9 @@ from contactlearn.core.workers import WorkerPool
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.inference.identification.joint import FitOptions, identify_jointly
-from contactlearn.inference.identification.shared import Box, SharedFit, identify
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.shared import Box, SubsetFit, fit_subsets
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -181,9 +182,9 @@ def law_curves(
     *,
     target: str = "momentum",
     box: Box | None = None,
-) -> tuple[dict[str, SharedFit], dict[str, Curve]]:
-    """Identify laws on every subset, and compute their curves; `target` and `box` are those of `identify`."""
-    fits = {law.name: identify(law, pool, sizes=sizes, orders=orders, target=target, box=box) for law in laws}
+) -> tuple[dict[str, SubsetFit], dict[str, Curve]]:
+    """Identify laws on every subset, and compute their curves; `target` and `box` are those of `fit_subsets`."""
+    fits = {law.name: fit_subsets(pool, law, sizes=sizes, orders=orders, target=target, box=box) for law in laws}
     curves = {}
     for name, fit in fits.items():
         predictions = {size: ContactModel(law_at(fit, size)).predict(test) for size in sizes}
@@ -201,11 +202,11 @@ def joint_curve(
     options: FitOptions,
 ) -> tuple[dict[int, ContactModel], Curve]:
     """Fit a law with effects to every subset; return the models by size, and their curve."""
-    models = {size: identify_jointly(law, effects, pool, orders[:, :size], options=options).model for size in sizes}
+    models = {size: joint.fit(pool, law, effects, rows=orders[:, :size], options=options).model for size in sizes}
     return models, Curve.of(test, {size: model.predict(test) for size, model in models.items()})
 
 
-def law_at(fit: SharedFit, size: int) -> Law:
+def law_at(fit: SubsetFit, size: int) -> Law:
     """Return the law with the parameters [R, 1] of each subset of that size."""
     place = fit.sizes.index(size)
     return fit.law.at(fit.mu[:, place, None], fit.eps[:, place, None])
@@ -270,7 +271,7 @@ class _Training:
 
     def run(self) -> Trained:
         """Train the model and predict the held-out trials."""
-        model = learn(self.recipe, self.pool, self.rows, self.base, impulse=self.impulse, box=self.box)
+        model = learn(self.pool, self.recipe, rows=self.rows, base=self.base, impulse=self.impulse, box=self.box)
         processes, training = model.processes, model.processes.training
         found = processes.gps.hyperparameters()
         noise = found[..., -1].sqrt() * processes.outputs.spread[..., 0, :]
@@ -341,11 +342,7 @@ def transfer_curves(
         model with processes on its residual, trained on the body's trials) and `scratch` (the recipe
         trained on the body's trials alone).
     """
-    rows = torch.arange(len(source))
-    base = None
-    if recipe.law:
-        base = identify(recipe.law, source, sizes=(len(source),), orders=rows[None], target=impulse, box=box).to_law()
-    model = learn(recipe, source, rows, base, impulse=impulse, box=box)
+    model = learn(source, recipe, impulse=impulse, box=box)
     correction = recipe if recipe.target in RESIDUALS else replace(recipe, target="impulse")
     curves, trainings = {}, []
     for body, (pool, test) in bodies.items():
@@ -355,7 +352,7 @@ def transfer_curves(
         orders = nested_orders(len(pool), seeds, generator)
         fit = None
         if recipe.law:
-            fit = identify(recipe.law, pool, sizes=sizes, orders=orders, target=impulse, box=box)
+            fit = fit_subsets(pool, recipe.law, sizes=sizes, orders=orders, target=impulse, box=box)
         for size in sorted(sizes, reverse=True):
             rows, law = orders[:, :size], fit and law_at(fit, size)
             training = partial(_Training, size=size, pool=pool, test=test, rows=rows, impulse=impulse, box=box)

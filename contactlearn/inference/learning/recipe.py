@@ -25,11 +25,11 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95
-from contactlearn.inference.identification.per_trial import identify_trials
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.per_trial import fit_trials
+from contactlearn.inference.identification.shared import Box, fit_subsets
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES
-from contactlearn.mechanics.impacts import Impacts, measured_impulse
+from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
 from contactlearn.mechanics.noise_weight import noise_variance, noise_weight
 from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.mechanics.space import PLANE, Space
@@ -137,11 +137,11 @@ class Round:
 
 
 def learn(
-    recipe: Recipe,
     impacts: Impacts,
-    rows: Tensor,
-    base: Law | ContactModel | None = None,
+    recipe: Recipe,
     *,
+    rows: Tensor | None = None,
+    base: Law | ContactModel | None = None,
     impulse: str = "momentum",
     box: Box | None = None,
     like: Regressor | None = None,
@@ -150,10 +150,11 @@ def learn(
     """Train one model on each training subset.
 
     Args:
+        impacts: measurements.
         recipe: features, target and law of the model.
-        impacts, rows: subsets [..., n] as rows of the impacts.
+        rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
         base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; for the target
-            `parameters_likelihood` also a law with effects.
+            `parameters_likelihood` also a law with effects.  If None, the recipe's law is fitted to the same rows.
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
         like: processes of the same recipe, whose hyperparameters the training begins with.
@@ -163,7 +164,13 @@ def learn(
         DataError: fewer than two training trials.
         ContactLearnError: a base that is not the recipe's.
     """
-    rows, start = rows.to(impacts.mass.device), _before_learning(recipe, base)
+    require_impacts(impacts)
+    if not isinstance(recipe, Recipe):
+        raise ContactLearnError(f"learn takes impacts and a Recipe, such as Recipe('x1', 'wrench'); got {recipe!r}")
+    rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
+    if base is None and recipe.law is not None:
+        base = _fitted_law(recipe.law, impacts, rows, impulse, box)
+    start = _before_learning(recipe, base)
     part = "parameters" if recipe.target.startswith("parameters") else "residual"
     fit = partial(Regressor.fit, recipe.features, impacts, rows, like=like, options=recipe.processes)
 
@@ -179,7 +186,7 @@ def learn(
         P = measured_impulse(impacts, impulse)
         regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, listener)
     elif recipe.target == "parameters_identified":
-        found = identify_trials(start.law, impacts, target=impulse, box=box)
+        found = fit_trials(impacts, start.law, target=impulse, box=box)
         values = torch.stack((found.mu, found.eps), -1)[rows]
         regressor = fit(values, on_round=listener(values))
     else:
@@ -195,6 +202,15 @@ def learn(
         weight, noise = (None if part is None else part[rows] for part in stated)
         regressor = fit(values, weight=weight, noise=noise, on_round=listener(values))
     return finished(values, regressor)
+
+
+def _fitted_law(law: Law, impacts: Impacts, rows: Tensor, impulse: str, box: Box | None) -> Law:
+    """Fit the shared (μ, ε) of a law to each subset [..., n]; they are [..., 1] of several subsets."""
+    orders = rows.reshape(-1, rows.shape[-1])
+    fitted = fit_subsets(impacts, law, sizes=(rows.shape[-1],), orders=orders, target=impulse, box=box)
+    if rows.ndim == 1:
+        return fitted.to_law()
+    return law.at(*(values.reshape(*rows.shape[:-1], 1) for values in (fitted.mu, fitted.eps)))
 
 
 def _before_learning(recipe: Recipe, base: Law | ContactModel | None) -> ContactModel:

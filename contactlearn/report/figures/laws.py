@@ -22,7 +22,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.identification.per_trial import TrialFit
-from contactlearn.inference.identification.shared import Box, SharedFit
+from contactlearn.inference.identification.shared import Box, SubsetFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
@@ -69,7 +69,7 @@ def cost_map(
 
 
 @st.look()
-def convergence(fit: SharedFit) -> Figure:
+def convergence(fit: SubsetFit) -> Figure:
     """Draw the mean (μ, ε) over the repetitions against the number of trials, ± one standard deviation (Fig. 3.4)."""
     figure = st.new_figure(st.COLUMN, 3.2)
     panels = figure.subplots(2, 1, sharex=True)
@@ -84,7 +84,7 @@ def convergence(fit: SharedFit) -> Figure:
     return figure
 
 
-def _draw_means(axes: Axes, fit: SharedFit, found: Float[np.ndarray, "repetitions sizes"]) -> None:
+def _draw_means(axes: Axes, fit: SubsetFit, found: Float[np.ndarray, "repetitions sizes"]) -> None:
     """Mean and standard deviation of one parameter over the repetitions."""
     style, mean = st.law_style(fit.law.name), found.mean(0)
     marker = "o" if len(fit.sizes) < 12 else ""
