@@ -1,8 +1,14 @@
 """contactlearn: learn rigid-body contact from measurements.
 
-Compare contact models with measured planar impacts, see where they fail, and learn which
-physical effect is missing.  The public names below are loaded when they are first used, so that
-`import contactlearn` and the commands' `--help` stay fast; editors and type checkers see them all.
+    import contactlearn as cl
+
+    impacts = cl.read_table("drops.csv", shape=cl.shapes.Ellipse((0.035, 0.025)))
+    found = cl.diagnose(impacts)
+    fit = cl.fit(impacts, found.law, found.effects)
+    print(fit.summary())
+
+The names below are loaded when they are first used, so that `import contactlearn` and the commands' `--help` stay fast;
+editors and type checkers see them all.  The rooms (`contactlearn.mechanics`, `contactlearn.inference` …) have the rest.
 """
 
 from importlib import import_module
@@ -11,96 +17,114 @@ from contactlearn.core import __version__
 
 TYPE_CHECKING = False  # a type checker takes it for true; typing takes longer to load than the rest
 if TYPE_CHECKING:
-    from contactlearn import (
-        data,
-        diagnosis,
-        effects,
-        inference,
-        laws,
-        mechanics,
-        models,
-        report,
-        results,
-        simulation,
-        testing,
-    )
-    from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-    from contactlearn.diagnosis.events import Event
+    from contactlearn import data as data
+    from contactlearn import diagnosis as diagnosis
+    from contactlearn import effects, laws, simulation
+    from contactlearn import inference as inference
+    from contactlearn import mechanics as mechanics
+    from contactlearn import models as models
+    from contactlearn import report as report
+    from contactlearn import results as results
+    from contactlearn.core.errors import ContactLearnError, DataError
+    from contactlearn.data.audit.findings import audit
+    from contactlearn.data.table import load as read_table
+    from contactlearn.data.tracks import find as read_recordings
+    from contactlearn.diagnosis.options import DiagnoseOptions
     from contactlearn.diagnosis.pipeline import diagnose
     from contactlearn.diagnosis.result import Diagnosis
-    from contactlearn.diagnosis.thresholds import Thresholds
-    from contactlearn.inference.identification.joint import identify_jointly
-    from contactlearn.inference.identification.shared import identify
+    from contactlearn.inference.evaluation import metrics
+    from contactlearn.inference.evaluation.compare import compare
+    from contactlearn.inference.identification.joint import Fit, fit
+    from contactlearn.inference.identification.per_trial import fit_trials
+    from contactlearn.inference.identification.shared import fit_subsets
     from contactlearn.inference.learning.recipe import Recipe, learn
     from contactlearn.laws import Law
+    from contactlearn.mechanics import shapes
     from contactlearn.mechanics.body_state import BodyState
     from contactlearn.mechanics.impacts import Impacts, Prediction
-    from contactlearn.models import checkpoint
+    from contactlearn.models.checkpoint import load, save
     from contactlearn.models.citation import cite
     from contactlearn.models.contact_model import ContactModel
+    from contactlearn.report import plot
+    from contactlearn.report.page.diagnosis import save_report
 
 __all__ = [
     "BodyState",
     "ContactLearnError",
     "ContactModel",
     "DataError",
+    "DiagnoseOptions",
     "Diagnosis",
-    "Event",
+    "Fit",
     "Impacts",
     "Law",
     "Prediction",
     "Recipe",
-    "Thresholds",
-    "UnknownNameError",
     "__version__",
-    "checkpoint",
+    "audit",
     "cite",
-    "data",
+    "compare",
     "diagnose",
-    "diagnosis",
     "effects",
-    "identify",
-    "identify_jointly",
-    "inference",
+    "fit",
+    "fit_subsets",
+    "fit_trials",
     "laws",
     "learn",
-    "mechanics",
-    "models",
-    "report",
-    "results",
+    "load",
+    "metrics",
+    "plot",
+    "read_recordings",
+    "read_table",
+    "save",
+    "save_report",
+    "shapes",
     "simulation",
-    "testing",
 ]
 
-# The module that defines each public name; tests hold this table and the imports above to each other.
+# The module that defines each public name, and its name there where it is another; tests hold this table and the
+# imports above to each other.
 _HOME = {
     "BodyState": "mechanics.body_state",
     "ContactLearnError": "core.errors",
     "ContactModel": "models.contact_model",
     "DataError": "core.errors",
+    "DiagnoseOptions": "diagnosis.options",
     "Diagnosis": "diagnosis.result",
-    "Event": "diagnosis.events",
+    "Fit": "inference.identification.joint",
     "Impacts": "mechanics.impacts",
     "Law": "laws",
     "Prediction": "mechanics.impacts",
     "Recipe": "inference.learning.recipe",
-    "Thresholds": "diagnosis.thresholds",
-    "UnknownNameError": "core.errors",
-    "checkpoint": "models",
+    "audit": "data.audit.findings",
     "cite": "models.citation",
+    "compare": "inference.evaluation.compare",
     "diagnose": "diagnosis.pipeline",
-    "identify": "inference.identification.shared",
-    "identify_jointly": "inference.identification.joint",
+    "fit": "inference.identification.joint",
+    "fit_subsets": "inference.identification.shared",
+    "fit_trials": "inference.identification.per_trial",
     "learn": "inference.learning.recipe",
+    "load": "models.checkpoint",
+    "metrics": "inference.evaluation",
+    "plot": "report",
+    "read_recordings": "data.tracks:find",
+    "read_table": "data.table:load",
+    "save": "models.checkpoint",
+    "save_report": "report.page.diagnosis",
+    "shapes": "mechanics",
 }
+_ROOMS = ("data", "diagnosis", "effects", "inference", "laws", "mechanics", "models", "report", "results", "simulation")
 
 
 if not TYPE_CHECKING:  # with it a type checker would take any name for one of this package
 
     def __getattr__(name: str) -> object:
         if name in _HOME:
-            return getattr(import_module(f"contactlearn.{_HOME[name]}"), name)
-        if name in __all__:
+            module, _, there = _HOME[name].partition(":")
+            found = getattr(import_module(f"contactlearn.{module}"), there or name)
+            globals()[name] = found
+            return found
+        if name in _ROOMS:
             return import_module(f"contactlearn.{name}")
         raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
 

@@ -7,28 +7,25 @@ probability.
 
 from pages import settings, show
 
-from contactlearn import diagnose
-from contactlearn.report.figures.diagnosis import ladder_figure, regions_figure
-from contactlearn.report.text import effect_label, headline, sentence
-from contactlearn.simulation import hidden_effects
+import contactlearn as cl
 
 chosen = settings(trials=300, seed=7, hidden="contact_patch,side_drag")
-impacts, truth = hidden_effects.draw(chosen.seed, size=chosen.trials, effects=chosen.hidden.split(","))
+impacts, truth = cl.simulation.hidden_effects.draw(chosen.seed, size=chosen.trials, effects=chosen.hidden.split(","))
 print(impacts)
 
 # One call audits the measurements, compares the laws, finds where the best of them fails, and searches law and effects
 # together. Everything it decides is held against trials that it was not fitted to.
-found = diagnose(impacts)
-print(sentence(headline(found)))
+found = cl.diagnose(impacts)
+print(found)
 print(found.equation)
 
 # The ladder starts at the law alone. Each rung adds an effect; the last two are what flexible models still find, and
 # the noise of the measurements.
-show(ladder_figure(found), chosen.out / "ladder")
+show(cl.plot.ladder(found), chosen.out / "ladder")
 
 # The law alone fails in these regions; with the missing effects the error is even.
 if found.regions:
-    show(regions_figure(found.regions, found.record), chosen.out / "regions")
+    show(cl.plot.regions(found), chosen.out / "regions")
 
 # Now the account is opened. The probability beside a name is calibrated on planted effects: of names with 0.9, nine in
 # ten are right.
@@ -36,4 +33,4 @@ hidden = {one["name"] for one in truth["effects"]}
 print("hidden:", *sorted(hidden))
 for one in found.missing:
     right = "hidden indeed" if one.effect.name in hidden else "not hidden"
-    print(f"found:  {effect_label(one.effect)}, probability of the name {one.confidence:.2f}, {right}")
+    print(f"found:  {one.effect}, probability of the name {one.confidence:.2f}, {right}")

@@ -9,20 +9,14 @@ import math
 import pandas as pd
 from pages import settings, show
 
-from contactlearn import ContactModel, laws
-from contactlearn.data import table
-from contactlearn.data.audit.findings import audit
-from contactlearn.inference.evaluation.metrics import mass_error
-from contactlearn.inference.identification import joint
-from contactlearn.report.figures.quality import predicted_against_measured
-from contactlearn.simulation import synthetic
+import contactlearn as cl
 
 chosen = settings(trials=400)
 
 # Here is such a file. Lengths are in mm, angles in degrees and positive clockwise, names its own. It has neither
 # contact point nor moment of inertia. (It is made from synthetic drops, under Wang and Mason's law with μ = 0.12 and
 # ε = 0.55.)
-drops = synthetic.load(size=chosen.trials)
+drops = cl.simulation.synthetic.load(size=chosen.trials)
 frame = pd.DataFrame({"run": range(1, len(drops) + 1), "weight": 1e3 * drops.mass.numpy()})
 for k, name in enumerate(("X", "Y", "angle")):
     unit = 1e3 if k < 2 else -180 / math.pi
@@ -44,19 +38,18 @@ shape = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 
 # Here the sense of rotation is missing. The audit finds that the moments do not balance. Clockwise angles look like a
 # mirrored x, the same experiment seen from behind, so the audit names that reading; you know which of the two it was.
-wrong = table.read(path, shape=shape, columns=columns, units=units, validate=False)
-for finding in audit(wrong.impacts):
+wrong = cl.read_table(path, shape=shape, columns=columns, units=units, validate=False)
+for finding in cl.audit(wrong):
     print(finding.sentence, "→ data.correct", finding.correction)
 
 # Stated, the table is consistent. For commands `contactlearn init drops.csv` writes the same settings to a file.
-read = table.read(path, shape=shape, columns=columns, units=units | {"rotation": "clockwise"})
-print(read.computed, read.unused)
-for finding in audit(read.impacts):
+impacts = cl.read_table(path, shape=shape, columns=columns, units=units | {"rotation": "clockwise"})
+print(impacts)
+for finding in cl.audit(impacts):
     print(finding.sentence)
 
-# A law fits at once.
-fit = joint.fit(read.impacts, laws.find("wang_mason"))
-print(fit.model)
-prediction = ContactModel(fit.model.law).predict(read.impacts)
-print(f"mass error {mass_error(read.impacts, prediction).mean():.4f}")
-show(predicted_against_measured(read.impacts.v_post, prediction.v_post), chosen.out / "predictions")
+# A law fits at once. A DataFrame would have done as well as a file: `cl.Impacts.from_frame(frame, shape=…)`.
+fit = cl.fit(impacts, "wang_mason")
+print(fit.summary())
+print(f"mass error {fit.model.score(impacts, cl.metrics.mass_error):.4f}")
+show(cl.plot.predictions(impacts, fit.model.predict(impacts)), chosen.out / "predictions")

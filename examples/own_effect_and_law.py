@@ -12,14 +12,7 @@ from cable_torque import CableTorque
 from pages import settings, show
 from smooth_floor import SmoothFloor
 
-from contactlearn import ContactModel, laws
-from contactlearn.effects.formula.effect import formula
-from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
-from contactlearn.inference.evaluation.partial_residuals import partial_residuals
-from contactlearn.inference.identification import joint
-from contactlearn.report.figures.comparison import error_comparison
-from contactlearn.report.figures.effects import effect_curve
-from contactlearn.simulation import synthetic
+import contactlearn as cl
 
 chosen = settings(trials=300, torque=0.0002)
 
@@ -31,32 +24,31 @@ print(inspect.getsource(CableTorque))
 print(inspect.getsource(SmoothFloor))
 
 # Drops on which the cable acts, and half of them held out.
-drops = synthetic.load(size=chosen.trials)
-truth = ContactModel(laws.find("wang_mason").at(0.12, 0.55), effects={"cable": CableTorque(k=chosen.torque)})
+drops = cl.simulation.synthetic.load(size=chosen.trials)
+truth = cl.ContactModel(cl.laws.find("wang_mason").at(0.12, 0.55), effects={"cable": CableTorque(k=chosen.torque)})
 noise = torch.randn(len(drops), 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
 sigma = torch.tensor([0.01, 0.01, 0.5], dtype=torch.float64)
 impacts = drops.replace(v_post=truth.predict(drops).v_post + sigma * noise)
 pool, test = impacts.split(0.5, torch.Generator().manual_seed(0))
 
 # The effect can also be a line of mathematics. Such lines are parsed and never executed as Python.
-line = formula(tau="-k*sin(theta)", parameters={"k": [-0.001, 0.001]})
+line = cl.effects.formula.effect.formula(tau="-k*sin(theta)", parameters={"k": [-0.001, 0.001]})
 
 # Four models of these drops, fitted alike.
-wang_mason = laws.find("wang_mason")
 models = {
     "Smooth floor": (SmoothFloor(), {}),
-    "Wang–Mason": (wang_mason, {}),
-    "+ cable torque": (wang_mason, {"cable": CableTorque()}),
-    "+ the same line": (wang_mason, {"line": line}),
+    "Wang–Mason": ("wang_mason", {}),
+    "+ cable torque": ("wang_mason", {"cable": CableTorque()}),
+    "+ the same line": ("wang_mason", {"line": line}),
 }
-errors, intervals = {}, {}
-for label, (law, effects) in models.items():
-    fit = joint.fit(pool, law, effects)
-    errors[label] = mass_error(test, fit.model.predict(test))
-    intervals[label] = tuple(bootstrap(errors[label], torch.Generator().manual_seed(0), 1000))
-    print(f"{label}: {intervals[label][0]:.4f}\n{fit.model}\n")
-show(error_comparison(errors, intervals, "Mass error (–)"), chosen.out / "errors")
+fits = {label: cl.fit(pool, law, effects) for label, (law, effects) in models.items()}
+for label, fit in fits.items():
+    print(f"{label}\n{fit.model}\n")
+table = cl.compare({label: fit.model for label, fit in fits.items()}, test)
+print(table)
+show(cl.plot.comparison(table), chosen.out / "errors")
 
 # The moment that is left without the effect, along the orientation, and the effect's own curve through it.
-model = joint.fit(pool, wang_mason, {"cable": CableTorque()}).model
-show(effect_curve(partial_residuals(model, test, "cable"), "cable torque"), chosen.out / "cable")
+model = cl.fit(pool, "wang_mason", {"cable": CableTorque()}).model
+left = cl.inference.evaluation.partial_residuals.partial_residuals(model, test, "cable")
+show(cl.plot.effect_curve(left, "cable torque"), chosen.out / "cable")

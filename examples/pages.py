@@ -18,7 +18,7 @@ from pathlib import Path
 
 import torch
 
-from contactlearn.report.figures import style
+import contactlearn as cl
 
 HERE = Path(__file__).parent
 NAMES = (
@@ -43,7 +43,7 @@ def settings(**defaults):
 
 def show(figure, path):
     """Write a figure as PNG, and print its path."""
-    with style.look():
+    with cl.plot.style.look():
         figure.savefig(path.with_suffix(".png"), dpi=150)
     print("figure ", path.with_suffix(".png"))
 

@@ -7,29 +7,27 @@ The figures and Table 1 of Fazeli et al. (2017): on synthetic drops, whose truth
 import torch
 from pages import settings, show
 
-from contactlearn import ContactModel, Recipe, laws
-from contactlearn.data import ellipse_drops
-from contactlearn.inference.evaluation import bounds, metrics
-from contactlearn.inference.identification.per_trial import fit_trials
-from contactlearn.inference.identification.shared import Box, cost_surface, fit_subsets
-from contactlearn.inference.learning.curves import law_at, learning_curves, nested_orders
-from contactlearn.report.figures.comparison import error_comparison
-from contactlearn.report.figures.impulse_space import reachable_impulses
-from contactlearn.report.figures.laws import convergence, cost_map, trial_parameters
-from contactlearn.report.figures.learning import error_densities, learning_curve
-from contactlearn.simulation import synthetic
+import contactlearn as cl
 
+# The front door has the usual verbs; these modules have the paper's details.
+bounds, shared, curves_of = (
+    cl.inference.evaluation.bounds,
+    cl.inference.identification.shared,
+    cl.inference.learning.curves,
+)
 chosen = settings(data="synthetic", trials=600, repetitions=20, size=120, seeds=3, largest=200)
 published = chosen.data == "ellipse_drops"
-impacts = ellipse_drops.load(inertia="fazeli2017") if published else synthetic.load(size=chosen.trials)
+impacts = (
+    cl.data.ellipse_drops.load(inertia="fazeli2017") if published else cl.simulation.synthetic.load(size=chosen.trials)
+)
 variant, target = ("fazeli2017", "least_squares") if published else ("textbook", "momentum")
-box = Box((0.0, 0.4), (0.2, 1.0)) if published else Box()
+box = shared.Box((0.0, 0.4), (0.2, 1.0)) if published else shared.Box()
 generator = torch.Generator().manual_seed(0)
 pool, test = impacts.split(0.25, generator)
 print(impacts.source, len(pool), "drops to identify from,", len(test), "held out")
 
 # Table 1: μ and ε of the six laws, mean and standard deviation over random subsets.
-paper = {name: laws.find(name, variant) for name in laws.PAPER_LAWS}
+paper = {name: cl.laws.find(name, variant) for name in cl.laws.PAPER_LAWS}
 table_1 = {
     "whittaker": ((0.111, 0.008), (0.484, 0.011)),
     "anitescu_potra_newton": ((0.084, 0.007), (0.547, 0.009)),
@@ -40,60 +38,60 @@ table_1 = {
 }
 options = {"generator": generator, "target": target, "box": box}
 fits = {
-    name: fit_subsets(pool, law, sizes=(chosen.size,), repetitions=chosen.repetitions, **options)
+    name: cl.fit_subsets(pool, law, sizes=(chosen.size,), repetitions=chosen.repetitions, **options)
     for name, law in paper.items()
 }
 for name, fit in fits.items():
     found = "   ".join(f"{mean:.3f} ± {std:.3f}" for mean, std in zip(fit.mean(), fit.std(), strict=True))
     printed = "   ".join(f"{mean:.3f} ± {std:.3f}" for mean, std in table_1[name])
-    print(f"{laws.find(name).label:<24} {found}" + (f"   published {printed}" if published else ""))
+    print(f"{cl.laws.find(name).label:<24} {found}" + (f"   published {printed}" if published else ""))
 
 # Figure 2.3: the impulses that each law can give one drop, in its energy ellipse.
 identified = {name: fit.to_law() for name, fit in fits.items()}
-show(reachable_impulses(test, 0, identified, box, target=target), chosen.out / "figure_2_3")
+show(plot.reachable_impulses(test, 0, identified, box, target=target), chosen.out / "figure_2_3")
 
 # Figures 3.3 and 3.4: the cost over (μ, ε), and how the parameters settle with the number of trials.
 law = paper["whittaker"]
 mu, eps = box.axes()
 sample = pool[: chosen.size]
-least = fit_subsets(sample, law, sizes=(chosen.size,), repetitions=1, target=target, box=box)
-cost = cost_surface(law, sample, mu, eps, target=target)
-show(cost_map(mu, eps, cost, least.mean(), law, chosen.size), chosen.out / "figure_3_3")
+least = cl.fit_subsets(sample, law, sizes=(chosen.size,), repetitions=1, target=target, box=box)
+cost = shared.cost_surface(law, sample, mu, eps, target=target)
+show(plot.cost_map(mu, eps, cost, least.mean(), law, chosen.size), chosen.out / "figure_3_3")
 sizes = [size for size in (5, 10, 20, 40, 80, 160, 320) if size <= len(pool)]
-show(convergence(fit_subsets(pool, law, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
+show(plot.convergence(cl.fit_subsets(pool, law, sizes=sizes, repetitions=10, **options)), chosen.out / "figure_3_4")
 
 # Figure 3.5: held-out errors of the laws beside Best Post Hoc, the best of all laws drop by drop, and the bound that
 # no rigid point contact beats.
 norm = "euclidean" if published else "mass"
-predictions = {name: ContactModel(law).predict(test) for name, law in identified.items()}
+predictions = {name: cl.ContactModel(law).predict(test) for name, law in identified.items()}
 best, _ = bounds.best_post_hoc(test, predictions, norm)
 limits = {"best_post_hoc": best, "irb": bounds.irb(test, norm)}
 name = "normalised_euclidean_error" if published else "mass_error"
-metric, axis = metrics.METRICS[name], metrics.METRICS[name].axis
+metric, axis = cl.metrics.METRICS[name], cl.metrics.METRICS[name].axis
 errors = {name: metric.error(test, outcome) for name, outcome in (predictions | limits).items()}
-intervals = {name: tuple(metrics.bootstrap(error, generator, 1000)) for name, error in errors.items()}
-show(error_comparison(errors, intervals, axis), chosen.out / "figure_3_5")
+intervals = {name: tuple(cl.metrics.bootstrap(error, generator, 1000)) for name, error in errors.items()}
+show(plot.error_comparison(errors, intervals, axis), chosen.out / "figure_3_5")
 
 # Figure 3.6: μ and ε of every single drop.
 law = paper["anitescu_potra_newton"]
-show(trial_parameters(fit_trials(test, law, target=target, box=box), test, box=box), chosen.out / "figure_3_6")
+show(plot.trial_parameters(cl.fit_trials(test, law, target=target, box=box), test, box=box), chosen.out / "figure_3_6")
 
 # Figures 4.1 and 4.2: learned models, with and without a law under them, against the number of training drops.
 law = paper["wang_mason"]
 recipes = {
-    "x1_impulse": Recipe("x1", "impulse"),
-    "residual_impulse": Recipe("x1", "impulse", law),
-    "parameters_identified": Recipe("x1", "parameters_identified", law),
+    "x1_impulse": cl.Recipe("x1", "impulse"),
+    "residual_impulse": cl.Recipe("x1", "impulse", law),
+    "parameters_identified": cl.Recipe("x1", "parameters_identified", law),
 }
 sizes = [size for size in (10, 20, 50, 100, 200, 450) if size <= min(chosen.largest, len(pool))]
-orders = nested_orders(len(pool), chosen.seeds, generator)
-fit = fit_subsets(pool, law, sizes=sizes, orders=orders, target=target, box=box)
-bases = {law.name: {size: law_at(fit, size) for size in sizes}}
-curves = learning_curves(recipes, pool, test, orders, sizes, bases, impulse=target, box=box)
+orders = learning.nested_orders(len(pool), chosen.seeds, generator)
+fit = cl.fit_subsets(pool, law, sizes=sizes, orders=orders, target=target, box=box)
+bases = {law.name: {size: learning.law_at(fit, size) for size in sizes}}
+curves = learning.learning_curves(recipes, pool, test, orders, sizes, bases, impulse=target, box=box)
 densities = {model: curve.errors[name][-1].flatten() for model, curve in curves.items()}
-show(error_densities(densities | {bound: errors[bound] for bound in limits}, axis), chosen.out / "figure_4_1")
+show(plot.error_densities(densities | {bound: errors[bound] for bound in limits}, axis), chosen.out / "figure_4_1")
 means = {
     model: torch.tensor([tuple(one) for one in curve.intervals(name, generator, 500)])
     for model, curve in curves.items()
 }
-show(learning_curve(sizes, means, {bound: intervals[bound] for bound in limits}, axis), chosen.out / "figure_4_2")
+show(plot.learning_curve(sizes, means, {bound: intervals[bound] for bound in limits}, axis), chosen.out / "figure_4_2")

@@ -9,27 +9,22 @@ from collections import Counter
 
 from pages import settings, show
 
-from contactlearn import diagnose
-from contactlearn.data import tracks
-from contactlearn.effects import find_effect
-from contactlearn.report.figures.diagnosis import ladder_figure
-from contactlearn.report.figures.tracks import contact_figure
-from contactlearn.report.text import effect_label, headline, sentence
-from contactlearn.simulation import recordings
+import contactlearn as cl
 
+recordings = cl.simulation.recordings
 chosen = settings(recordings=100, damping=0.15)
 
 # Recordings of an ellipse that is thrown onto a floor, two seconds each at 250 frames a second, a CSV file each. In
 # their simulation contact takes spin away, τ = −c I ω⁺.
-effect = find_effect("spin_damping")().at([chosen.damping])
-recordings, truth = recordings.simulate(chosen.recordings, effects={"spin_damping": effect}, seed=3)
-takes = chosen.out / "takes"
-recordings.write_recordings(recordings, takes)
+effect = cl.effects.find_effect("spin_damping")().at([chosen.damping])
+takes, truth = recordings.simulate(chosen.recordings, effects={"spin_damping": effect}, seed=3)
+folder = chosen.out / "takes"
+recordings.write_recordings(takes, folder)
 
 # Nothing is stated but mass and shape: units, axes and the sense of rotation are found from gravity and the moment
 # balance.
 shape = {"kind": "ellipse", "semi_axes": list(recordings.SEMI_AXES)}
-found = tracks.find_impacts(takes, mass=recordings.MASS, shape=shape)
+found = cl.read_recordings(folder, mass=recordings.MASS, shape=shape)
 print(f"{len(found.impacts)} impacts of {len(truth.time)} true contacts; refused:")
 for reason, count in Counter(str(refusal.reason) for refusal in found.survey.refusals).most_common():
     print(f"  {count:4d} {reason}")
@@ -37,12 +32,12 @@ for reason, count in Counter(str(refusal.reason) for refusal in found.survey.ref
 # One of the contacts: both flights, what they leave, and the body there.
 contact = found.survey.contacts[0]
 (recording,) = found.again([contact.recording])
-show(contact_figure(recording, contact, found.shape), chosen.out / "contact")
+show(cl.plot.contact(recording, contact, found.shape), chosen.out / "contact")
 
 # The covariances of the impacts are the noise of every fit.
-diagnosis = diagnose(found.impacts)
-print(sentence(headline(diagnosis)))
+diagnosis = cl.diagnose(found.impacts)
+print(diagnosis)
 print(diagnosis.equation)
 for one in diagnosis.missing:
-    print(f"{effect_label(one.effect)}: probability of the name {one.confidence:.2f}")
-show(ladder_figure(diagnosis), chosen.out / "ladder")
+    print(f"{one.effect}: probability of the name {one.confidence:.2f}")
+show(cl.plot.ladder(diagnosis), chosen.out / "ladder")

@@ -7,10 +7,7 @@ questions. The law under the model is wrong on purpose, so that there is somethi
 import torch
 from pages import settings, show
 
-from contactlearn import Recipe, laws
-from contactlearn.inference.learning.curves import transfer_curves
-from contactlearn.report.figures.learning import transfer_errors
-from contactlearn.simulation import synthetic
+import contactlearn as cl
 
 chosen = settings(trials=150, seeds=4)
 bodies = {
@@ -20,17 +17,17 @@ bodies = {
 
 # Drops of an ellipse to learn from, and of two other bodies, half of them held out.
 generator = torch.Generator().manual_seed(0)
-source = synthetic.load(size=chosen.trials)
+source = cl.simulation.synthetic.load(size=chosen.trials)
 others = {
-    name: synthetic.load(size=2 * chosen.trials, shape=shape, seed=seed).split(0.5, generator)
+    name: cl.simulation.synthetic.load(size=2 * chosen.trials, shape=shape, seed=seed).split(0.5, generator)
     for seed, (name, shape) in enumerate(bodies.items(), 1)
 }
 
 # Drumwright and Shell's law with Gaussian processes on its residual wrench: as it is on the other body; with processes
 # on its own residual there; and learnt from that body's trials alone.
-recipe = Recipe("x1", "wrench", laws.find("drumwright_shell"))
+recipe = cl.Recipe("x1", "wrench", cl.laws.find("drumwright_shell"))
 sizes = [size for size in (5, 10, 20, 50, 100) if size <= chosen.trials]
-model, curves = transfer_curves(recipe, source, others, sizes, chosen.seeds, generator)
+model, curves = cl.inference.learning.curves.transfer_curves(recipe, source, others, sizes, chosen.seeds, generator)
 
 # The trained model is worth trials of the new body as long as its curve lies below that from scratch.
 ways = {"scratch": "From scratch", "prior": "Trained model as prior"}
@@ -49,4 +46,4 @@ for body, by_way in means.items():
     print(f"{body + ', no trial of it':<40}{zero_shot[body][0]:8.3f}")
     for label, rows in by_way.items():
         print(f"{body + ', ' + label.lower():<40}" + "".join(f"{mean:8.3f}" for mean in rows[:, 0].tolist()))
-show(transfer_errors(sizes, means, zero_shot, "Mass error (–)"), chosen.out / "transfer")
+show(cl.plot.transfer_errors(sizes, means, zero_shot, "Mass error (–)"), chosen.out / "transfer")

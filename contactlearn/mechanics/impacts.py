@@ -397,8 +397,12 @@ class Impacts:
         if self.apparatus is not None:
             digest.set_text("apparatus", repr(self.apparatus))
 
-    def split(self, test: float, generator: torch.Generator) -> tuple["Impacts", "Impacts"]:
-        """Random (training pool, held-out test) with a share `test` of the trials, or recordings, held out."""
+    def split(self, test: float, generator: torch.Generator | None = None) -> tuple["Impacts", "Impacts"]:
+        """Random (training pool, held-out test) with a share `test` of the trials, or recordings, held out.
+
+        The generator has seed 0 if it is left out.
+        """
+        generator = generator or torch.Generator().manual_seed(0)
         held_out = random_share(len(self), test, generator, self.source, self.groups)
         return self[~held_out], self[held_out]
 
@@ -462,9 +466,7 @@ class Prediction:
 
         if self.v_post.ndim > 2:
             shape = tuple(self.v_post.shape)
-            raise ContactLearnError(
-                f"a table has a row for each impact; these are {shape} predictions of several models"
-            )
+            raise ContactLearnError(f"a table has a row for each impact; these are predictions {shape} of several")
         space = PLANE if self.v_post.shape[-1] == PLANE.D else SPACE
         columns = dict(zip(space.components["v_post"], self.v_post.detach().cpu().T.numpy(), strict=True))
         columns |= zip(space.wrench, self.wrench.detach().cpu().T.numpy(), strict=True)

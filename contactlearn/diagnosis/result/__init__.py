@@ -14,7 +14,9 @@ models are no part of the file: they are the `Record` beside it.  No stage of th
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from html import escape
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
@@ -52,6 +54,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.laws import Law, find
+from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
     "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop",
@@ -244,10 +247,41 @@ class Diagnosis:
             story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")
         return f"Diagnosis({', '.join(story)})"
 
+    def _repr_html_(self) -> str:
+        """Draw the ladder: a bar for the held-out error of each rung, with its 95 % interval."""
+        names = {
+            RungKind.LAW: str(self.law),
+            RungKind.PROCESSES: "+ processes on the residual",
+            RungKind.NOISE: "noise",
+        }
+        largest = max((rung.error.high for rung in self.ladder), default=1.0)
+        bar = "<div style='background:#7a9cc6;height:0.8em;width:{:.2f}em'></div>"
+        rows = [
+            f"<tr><td style='text-align:left'>{escape(names.get(rung.kind, f'+ {rung.effect}'))}</td>"
+            f"<td>{rung.error.mean:.3g} [{rung.error.low:.3g}, {rung.error.high:.3g}]</td>"
+            f"<td>{bar.format(20 * rung.error.mean / largest)}</td></tr>"
+            for rung in self.ladder
+        ]
+        head = "<tr><th>ladder</th><th>held-out mass error, 95 %</th><th></th></tr>" if rows else ""
+        return f"<p>{escape(repr(self))}</p><table>{head}{''.join(rows)}</table>"
+
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the missing effects, without their forms."""
         return tuple(missing.effect.name for missing in self.missing)
+
+    @property
+    def model(self) -> ContactModel:
+        """The law with the given and the missing effects, fitted to all impacts.
+
+        Raises:
+            ContactLearnError: the data were refused, or the diagnosis was read without its record.
+        """
+        if self.record is None:
+            raise ContactLearnError(
+                f"the diagnosis has no record of its trials, and so no model: {self!r}"
+            )
+        return self.record.model
 
     @property
     def corrections(self) -> tuple[str, ...]:

@@ -29,8 +29,8 @@ def compare(
         metric: name of an error, see `metrics.METRICS`.
 
     Returns:
-        A table with a row for each model, the best first: its mean `error` over the impacts, `low` and `high` of the 95 %
-        bootstrap interval, and the `largest` error.  A last row is the rigid bound, for a metric that has one.
+        A table with a row for each model, the best first: its mean `error`, `low` and `high` of its 95 % bootstrap
+        interval, and its `largest` error.  A last row is the rigid bound, for a metric that has one.
 
     Raises:
         ContactLearnError: no model, or something else than models and impacts.
@@ -42,12 +42,10 @@ def compare(
     if metric not in METRICS:
         raise UnknownNameError("metric", metric, METRICS)
     named = dict(models) if isinstance(models, Mapping) else _named(models)
-    for name, model in named.items():
+    for model in named.values():
         if not isinstance(model, ContactModel):
             kind = type(model).__name__
-            raise ContactLearnError(
-                f"compare takes models, such as fit.model, in a list or by name; got {kind} {name!r}"
-            )
+            raise ContactLearnError(f"compare takes models, such as fit.model, in a list or by name; got a {kind}")
     error, norm = METRICS[metric].error, METRICS[metric].norm
     errors = {name: error(impacts, model.predict(impacts)) for name, model in named.items()}
     errors = dict(sorted(errors.items(), key=lambda item: item[1].mean().item()))

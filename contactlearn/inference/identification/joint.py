@@ -170,7 +170,12 @@ class Fit:
         """Describe the fit: a line for each parameter, then everything that limits what it says."""
         rows = zip(self.parameters, self._means(self.values), self._means(self.standard_errors), strict=True)
         width = max(len(p.name) for p in self.parameters)
-        lines = [repr(self).split(";")[0].removeprefix("Fit("), ""]
+        law = self.model.law
+        lines = [
+            f"{law.name} ({law.variant})",
+            *(f"  + {name}: {e.equation}" for name, e in self.model.effects.items()),
+            "",
+        ]
         lines += [f"  {p.name:<{width}}  {p.symbol} = {measured(value, error, p.unit)}" for p, value, error in rows]
         lines += [
             "",

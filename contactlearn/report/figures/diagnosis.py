@@ -110,7 +110,7 @@ def ladder_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each rung with its 95 % interval; the IRB bound is a line."""
     names = [rung_label(rung, base_label(found)) for rung in found.ladder]
     physical = [rung.kind in (RungKind.LAW, RungKind.EFFECT) for rung in found.ladder]
-    figure = _bars(names, [rung.error for rung in found.ladder], physical)
+    figure = error_bars(names, [rung.error for rung in found.ladder], physical)
     if found.budget is not None:
         style = st.law_style("irb")
         look: dict[str, Any] = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
@@ -124,11 +124,11 @@ def laws_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each law without effects, the least first."""
     laws = sorted(found.laws, key=lambda one: one.error)
     errors = [Interval(one.error, one.error, one.error) for one in laws]
-    return _bars([st.law_style(one.name).label for one in laws], errors, [True] * len(laws))
+    return error_bars([st.law_style(one.name).label for one in laws], errors, [True] * len(laws))
 
 
-def _bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[bool]) -> Figure:
-    """Errors from top to bottom, each below its number and name; models without physics are grey."""
+def error_bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[bool]) -> Figure:
+    """Draw errors from top to bottom, each below its number and name; models without physics are grey."""
     figure = st.new_figure(st.PAGE, 0.7 + 0.38 * len(names))
     axes = st.name_axes(figure.subplots(), ERROR)
     blue, grey, places = st.tint(st.CONTRAST[0], 0.45), st.tint(st.DARK, 0.2), range(len(names))

@@ -3,6 +3,7 @@
 The data are a pure function of the diagnosis, its record and its provenance; nothing is fitted.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Any
 
 import torch
 
+from contactlearn.core import __version__
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
@@ -44,9 +47,26 @@ from contactlearn.report.text import (
 )
 from contactlearn.report.text.names import budget_labels
 from contactlearn.report.text.numbers import counted
-from contactlearn.results.types import Provenance
+from contactlearn.results.types import DataSource, Provenance
 
 _TELLING = 2  # effects that are drawn above the fold
+
+
+def save_report(found: Diagnosis, folder: str | os.PathLike[str]) -> Path:
+    """Write report.html of a diagnosis that was made in Python; return its path.
+
+    Raises:
+        ContactLearnError: a diagnosis that was read without its record.
+        OSError: the folder cannot be written to.
+    """
+    if found.record is None:
+        raise ContactLearnError("a report shows trials, and this diagnosis has no record of them")
+    impacts = found.record.impacts
+    data = DataSource(
+        source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint(), space=impacts.space.name
+    )
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return write_page(Path(folder), found, Provenance(data=data, versions={"contactlearn": __version__}))
 
 
 def write_page(folder: Path, found: Diagnosis, provenance: Provenance, *, use: str = "") -> Path:
