@@ -120,10 +120,8 @@ if not TYPE_CHECKING:  # with it a type checker would take any name for one of t
 
     def __getattr__(name: str) -> object:
         if name in _HOME:
-            module, _, there = _HOME[name].partition(":")
-            found = getattr(import_module(f"contactlearn.{module}"), there or name)
-            globals()[name] = found
-            return found
+            module, *there = _HOME[name].split(":")
+            return getattr(import_module(f"contactlearn.{module}"), there[0] if there else name)
         if name in _ROOMS:
             return import_module(f"contactlearn.{name}")
         raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")

@@ -9,17 +9,12 @@ from pages import settings, show
 
 import contactlearn as cl
 
-# The front door has the usual verbs; these modules have the paper's details.
-bounds, shared, curves_of = (
-    cl.inference.evaluation.bounds,
-    cl.inference.identification.shared,
-    cl.inference.learning.curves,
-)
+plot, bounds, shared = cl.plot, cl.inference.evaluation.bounds, cl.inference.identification.shared
+learning = cl.inference.learning.curves
 chosen = settings(data="synthetic", trials=600, repetitions=20, size=120, seeds=3, largest=200)
 published = chosen.data == "ellipse_drops"
-impacts = (
-    cl.data.ellipse_drops.load(inertia="fazeli2017") if published else cl.simulation.synthetic.load(size=chosen.trials)
-)
+load = cl.data.ellipse_drops.load if published else cl.simulation.synthetic.load
+impacts = load(inertia="fazeli2017") if published else load(size=chosen.trials)
 variant, target = ("fazeli2017", "least_squares") if published else ("textbook", "momentum")
 box = shared.Box((0.0, 0.4), (0.2, 1.0)) if published else shared.Box()
 generator = torch.Generator().manual_seed(0)

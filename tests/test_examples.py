@@ -1,5 +1,6 @@
 """Every example runs, says what it is there to show, and becomes a page with figures; here at small sizes."""
 
+import ast
 import gc
 import re
 import sys
@@ -14,7 +15,7 @@ SIZES = {
     "paper_figures": ("--trials=80", "--repetitions=2", "--size=30", "--seeds=2", "--largest=20"),
     "find_hidden_effect": ("--trials=80", "--hidden=side_drag"),
     "own_csv": ("--trials=60",),
-    "tracks_to_effect": ("--recordings=10",),
+    "tracks_to_effect": ("--recordings=20",),
     "own_effect_and_law": ("--trials=80",),
     "two_bodies": ("--trials=40",),
     "transfer": ("--trials=24", "--seeds=2"),
@@ -67,6 +68,19 @@ def test_the_page_of_the_site_has_the_code_of_the_example(name, pages):
     _, *cells = pages._cells((EXAMPLES / f"{name}.py").read_text("utf-8"))
     assert re.findall(r"```python\n((?:.|\n)*?)\n```", text) == [code.strip() for _, _, code in cells]
     assert all((EXAMPLES / "as_pages" / name / figure).is_file() for figure in re.findall(r"\((\w+\.png)\)", text))
+
+
+def test_examples_import_contactlearn_alone():
+    """Whoever copies an example sees the public names, and no module behind them."""
+    imports = [
+        (path.name, alias.name if isinstance(node, ast.Import) else node.module)
+        for path in EXAMPLES.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    ]
+    assert {name for name, module in imports if module == "contactlearn"} >= {f"{name}.py" for name in SIZES}
+    assert [(name, module) for name, module in imports if module.startswith("contactlearn.")] == []
 
 
 def test_every_example_is_tested(pages):

@@ -402,7 +402,7 @@ class Impacts:
 
         The generator has seed 0 if it is left out.
         """
-        generator = generator or torch.Generator().manual_seed(0)
+        generator = torch.Generator().manual_seed(0) if generator is None else generator
         held_out = random_share(len(self), test, generator, self.source, self.groups)
         return self[~held_out], self[held_out]
 

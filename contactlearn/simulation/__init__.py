@@ -7,6 +7,15 @@ recordings           recordings of simulated bodies, with the faults of real tra
 recordings_mujoco    the same, with MuJoCo's flights and contacts
 """
 
+from typing import TYPE_CHECKING
+
 from contactlearn.core.lazy import load_when_named
+
+if TYPE_CHECKING:  # examples and notebooks name these; a type checker sees nothing of `load_when_named`
+    from contactlearn.simulation import hidden_effects as hidden_effects
+    from contactlearn.simulation import mujoco as mujoco
+    from contactlearn.simulation import recordings as recordings
+    from contactlearn.simulation import recordings_mujoco as recordings_mujoco
+    from contactlearn.simulation import synthetic as synthetic
 
 load_when_named(__name__)

@@ -278,9 +278,7 @@ class Diagnosis:
             ContactLearnError: the data were refused, or the diagnosis was read without its record.
         """
         if self.record is None:
-            raise ContactLearnError(
-                f"the diagnosis has no record of its trials, and so no model: {self!r}"
-            )
+            raise ContactLearnError(f"the diagnosis has no record of its trials, and so no model: {self!r}")
         return self.record.model
 
     @property
