@@ -11,6 +11,7 @@ import pytest
 from commands import small_search
 from evaluations import training
 
+import contactlearn
 from contactlearn import laws
 from contactlearn.cli.config_files import choice_settings, choices
 from contactlearn.cli.hydra_main import compose
@@ -92,7 +93,16 @@ def test_python_blocks_run(document, tmp_path, monkeypatch):
     gc.collect()  # classes that a block defines are laws and effects until they are gone
 
 
+def test_the_page_of_the_front_door_lists_every_name():
+    """And no other: a name that is added or removed changes the page."""
+    text = (ROOT / "docs" / "api.md").read_text("utf-8")
+    listed = {name for row in re.findall(r"^\| (`.*?) \|", text, re.MULTILINE) for name in re.findall(r"`(\w+)", row)}
+    assert listed | {"Diagnosis", "Fit", "Recipe", "__version__"} == {*contactlearn.__all__}
+    assert all(f"`{name}`" in text for name in ("Diagnosis", "Fit", "Recipe"))
+
+
 def test_the_readme_says_what_the_case_study_measured():
+    """The ladder of the case study."""
     text = (ROOT / "README.md").read_text("utf-8")
     rows = re.findall(r"^\| .*\d\.\d{3} \[.*$", text, re.MULTILINE)
     study = (ROOT / "docs" / "case-study-bounces.md").read_text("utf-8")
