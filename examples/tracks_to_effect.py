@@ -21,10 +21,10 @@ takes, truth = recordings.simulate(chosen.recordings, effects={"spin_damping": e
 folder = chosen.out / "takes"
 recordings.write_recordings(takes, folder)
 
-# Nothing is stated but mass and shape: units, axes and the sense of rotation are found from gravity and the moment
-# balance.
+# Length unit and axes are found from gravity. Unit and sense of the angles would follow from the moment balance, which
+# contacts that take spin away leave open, so they are stated beside mass and shape.
 shape = {"kind": "ellipse", "semi_axes": list(recordings.SEMI_AXES)}
-found = cl.read_recordings(folder, mass=recordings.MASS, shape=shape)
+found = cl.read_recordings(folder, mass=recordings.MASS, shape=shape, angle="rad", sense="as_read")
 print(f"{len(found.impacts)} impacts of {len(truth.time)} true contacts; refused:")
 for reason, count in Counter(str(refusal.reason) for refusal in found.survey.refusals).most_common():
     print(f"  {count:4d} {reason}")
