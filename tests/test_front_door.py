@@ -200,3 +200,13 @@ def test_a_diagnosis_hands_its_model_on_and_writes_its_report(tmp_path):
     assert cl.plot.ladder(found).axes
     with pytest.raises(UnknownNameError, match="missing effect 'spin_dampin', did you mean 'spin_damping'"):
         cl.plot.effect(found, "spin_dampin")
+
+
+def test_recordings_say_what_was_found_and_refused(tmp_path):
+    recordings = cl.simulation.recordings
+    takes, _ = recordings.simulate(8, seed=3)
+    recordings.write_recordings(takes, tmp_path)
+    tracked = cl.read_recordings(tmp_path, mass=recordings.MASS, shape=cl.shapes.Ellipse(recordings.SEMI_AXES))
+    assert repr(tracked).startswith(f"Tracked({len(tracked.impacts)} impacts in 8 recordings; refused: ")
+    counts = [int(count) for count in re.findall(r"<td>(\d+)</td>", tracked._repr_html_())]
+    assert sum(counts) == len(tracked.survey.refusals) > 0

@@ -17,6 +17,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,20 @@ class Tracked:
     options: TrackOptions
     hull: MarkerHull | None = None
     centre: Centre = None
+
+    def __repr__(self) -> str:
+        """Write how many impacts were found, and why contacts and recordings were refused."""
+        counts = Counter(REASONS[refusal.reason] for refusal in self.survey.refusals)
+        refused = ", ".join(f"{count} {reason}" for reason, count in counts.most_common()) or "none"
+        found = f"{len(self.impacts)} impacts in {self.survey.recordings} recordings"
+        return f"Tracked({found}; refused: {refused}; source={str(self.path)!r})"
+
+    def _repr_html_(self) -> str:
+        """Show how many impacts were found, and the refusals by reason."""
+        counts = Counter(REASONS[refusal.reason] for refusal in self.survey.refusals)
+        rows = "".join(f"<tr><td>{count}</td><td>{escape(reason)}</td></tr>" for reason, count in counts.most_common())
+        refused = f"<table><tr><th>refused</th><th>reason</th></tr>{rows}</table>" if rows else ""
+        return refused + self.impacts._repr_html_()
 
     @property
     def rig(self) -> Apparatus:

@@ -45,6 +45,11 @@ class Finding:
     alternatives: tuple[tuple[str, ...], ...] = ()
     rig: tuple[Row, ...] = ()
 
+    def __repr__(self) -> str:
+        """Write the sentence, and the correction where there is one."""
+        fix = f" → {self.correction}" if self.correction else ""
+        return f"Finding({self.name}: {self.sentence}{fix})"
+
     def value(self, quantity: str) -> float | str:
         """The value of a quantity of the evidence.
 
