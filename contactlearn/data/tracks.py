@@ -83,7 +83,7 @@ class Tracked:
         counts = Counter(REASONS[refusal.reason] for refusal in self.survey.refusals)
         rows = "".join(f"<tr><td>{count}</td><td>{escape(reason)}</td></tr>" for reason, count in counts.most_common())
         refused = f"<table><tr><th>refused</th><th>reason</th></tr>{rows}</table>" if rows else ""
-        return refused + self.impacts._repr_html_()
+        return f"<p>{escape(repr(self.impacts))}</p>{refused}"
 
     @property
     def rig(self) -> Apparatus:
