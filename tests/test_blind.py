@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import repeated
 
 from contactlearn import diagnose
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import Coefficient, LaggedVariable
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.formula.symbols import SYMBOLS

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from commands import run
-from contactlearn.diagnosis.options import DiagnoseOptions
 from observers import RecordingObserver
 
 from contactlearn.cli.config_files import with_diagnosed_model
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.diagnosis.events import CandidatesExcluded
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable

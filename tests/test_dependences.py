@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few, made_up, remainder
 from drops import LAW, NOISE, fitted, normal, rough, seeded, thrown
 from repetitions import repeated
 from spatial import tossed
 
 from contactlearn import diagnose, laws
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import (
     Coefficient,
     Diagnosis,

@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from observers import RecordingObserver
 from repetitions import repeated
@@ -11,6 +10,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.diagnosis import events
 from contactlearn.diagnosis.events import AuditFindings, LawChanged, LawsCompared
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource
 from contactlearn.diagnosis.search.candidates import all_candidates

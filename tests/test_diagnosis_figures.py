@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from corruptions import corrupt
 from diagnoses import few
 from matplotlib.text import Text
@@ -22,6 +21,7 @@ from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.trials import gross_outliers
 from contactlearn.diagnosis import result
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.regions import variables
 from contactlearn.effects import EffectId

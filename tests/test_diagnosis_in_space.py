@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from spatial import tossed
 
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Level, Verdict

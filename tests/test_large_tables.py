@@ -5,13 +5,13 @@ from unittest.mock import patch
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import ERROR, few, made_up, provenance_of
 from drops import seeded
 from observers import RecordingObserver
 
 from contactlearn.data.audit.trials import repeated
 from contactlearn.diagnosis.events import SubsampleStarted, ignore
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Limit, Record, Verdict

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import crossed, repeated
 from torch import Tensor
@@ -21,6 +20,7 @@ from torch import Tensor
 from contactlearn import diagnose, laws
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.findings import audit
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals

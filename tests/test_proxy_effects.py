@@ -3,11 +3,11 @@
 from types import SimpleNamespace
 
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from drops import LAW, NOISE, fitted, normal, thrown
 
 from contactlearn import diagnose
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.search.pool import Spec
 from contactlearn.diagnosis.stages import SearchResult

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 import torch
 from browser import nothing_sticks_out
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import SIX, few, made_up, provenance_of
 from evaluations import evaluation_of, learning_curve
 
 from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Candidate, Diagnosis, PlausibleModel, Record, Verdict
 from contactlearn.effects import EffectId

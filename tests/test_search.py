@@ -4,9 +4,9 @@ import math
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 
 from contactlearn.diagnosis.drift import dependence, lasts_beside
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search

@@ -4,11 +4,11 @@ import math
 
 import pytest
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from diagnoses import few
 from repetitions import repeated
 
 from contactlearn.data.audit.corrections import correct
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts

@@ -19,11 +19,11 @@ import math
 from collections.abc import Mapping
 
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from torch import Tensor
 
 from contactlearn import diagnose
 from contactlearn.data import ellipse_drops
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.effects import Effect, find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import bootstrap, mass_error

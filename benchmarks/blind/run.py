@@ -21,7 +21,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 from rich.progress import track
 from threadpoolctl import threadpool_limits
 
@@ -30,6 +29,7 @@ from blind.load import SUITES, BlindSet, blind_sets, load, read_suite
 from blind.planted import planted_parts
 from blind.report import report
 from contactlearn import diagnose
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.search import ladder
 
 

@@ -17,11 +17,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 
 from blind.judge import Answer, answer_of
 from blind.report import by_group, judged, reliability, wrong
 from blind.run import read
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from tosses import engine, impulse
 from tosses.facts import Toss, draw, suite, truths

@@ -4,10 +4,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import torch
-from contactlearn.diagnosis.options import DiagnoseOptions
 
 from contactlearn import laws
 from contactlearn.core.errors import DataError
+from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
