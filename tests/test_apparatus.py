@@ -18,7 +18,7 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import rig_notes, scale_findings
-from contactlearn.data.recordings.conventions import find_frame, find_gravity
+from contactlearn.data.recordings.conventions import find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
@@ -139,10 +139,15 @@ def test_gravity_is_fitted_with_the_drag_that_is_used():
     assert abs(other.size - stated.size) > 4 * stated.error
     # Its error is one of all velocities alike: 0.5 mrad off are 0.5 mm/s after 0.1 s.
     assert find_gravity(recordings).vector[0] != 0
-    assert find_frame(recordings).gravity[0] == 0
-    assert find_frame(recordings).gravity[1] == pytest.approx(-find_gravity(recordings).size)
-    rolled = [replace(one, position=one.position @ ((1, 0.01), (-0.01, 1))) for one in recordings]
-    assert find_frame(rolled).gravity[0] == pytest.approx(9.81 * 0.01, rel=0.2)
+    model, lean = flight_model(recordings), 0.01
+    assert model.gravity == (0, pytest.approx(-find_gravity(recordings).size))
+    rolled = [replace(one, position=one.position @ ((1, lean), (-lean, 1))) for one in recordings]
+    assert flight_model(rolled).gravity[0] == pytest.approx(9.81 * lean, rel=0.2)
+
+
+def flight_model(recordings):
+    gravity = find_gravity(recordings)
+    return find_flight_model(recordings, find_frame(recordings, gravity), gravity)
 
 
 @pytest.mark.parametrize("seed", repeated(2, 10, 24, 32))

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from contactlearn.data.recordings.contacts import find_contacts
-from contactlearn.data.recordings.conventions import find_frame, find_gravity
-from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.conventions import find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.track import Recording
 
@@ -144,13 +143,15 @@ def test_velocities_are_right_though_the_tracked_point_wobbles():
     """A millimetre off the centre of mass, it does not fly on a parabola; without a correction a third are outside."""
     rig = replace(QUIET, noise=5e-5, tracked=(8e-4, -6e-4))
     seen = record(rig, move([rig] * 24, seed=3, seconds=0.6, step=2e-4), seed=0)
-    frame = find_frame(recordings(seen))
-    np.testing.assert_allclose(frame.centre, (-8e-4, 6e-4), atol=1e-4)
+    gravity = find_gravity(recordings(seen))
+    frame = find_frame(recordings(seen), gravity)
+    model = find_flight_model(recordings(seen), frame, gravity)
+    np.testing.assert_allclose(model.centre, (-8e-4, 6e-4), atol=1e-4)
     inside = {True: [], False: []}
     for corrected in inside:
-        options = FlightOptions(air=frame.air, centre=frame.centre if corrected else (0.0, 0.0))
+        physics = model if corrected else replace(model, centre=(0.0, 0.0))
         for number, recording in enumerate(recordings(seen), 1):
-            for hit in find_contacts(frame.track(recording), options).contacts:
+            for hit in find_contacts(frame.track(recording), physics).contacts:
                 true = min((o for o in seen.contacts if o.recording == number), key=lambda o: abs(o.stated - hit.time))
                 v = true.v + true.a * (hit.time - true.stated + true.time.mean() - true.time)[:, None]
                 for half, velocity in enumerate((hit.v_pre, hit.v_post)):

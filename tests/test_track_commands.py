@@ -57,7 +57,7 @@ def test_impacts_have_contact_points_covariances_and_names(plain):
     assert (sigma.median(0).values < torch.tensor((2e-3, 2e-3, 0.1))).all()
     assert abs(found.floor.height.value) < 2e-4
     assert abs(found.floor.slope.value) < 1e-3
-    assert np.hypot(*found.survey.frame.gravity) == pytest.approx(9.81, rel=0.01)
+    assert np.hypot(*found.survey.model.gravity) == pytest.approx(9.81, rel=0.01)
 
 
 @pytest.mark.parametrize(

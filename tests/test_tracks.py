@@ -8,7 +8,7 @@ import pytest
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.contacts import find_contacts
-from contactlearn.data.recordings.conventions import find_frame
+from contactlearn.data.recordings.conventions import find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.flights import STEADY, Air, FlightOptions, find_flights, fit
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
@@ -36,7 +36,7 @@ def bounce(
 
 
 def one_contact(pose: np.ndarray, **options):
-    found = find_contacts(track_of(pose), FlightOptions(**options))
+    found = find_contacts(track_of(pose), options=FlightOptions(**options))
     assert len(found.contacts) == 1, found.refusals
     return found.contacts[0]
 
@@ -58,12 +58,13 @@ def test_flights_that_plates_brake_show_their_own_accelerations_and_meet_within_
     """Each flight has its own acceleration, contacts last 3 ms, and recordings skip frames there."""
     camera = Camera(frames=250, noise=2e-5, angle_noise=7e-4, lasting=3e-3, skipped=0.5)
     recordings, truth = simulate(12, camera, drag=0.5, plates=0.15, seed=3)
-    frame = find_frame(recordings)
-    np.testing.assert_allclose(frame.own[0] / np.array((1, 1, 30)), 0.15, rtol=0.5)
+    gravity = find_gravity(recordings)
+    frame = find_frame(recordings, gravity)
+    model = find_flight_model(recordings, frame, gravity)
+    np.testing.assert_allclose(model.own[0] / np.array((1, 1, 30)), 0.15, rtol=0.5)
     tracks = [frame.track(recording) for recording in recordings]
     own, steady = (
-        [find_contacts(track, FlightOptions(air=air)).contacts for track in tracks]
-        for air in (frame.air, replace(frame.air, own=STEADY))
+        [find_contacts(track, physics).contacts for track in tracks] for physics in (model, replace(model, own=STEADY))
     )
     assert sum(map(len, own)) > 1.3 * sum(map(len, steady))
     scores = []
@@ -106,7 +107,7 @@ def test_angles_are_unwrapped_at_any_rate_below_half_a_turn_a_frame(rate, spin):
 def test_the_state_at_contact_is_right_and_so_are_its_errors():
     """Twenty-five recordings at 250 frames a second; the benchmark has more."""
     founds, pairs, truth = matched(25, Camera(frames=250), seed=5)
-    clean = truth.frames.min(1) >= FlightOptions().narrowest + 1
+    clean = truth.frames.min(1) >= FlightOptions().narrowest(Air()) + 1
     assert len({j for _, j in pairs if clean[j]}) >= 0.96 * clean.sum()
     errors, inside = [], []
     for c, j in pairs:
@@ -242,7 +243,7 @@ def test_windows_grow_with_the_frame_rate_and_the_noise():
         find_flights(track_of(bounce(rate=rate, frames=200, at=0.05), np.arange(200) / rate)).width
         for rate in (250, 1000)
     ]
-    assert widths[0] == FlightOptions().narrowest < widths[1]
+    assert widths[0] == FlightOptions().narrowest(Air()) < widths[1]
 
 
 @pytest.mark.parametrize(
@@ -269,7 +270,7 @@ def test_a_track_is_the_recording_upright():
     camera = Camera(frames=100, axes=((c, 0, s), (0, 1, 0), (-s, 0, c)), order="xyzw", length=1000)
     recordings, _ = simulate(5, camera, seed=1)
     plain, _ = simulate(5, replace(camera, axes=((1, 0, 0), (0, 1, 0)), length=1), seed=1)
-    frame = find_frame(recordings)
+    frame = find_frame(recordings, find_gravity(recordings))
     assert (frame.order, frame.scale) == ("xyzw", 1e-3)
     track, flat = frame.track(recordings[0]), plain[0]
     assert flat.angle is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contactlearn.data import tracks
-from contactlearn.data.recordings.flights import FlightOptions, find_flights
+from contactlearn.data.recordings.flights import Air, FlightOptions, find_flights
 from contactlearn.data.recordings.poses import turn
 from contactlearn.simulation import recordings, recordings_mujoco
 from contactlearn.simulation.camera import Camera
@@ -69,7 +69,7 @@ def test_impacts_agree_with_the_engines_states_within_their_errors(ellipses):
     shortest = max(find_flights(one.track).width for one in found.again({"0001", "0002"})) + 1
     clean = {int(j) for j in np.flatnonzero(truth.frames.min(1) >= shortest)}
     there = {true_one(truth, contact) for contact in found.survey.contacts}
-    assert shortest <= FlightOptions().narrowest + 2, "the noise asks for few frames more"
+    assert shortest <= FlightOptions().narrowest(Air()) + 2, "the noise asks for few frames more"
     assert len(clean & there) >= 0.93 * len(clean)
     assert min(truth.frames[j].min() for j in there) >= shortest - 3
     slope = ellipses[0].impacts.apparatus.slope

@@ -30,7 +30,7 @@ from accuracy.rigs import Film, Rig, draw, film
 from blind.report import wilson
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.recordings.contacts import find_contacts
-from contactlearn.data.recordings.flights import FlightOptions, find_flights
+from contactlearn.data.recordings.flights import Air, FlightOptions, find_flights
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Hit
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
@@ -172,7 +172,7 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
             spent = time.process_time() - start
             survey, turn_of = found.survey, math.pi / 2 if rig.body == "square" else math.pi
             few = found.again({"001", "002", "003"})
-            width = max(find_flights(one.track, FlightOptions(air=survey.frame.air)).width for one in few)
+            width = max(find_flights(one.track, survey.model.air).width for one in few)
             for name, truth in rig.card().items():
                 one, whole = getattr(found.impacts.apparatus, name), turn_of if name == "orientation" else math.inf
                 if one is not None:
@@ -180,7 +180,7 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
                     tally.card[name].append((off - whole * round(off / whole) if whole < math.inf else off) / one.error)
         except DataError as error:
             print(f"<!-- {error} -->")
-            survey, width, spent = None, FlightOptions().narrowest, time.process_time() - start
+            survey, width, spent = None, FlightOptions().narrowest(Air()), time.process_time() - start
     hit = set[int]()
     for contact in survey.contacts if survey else ():
         tally.accepted += 1

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.conventions import Conventions, find_frame
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
 from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.readers import read as read_recordings
 from contactlearn.data.recordings.track import Recording
@@ -32,7 +32,7 @@ def read(content: bytes) -> None:
     sound = [one for one in found if isinstance(one, Recording)]
     assert all(isinstance(one, Recording | DataError) for one in found)
     if sound and how & 64:
-        find_frame(sound, Conventions(unit="m", up="y"))
+        find_frame(sound, find_gravity(sound), Conventions(unit="m", up="y"))
 
 
 def seeds() -> list[bytes]:

@@ -15,7 +15,7 @@ import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -30,17 +30,36 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.core.numerics import finite_number, whole
 from contactlearn.core.workers import one_by_one
 from contactlearn.data.audit.rig import with_balance
-from contactlearn.data.recordings.conventions import ANGLES, ORDERS, SENSES, Conventions, find_frame
-from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.conventions import (
+    ANGLES,
+    ORDERS,
+    SENSES,
+    Conventions,
+    Gravity,
+    find_flight_model,
+    find_frame,
+    find_gravity,
+)
+from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
-from contactlearn.data.recordings.frame import Clue
+from contactlearn.data.recordings.frame import Clue, Frame
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
-from contactlearn.data.recordings.survey import Progress, Survey, TrackOptions, sample, survey, tracked
+from contactlearn.data.recordings.survey import (
+    Progress,
+    Searched,
+    Survey,
+    TrackOptions,
+    key,
+    sample,
+    search_sample,
+    survey,
+    tracked,
+)
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
@@ -70,6 +89,7 @@ class Tracked:
     options: TrackOptions
     hull: MarkerHull | None = None
     centre: Centre = None
+    searched: Searched = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Write how many impacts were found, and why contacts and recordings were refused."""
@@ -101,11 +121,12 @@ class Tracked:
 
         Files that cannot be read are left out.
         """
-        frame, files = self.survey.frame, recording_files(self.path)
+        files = recording_files(self.path)
         alone = [file for file in files if file.stem in names]
         chosen = alone if {file.stem for file in alone} == {*names} else files
-        search = partial(tracked, frame=frame, options=self.options.in_air(frame))
-        return one_by_one(search, (one for file in chosen for one in _named(file, names, self.options.layout)))
+        search = partial(tracked, frame=self.survey.frame, model=self.survey.model, options=self.options)
+        recordings = (one for file in chosen for one in _named(file, names, self.options.layout))
+        return one_by_one(search, (self.searched.get(key(one), one) for one in recordings))
 
 
 def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:
@@ -212,8 +233,9 @@ def find_impacts(
         UnknownNameError: a shape that does not exist.
     """
     path, known, hull = Path(path), _shape_of(options.layout.body, shape), None
+    files = recording_files(path)
     if known is None:
-        options, hull = _by_markers(path, options, centre)
+        options, hull = _by_markers(files, options, centre)
         known = hull.shape
         if centre is not None and inertia is None:
             raise DataError("data.inertia must be given with data.centre: a uniform hull has its own centre")
@@ -223,12 +245,11 @@ def find_impacts(
     gyration = _gyration(known, mass, inertia)
     if isinstance(known, Solid):
         options = replace(options, solid=known, moments=tuple(gyration.tolist()))
-    conventions, clue = _find_angles(sample(recording_files(path), options.layout), options, known, gyration)
-    found = survey(path, replace(options, conventions=conventions), progress=progress)
-    found = replace(found, frame=replace(found.frame, clues=(*found.frame.clues, clue)))
+    frame, model, searched = _find_angles(sample(files, options.layout), options, known, gyration)
+    found = survey(files, frame, model, options, searched=searched, progress=progress)
     _check_contacts(path, found)
     limits = options.thresholds
-    floor = find_floor(found.contacts, known, found.rests, lean=found.frame.lean, limits=limits)
+    floor = find_floor(found.contacts, known, found.rests, lean=model.lean, limits=limits)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits, longest=options.flight.contact_time)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)
@@ -239,7 +260,15 @@ def find_impacts(
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
     impacts = impacts.replace(apparatus=with_balance(impacts, apparatus, floor.sinking))
     return Tracked(
-        path=path, impacts=impacts, survey=found, floor=floor, shape=known, options=options, hull=hull, centre=centre
+        path=path,
+        impacts=impacts,
+        survey=found,
+        floor=floor,
+        shape=known,
+        options=options,
+        hull=hull,
+        centre=centre,
+        searched=searched,
     )
 
 
@@ -282,24 +311,24 @@ def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape
     return shape[body]
 
 
-def _by_markers(path: Path, options: TrackOptions, centre: Centre) -> tuple[TrackOptions, MarkerHull]:
+def _by_markers(files: Sequence[Path], options: TrackOptions, centre: Centre) -> tuple[TrackOptions, MarkerHull]:
     """The hull of the markers, and options by which recordings have the poses of its centre of mass.
 
     Angles from markers are in rad and as the file's axes say.
     """
-    files, stated = recording_files(path), options.conventions
+    stated = options.conventions
     places = markers_of(sample(files, options.layout)[0]).tolist()
     conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
     options = replace(options, conventions=conventions, layout=replace(options.layout, places=places))
     recordings = sample(files, options.layout)
-    frame = find_frame(recordings, options.conventions, options.thresholds)
+    frame = find_frame(recordings, find_gravity(recordings, stated.drag), options.conventions, options.thresholds)
     hull = hull_of_markers(recordings, frame, centre)
     return replace(options, layout=replace(options.layout, places=hull.places.tolist())), hull
 
 
 def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
-    (gravity, drag), shown = found.frame.measured, len(found.contacts) + floor.rests
+    (gravity, drag), shown = found.model.measured, len(found.contacts) + floor.rests
     lasting = float(np.median([contact.lasting for contact in found.contacts]))
     return Apparatus(
         gravity=gravity,
@@ -312,7 +341,7 @@ def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
         **_centre(found, floor.orientation),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
         **(
-            rocked(found.rocking, np.array(options.moments), found.frame.gravity, floor.outline)
+            rocked(found.rocking, np.array(options.moments), found.model.gravity, floor.outline)
             if found.rocking
             else {}
         ),
@@ -333,8 +362,11 @@ def _centre(found: Survey, zero: Estimate | None) -> dict[str, Estimate]:
 
 def _find_angles(
     recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: Any
-) -> tuple[Conventions, Clue]:
+) -> tuple[Frame, FlightModel, Searched]:
     """Find the unit and sense of angles that are not stated, and check those that are.
+
+    Returns:
+        The frame of the recordings, the model of their flights, and the recordings that were searched with both.
 
     Raises:
         DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
@@ -345,10 +377,24 @@ def _find_angles(
     )
     known = [*ORDERS] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
     units = [named] if named else known
-    left = _imbalances(recordings, options, units, [stated.sense] if stated.sense else [*SENSES], shape, gyration)
+    gravity = find_gravity(recordings, stated.drag)
+    searches: dict[str | None, tuple[Frame, FlightModel, Searched]] = {}
+
+    def imbalances(units: Sequence[str | None], senses: Sequence[str]) -> dict[_Reading, float]:
+        for unit in units:
+            if unit not in searches:
+                conventions = replace(stated, **{setting: unit}, sense="as_read")
+                searches[unit] = _searched(recordings, gravity, conventions, options)
+        return {
+            (unit, sense): _imbalance(searches[unit][2], shape, gyration, SENSES[sense])
+            for unit in units
+            for sense in senses
+        }
+
+    left = imbalances(units, [stated.sense] if stated.sense else [*SENSES])
     best, *others = sorted(left, key=lambda reading: left[reading])
     if left[best] > _CLOSES and (len(units) < len(known) or stated.sense):
-        every = _imbalances(recordings, options, known, [*SENSES], shape, gyration)
+        every = imbalances(known, [*SENSES])
         closing = min(every, key=lambda reading: every[reading])
         if every[closing] <= limit * min(left[best], 1.0):
             leaves = f"is {left[best]:.2g} with it" if left[best] < math.inf else "is unknown with it"
@@ -371,7 +417,22 @@ def _find_angles(
         number=left[best],
         unit="–",
     )
-    return replace(stated, **{setting: best[0]}, sense=best[1]), clue
+    unit, sense = best
+    frame, model, searched = searches[unit]
+    if SENSES[sense] != frame.sense:  # flights and the centre of mass are others where bodies turn the other way
+        conventions = replace(stated, **{setting: unit}, sense=sense)
+        frame, model, searched = _searched(recordings, gravity, conventions, options)
+    return replace(frame, clues=(*frame.clues, clue)), model, searched
+
+
+def _searched(
+    recordings: Sequence[Recording], gravity: Gravity, conventions: Conventions, options: TrackOptions
+) -> tuple[Frame, FlightModel, Searched]:
+    """The frame of recordings in which conventions are as stated, the model of their flights, and what they hold."""
+    in_space = options.moments is not None
+    frame = find_frame(recordings, gravity, conventions, options.thresholds, in_space=in_space)
+    model = find_flight_model(recordings, frame, gravity, options.moments)
+    return frame, model, search_sample(recordings, frame, model, options)
 
 
 def _evidence(shape: Shape) -> str:
@@ -386,26 +447,10 @@ def _settings(setting: str, unit: str | None, sense: str | None) -> str:
     return " and ".join(f"data.{name}={value}" for name, value in named if value)
 
 
-def _imbalances(
-    recordings: Sequence[Recording],
-    options: TrackOptions,
-    units: Sequence[str | None],
-    senses: Sequence[str],
-    shape: Shape,
-    gyration: Any,
-) -> dict[_Reading, float]:
-    """Residual of the moment balance under each reading; infinite where contacts are too few."""
-    left: dict[_Reading, float] = {}
-    for unit in units:
-        setting = "angle" if options.moments is None else "order"
-        conventions = replace(options.conventions, **{setting: unit}, sense="as_read")
-        frame = find_frame(recordings, conventions, options.thresholds, options.moments)
-        ready = options.in_air(frame)
-        contacts = [contact for recording in recordings for contact in tracked(recording, frame, ready).contacts]
-        for sense in senses:
-            enough = len(contacts) >= _READABLE
-            left[unit, sense] = _moment_imbalance(contacts, shape, gyration, SENSES[sense]) if enough else math.inf
-    return left
+def _imbalance(searched: Searched, shape: Shape, gyration: Any, sense: int) -> float:
+    """Residual of the moment balance in a sense; infinite where contacts are too few."""
+    contacts = [contact for found in searched.values() for contact in found.contacts]
+    return _moment_imbalance(contacts, shape, gyration, sense) if len(contacts) >= _READABLE else math.inf
 
 
 def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: Any, sense: int = 1) -> float:

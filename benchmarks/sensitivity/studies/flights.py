@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contactlearn.data.recordings.contacts import find_contacts
-from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.flights import Air, FlightOptions
 from contactlearn.data.recordings.floor import find_floor, off_the_floor
 from contactlearn.data.recordings.result import Hit, Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous
@@ -62,7 +62,7 @@ def _matched(recorded: Recorded, thresholds: AllThresholds) -> tuple[int, int, i
     truth, clean, found, false = recorded.truth, 0, 0, 0
     for k, track in enumerate(recorded.tracks):
         mine = np.flatnonzero(truth.recording == k)
-        sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().narrowest}
+        sure = {int(j) for j in mine if truth.frames[j].min() > 2 * FlightOptions().narrowest(Air())}
         hits = find_contacts(track, limits=thresholds.tracks).contacts
         right = {
             j for hit in hits

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.conventions import Conventions, find_frame
+from contactlearn.data.recordings.conventions import Conventions, find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.survey import TrackOptions, tracked
 from contactlearn.data.recordings.track import Recording
@@ -39,7 +39,7 @@ def _caught(stated: Conventions):
 
     def caught(recordings: list[Recording], thresholds: AllThresholds) -> bool:
         try:
-            find_frame(recordings, stated, thresholds.tracks)
+            find_frame(recordings, find_gravity(recordings), stated, thresholds.tracks)
         except DataError:
             return True
         return False
@@ -111,8 +111,10 @@ ORDER = Study(
 def _refused(recordings: list[Recording], thresholds: AllThresholds) -> bool:
     """Whether most recordings leave the plane."""
     options = TrackOptions(conventions=Conventions(order="wxyz"), thresholds=thresholds.tracks)
-    frame = find_frame(recordings, options.conventions)
-    refusals = [tracked(recording, frame, options.in_air(frame)).refusals for recording in recordings]
+    gravity = find_gravity(recordings)
+    frame = find_frame(recordings, gravity, options.conventions)
+    model = find_flight_model(recordings, frame, gravity)
+    refusals = [tracked(recording, frame, model, options).refusals for recording in recordings]
     return sum(any(one.reason is Reason.OUT_OF_PLANE for one in of) for of in refusals) > len(recordings) / 2
 
 

@@ -32,6 +32,7 @@ from jaxtyping import Float
 
 from contactlearn.data.recordings.flights import (
     Flight,
+    FlightModel,
     FlightOptions,
     Flights,
     Indices,
@@ -281,11 +282,14 @@ _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen w
 
 
 def find_contacts(
-    track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
+    track: Track,
+    model: FlightModel = FlightModel(),
+    options: FlightOptions = FlightOptions(),
+    limits: TrackThresholds = TrackThresholds(),
 ) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
-    track = mended(about_centre(track, options.centre), options, limits.excess)
-    found = find_flights(track, options, limits)
+    track = mended(about_centre(track, model.centre), model.air, options, limits.excess)
+    found = find_flights(track, model.air, options, limits)
     flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
         refusals = [_gap(track, 0, len(track) - 1, found, limits)]
@@ -299,7 +303,7 @@ def find_contacts(
     for k, (before, after) in enumerate(pairwise(flights)):
         result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
         if isinstance(result, Meeting):
-            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k, options.centre))
+            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k, model.centre))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:

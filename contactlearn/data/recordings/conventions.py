@@ -26,6 +26,7 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.recordings.flights import (
     Air,
+    FlightModel,
     fit,
     frame_noise,
     long_flights,
@@ -277,59 +278,82 @@ class Conventions:
 
 def find_frame(
     recordings: Sequence[Recording],
+    gravity: Gravity,
     stated: Conventions = Conventions(),
     limits: TrackThresholds = TrackThresholds(),
-    moments: tuple[float, ...] | None = None,
+    *,
+    in_space: bool = False,
 ) -> Frame:
     """Find the conventions that are not stated, and check those that are.
 
     Args:
         recordings: a few.
+        gravity: that they show, see `find_gravity`.
         stated: conventions.
         limits: that decide.
-        moments: principal moments of inertia of a body that moves in space; None of one that moves in a plane.
+        in_space: whether the body moves in space rather than in a plane.
 
     Raises:
         DataError: a convention contradicts the recordings, or is neither stated nor found.
     """
-    gravity, first = find_gravity(recordings, stated.drag), recordings[0]
+    first = recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
     scale, unit = _unit(gravity, stated.unit, first, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
-    if moments is not None:
-        frame, clues = _in_space(first, up, scale, stated.order, moments)
+    if in_space:
+        frame, clues = _in_space(first, up, scale, stated.order), ()
     elif first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
         frame, clues = Frame(scale=scale, axes=axes), ()
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
-    level = frame.axes[: len(frame.gravity) - 1]
-    *across, downward = (frame.axes[: len(frame.gravity)] @ gravity.vector * scale).tolist()
-    leans = any(
-        abs(g) > _LEAN_SIGMAS * gravity.error_along(axis) * scale for g, axis in zip(across, level, strict=True)
-    )
-    frame = replace(
+    return replace(
         frame,
         angle=ANGLES[stated.angle or "rad"],
         sense=SENSES[stated.sense or "as_read"],
-        gravity=(*across, downward) if leans else (*(0.0 for _ in across), -math.hypot(*across, downward)),
-        gravity_error=gravity.error * scale,
-        drag=gravity.drag,
-        measured=tuple(one.times(unit) for one, unit in zip(gravity.measured, (scale, 1.0), strict=True)),
         clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
     )
-    long = long_flights(map(frame.track, recordings), frame.air)
-    k, own = frame.air.k, long[0][1].air.own if long else frame.own
+
+
+def find_flight_model(
+    recordings: Sequence[Recording], frame: Frame, gravity: Gravity, moments: tuple[float, ...] | None = None
+) -> FlightModel:
+    """Measure what bodies in flight are subject to, and where their centre of mass is.
+
+    Args:
+        recordings: a few.
+        frame: of them.
+        gravity: that they show.
+        moments: principal moments of inertia of a body that moves in space; None of one that moves in a plane.
+    """
+    d = 3 if frame.in_space else 2
+    *across, downward = (frame.axes[:d] @ gravity.vector * frame.scale).tolist()
+    leans = any(
+        abs(g) > _LEAN_SIGMAS * gravity.error_along(axis) * frame.scale
+        for g, axis in zip(across, frame.axes[: d - 1], strict=True)
+    )
+    (size, drag), still = gravity.measured, (0.0,) * (3 * d - 3)
+    model = FlightModel(
+        gravity=(*across, downward) if leans else (*(0.0 for _ in across), -math.hypot(*across, downward)),
+        gravity_error=gravity.error * frame.scale,
+        drag=gravity.drag,
+        measured=(size.times(frame.scale), drag),
+        own=(still, still),
+        moments=moments,
+        centre=(0.0,) * d,
+    )
+    long = long_flights(map(frame.track, recordings), model.air)
+    k, own = model.air.k, long[0][1].air.own if long else model.own
     for _ in range(2):  # own accelerations are known better where the wobble is
         measured = centre_of_mass([wobble(track, flight, own) for track, flight, _ in long])
         if measured is not None:
             sure = any(abs(one.value) > _CENTRE_SIGMAS * one.error for one in measured)
-            frame = replace(frame, centre=tuple(one.value * sure for one in measured))
-        of_centre = ((about_centre(track, frame.centre), flight, sigma) for track, flight, sigma in long)
+            model = replace(model, centre=tuple(one.value * sure for one in measured))
+        of_centre = ((about_centre(track, model.centre), flight, sigma) for track, flight, sigma in long)
         own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
-    steady, (*level, falling), turning = own[0], own[1][: frame.air.d], own[1][frame.air.d :]
-    falling = math.hypot(falling, GRAVITY * min(frame.measured[1].error, 1.0))
-    return replace(frame, own=(steady, (*level, falling, *turning)))
+    steady, (*level, falling), turning = own[0], own[1][:d], own[1][d:]
+    falling = math.hypot(falling, GRAVITY * min(model.measured[1].error, 1.0))
+    return replace(model, own=(steady, (*level, falling, *turning)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
@@ -436,9 +460,7 @@ def _right(direction: Array) -> Array:
     return direction * np.sign(direction[int(np.abs(direction).argmax())])
 
 
-def _in_space(
-    first: Recording, up: Array, scale: float, order: str | None, moments: tuple[float, ...]
-) -> tuple[Frame, tuple[Clue, ...]]:
+def _in_space(first: Recording, up: Array, scale: float, order: str | None) -> Frame:
     """World axes with z up of a body that moves in space, the file's own if its z is up.
 
     Raises:
@@ -456,11 +478,7 @@ def _in_space(
         )
     level = np.eye(3)[int(np.argmax(np.abs(up) < _HALF))]
     right = (level - (level @ up) * up) / np.linalg.norm(level - (level @ up) * up)
-    axes, still = np.stack((right, np.cross(up, right), up)).astype(np.float64), (0.0,) * 6
-    return Frame(
-        scale=scale, axes=axes, order=order, gravity=(0.0, 0.0, -GRAVITY), centre=(0.0, 0.0, 0.0),
-        own=(still, still), moments=moments,
-    ), ()  # fmt: skip
+    return Frame(scale=scale, axes=np.stack((right, np.cross(up, right), up)).astype(np.float64), order=order)
 
 
 def _spatial(

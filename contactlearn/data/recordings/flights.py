@@ -21,6 +21,7 @@ Source of the idea: detection of impacts from tracked poses of free flights by t
 changes between piecewise fits Bai & Perron 1998.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,6 +44,7 @@ from contactlearn.data.recordings.poses import (
 )
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track, finite
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 Indices = np.ndarray
@@ -117,6 +119,42 @@ class Air:
     def pull(self) -> Float[Array, "k"]:
         """Acceleration (g_x, g_y, 0) of a body that is still."""
         return np.array((*self.gravity, *(0.0,) * (self.k - self.d)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightModel:
+    """Free flight of a body, as recordings show it.
+
+    Args:
+        gravity: in the plane, (g_x, g_y) in m/s²; three numbers of a body that moves in space.
+        gravity_error: standard error of its size in m/s².
+        drag: linear drag of the air in 1/s that flights have; 0 where none is seen.
+        measured: gravity's size in m/s² and the drag in 1/s, fitted together whether the drag is seen or not.
+        own: standard deviations of the own accelerations of flights, as in `Air`.
+        moments: of inertia of a body that moves in space, as in `Air`.
+        centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off: flights are
+            its, contacts are of the point.
+    """
+
+    gravity: tuple[float, ...] = (0.0, -GRAVITY)
+    gravity_error: float = 0.0
+    drag: float = 0.0
+    measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
+    own: Own = STEADY
+    moments: tuple[float, ...] | None = None
+    centre: tuple[float, ...] = (0.0, 0.0)
+
+    @property
+    def air(self) -> Air:
+        """Free flight with 9.81 m/s² in the measured direction."""
+        size = math.hypot(*self.gravity) / GRAVITY
+        return Air(gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments)
+
+    @property
+    def lean(self) -> Estimate:
+        """Angle in rad of gravity from straight down to the right."""
+        g_x, *_, g_y = self.gravity
+        return Estimate(value=math.atan2(g_x, -g_y), error=self.gravity_error / math.hypot(*self.gravity))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -429,23 +467,18 @@ class FlightOptions:
     """Options of the search for flights and contacts.
 
     Args:
-        air: gravity and drag of free flight.
         fewest: frames of a flight, at least; None for 8 in the plane and 4 in space, where each has twice the numbers.
         contact_time: longest contact in s.  One lasts as long as frames about its instant are in neither flight.
         most_missing: frames that may be missing at contact.
-        centre: of mass about the tracked point in m, in the body's axes: flights are its, contacts are of the point.
     """
 
-    air: Air = Air()
     fewest: int | None = None
     contact_time: float = 3e-3
     most_missing: int = 3
-    centre: tuple[float, ...] = (0.0, 0.0)
 
-    @property
-    def narrowest(self) -> int:
+    def narrowest(self, air: Air) -> int:
         """Frames of the narrowest window."""
-        return self.fewest or (8 if self.air.d == 2 else 4)
+        return self.fewest or (8 if air.d == 2 else 4)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -458,32 +491,35 @@ class Flights:
 
 
 def find_flights(
-    track: Track, options: FlightOptions = FlightOptions(), limits: TrackThresholds = TrackThresholds()
+    track: Track,
+    air: Air = Air(),
+    options: FlightOptions = FlightOptions(),
+    limits: TrackThresholds = TrackThresholds(),
 ) -> Flights:
     """Find the free flights of a track."""
-    pose, time = track.pose.copy(), track.time
-    sigma = frame_noise(time, pose, max(options.narrowest, 5), options.air)
-    width = min(_width(sigma, track.step, options), len(track))
-    if width < options.narrowest:
-        return Flights(flights=(), sigma=sigma, width=options.narrowest)
-    if width > options.narrowest:
-        sigma = frame_noise(time, pose, max(width, 5), options.air)
-    good, uneven = np.zeros(0, dtype=np.bool_), _UNEVEN[options.air.d]
+    pose, time, narrowest = track.pose.copy(), track.time, options.narrowest(air)
+    sigma = frame_noise(time, pose, max(narrowest, 5), air)
+    width = min(_width(sigma, track.step, air, narrowest), len(track))
+    if width < narrowest:
+        return Flights(flights=(), sigma=sigma, width=narrowest)
+    if width > narrowest:
+        sigma = frame_noise(time, pose, max(width, 5), air)
+    good, uneven = np.zeros(0, dtype=np.bool_), _UNEVEN[air.d]
     for _ in range(3):
-        good, bad_frames = _judged(time, pose, width, options.air, sigma, limits.excess, uneven)
+        good, bad_frames = _judged(time, pose, width, air, sigma, limits.excess, uneven)
         if not bad_frames.any():
             break
         pose[bad_frames] = np.nan
     touches = _touches(track)
     good &= ~sliding_window_view(touches, width)[:, 1:-1].any(-1)
     pose[touches] = np.nan  # `_extended` decides on them
-    found = [_first(time, pose, run, sigma, options.air, width) for run in _runs(good, width)]
+    found = [_first(time, pose, run, sigma, air, width) for run in _runs(good, width)]
     found = _joined(time, track.pose, [flight for flight in found if flight is not None], width)
     found = [_extended(track, flight, sigma, width) for flight in found]
     freedom = sum(len(f.residual) - 2 for f in found)
-    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(options.air.k))
+    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(air.k))
     # As if eight frames more had the noise of the windows.
-    sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(options.air.k)))
+    sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(air.k)))
     flights = (fit(time, track.pose, f.frames, own_noise(f, sigma), f.air) for f in found)
     return Flights(flights=tuple(flights), sigma=sigma, width=width)
 
@@ -529,13 +565,13 @@ def _most_own(k: int) -> Own:
 
 def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "k"]]]:
     """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
-    options, long = FlightOptions(air=replace(air, own=_most_own(air.k))), []
+    air, options, long = replace(air, own=_most_own(air.k)), FlightOptions(), []
     for track in tracks:
-        found, bent = find_flights(track, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
+        found, bent = find_flights(track, air, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
         for flight in found.flights:
             if len(flight.frames) >= 2 * found.width + 2 * bent:
                 frames = flight.frames[bent:-bent]
-                long.append((track, fit(track.time, track.pose, frames, found.sigma, options.air), found.sigma))
+                long.append((track, fit(track.time, track.pose, frames, found.sigma, air), found.sigma))
     return long
 
 
@@ -563,7 +599,7 @@ def own_accelerations(long: Sequence[Flight], k: int = 3) -> Own:
     return tuple(accelerations), tuple(changes)
 
 
-def mended(track: Track, options: FlightOptions, excess: float) -> Track:
+def mended(track: Track, air: Air, options: FlightOptions, excess: float) -> Track:
     """Return the track with time stamps that show the frames which it skips in flight without a gap in them.
 
     Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
@@ -571,11 +607,11 @@ def mended(track: Track, options: FlightOptions, excess: float) -> Track:
     time = track.time.copy()
     if len(time) < 2 * _SIDE:
         return track
-    sigma, k = frame_noise(time, track.pose, max(options.narrowest, 5), options.air), options.air.k
+    sigma, k = frame_noise(time, track.pose, max(options.narrowest(air), 5), air), air.k
     for _ in range(_ROUNDS):
         apart = np.stack(
             [
-                windows(time, track.pose, 2 * _SIDE, options.air, sigma, n * track.step).misfit.sum(1)
+                windows(time, track.pose, 2 * _SIDE, air, sigma, n * track.step).misfit.sum(1)
                 for n in range(options.most_missing + 1)
             ]
         )
@@ -617,12 +653,12 @@ def _evened(sigma: Float[Array, "k"]) -> Float[Array, "k"]:
     return np.append(sigma[:3], np.full(3, np.sqrt(np.mean(sigma[3:] ** 2)))) if len(sigma) > 3 else sigma
 
 
-def _width(sigma: Array, step: float, options: FlightOptions) -> int:
+def _width(sigma: Array, step: float, air: Air, narrowest: int) -> int:
     """Frames of the shortest window in which a body at rest makes so large a χ² that it is no free flight."""
-    n = np.arange(options.narrowest, _WIDEST + 1)
-    bend = np.linalg.norm(options.air.gravity) / 2 * step**2
-    chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[: options.air.d].max() ** 2
-    return int(n[min(int(np.searchsorted(chi_square, _REST_POWER[options.air.d])), len(n) - 1)])
+    n = np.arange(narrowest, _WIDEST + 1)
+    bend = np.linalg.norm(air.gravity) / 2 * step**2
+    chi_square = bend**2 * n * (n**2 - 1) * (n**2 - 4) / 180 / sigma[: air.d].max() ** 2
+    return int(n[min(int(np.searchsorted(chi_square, _REST_POWER[air.d])), len(n) - 1)])
 
 
 def _judged(

@@ -1,9 +1,8 @@
-"""The way from a recording in a file's units and axes to a track, with the evidence for it.
+"""The way from a recording in a file's units and axes to a track, with the evidence for it: conventions of the file.
 
 A quaternion turns the body's axes into the file's, whatever their sense; `order` says where its scalar is.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,11 +12,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.flights import STEADY, Air, Own
 from contactlearn.data.recordings.poses import Array, conjugate, product
 from contactlearn.data.recordings.track import Recording, Track, continuous
-from contactlearn.mechanics.apparatus import Estimate
-from contactlearn.mechanics.rigid_body import GRAVITY, rotation
+from contactlearn.mechanics.rigid_body import rotation
 
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _APART = 8  # frames between two orientations that are compared
@@ -98,12 +95,6 @@ class Frame:
         sense: 1, or −1 where rotations turn the other way than the axes say: quaternions turn the world's axes into
             the body's.
         body: of recordings in space, the body's own axes: the one that gives θ, and the one that it turns about.
-        gravity: in the plane, (g_x, g_y) in m/s², and its error; three numbers of a body that moves in space.
-        drag: linear drag of the air in 1/s that flights have.
-        measured: gravity's size in m/s² and the drag, fitted together.
-        own: standard deviations of the own accelerations of flights, as in `Air`.
-        moments: of inertia of a body that moves in space, as in `Air`.
-        centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off.
         clues: of every convention.
     """
 
@@ -113,26 +104,12 @@ class Frame:
     angle: float = 1.0
     sense: int = 1
     body: Float[Array, "2 3"] | None = None
-    gravity: tuple[float, ...] = (0.0, -GRAVITY)
-    gravity_error: float = 0.0
-    drag: float = 0.0
-    measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
-    own: Own = STEADY
-    moments: tuple[float, ...] | None = None
-    centre: tuple[float, ...] = (0.0, 0.0)
     clues: tuple[Clue, ...] = ()
 
     @property
-    def air(self) -> Air:
-        """Free flight with 9.81 m/s² in the measured direction."""
-        size = math.hypot(*self.gravity) / GRAVITY
-        return Air(gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments)
-
-    @property
-    def lean(self) -> Estimate:
-        """Angle in rad of gravity from straight down to the right."""
-        g_x, *_, g_y = self.gravity
-        return Estimate(value=math.atan2(g_x, -g_y), error=self.gravity_error / math.hypot(*self.gravity))
+    def in_space(self) -> bool:
+        """Whether tracks are of a body that moves in space."""
+        return len(self.axes) == 3 and self.body is None
 
     def track(self, recording: Recording) -> Track:
         """The recording in the plane of motion or in space, in SI units and world axes.
@@ -142,7 +119,7 @@ class Frame:
         """
         seen = recording.seen
         position = np.where(seen[:, None], recording.position, np.nan) * self.scale
-        if len(self.gravity) == 3:
+        if self.in_space:
             pose = np.column_stack((position @ self.axes.T, self._turned(recording)))
             still = np.zeros(len(recording))
             return Track(name=recording.name, time=recording.time, pose=pose, apart=still, tilted=still)

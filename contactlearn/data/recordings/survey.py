@@ -1,11 +1,11 @@
-"""From files of recordings to contacts: conventions from a few of them, then one recording after the other.
+"""From files of recordings to contacts, one recording after the other.
 
 A file that cannot be read is refused with its message, and the others go on.  No more than a few recordings are in
 memory at a time; contacts, refusals and rests are kept.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,11 +19,11 @@ import torch
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.workers import WorkerPool, one_by_one
 from contactlearn.data.recordings.contacts import find_contacts, refuse
-from contactlearn.data.recordings.conventions import Conventions, find_frame
-from contactlearn.data.recordings.flights import FlightOptions
+from contactlearn.data.recordings.conventions import Conventions
+from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
-from contactlearn.data.recordings.readers import Layout, read, recording_files
+from contactlearn.data.recordings.readers import Layout, read
 from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest, SlideToRest
 from contactlearn.data.recordings.rocking import Rocking, rocking
 from contactlearn.data.recordings.slides import find_slides
@@ -37,7 +37,9 @@ _MANY = 100  # files from which on they are shared among processes
 _CHUNK = 16  # recordings of a file that are searched at once
 _AHEAD = 4  # files, or pieces of a single one, that wait for each process
 
-_Piece = list[Recording | Refusal]
+_Piece = list[Recording | Found | Refusal]
+Searched = Mapping[tuple[str, str], Found]
+"""Recordings that were searched, by source and name."""
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps files as they are read or, for a single file, pieces of at most 16 recordings."""
 
@@ -64,10 +66,6 @@ class TrackOptions:
     moments: tuple[float, ...] | None = None
     workers: int = 1
 
-    def in_air(self, frame: Frame) -> "TrackOptions":
-        """The options with gravity in the measured direction, drag and the centre of mass."""
-        return replace(self, flight=replace(self.flight, air=frame.air, centre=frame.centre))
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Survey:
@@ -75,6 +73,7 @@ class Survey:
 
     Args:
         frame: conventions of all recordings, with the evidence.
+        model: of their flights.
         recordings: how many were read.
         contacts: accepted ones, in the order of the files and of time.
         refusals: of recordings and their parts.
@@ -85,6 +84,7 @@ class Survey:
     """
 
     frame: Frame
+    model: FlightModel
     recordings: int
     contacts: tuple[Hit, ...]
     refusals: tuple[Refusal, ...]
@@ -94,11 +94,12 @@ class Survey:
     rocking: tuple[Rocking, ...]
 
     @classmethod
-    def of(cls, frame: Frame, parts: Iterable["Survey"]) -> "Survey":
+    def of(cls, frame: Frame, model: FlightModel, parts: Iterable["Survey"]) -> "Survey":
         """Return the survey of several parts, in their order."""
         parts = [*parts]
         return cls(
             frame=frame,
+            model=model,
             recordings=sum(part.recordings for part in parts),
             contacts=tuple(contact for part in parts for contact in part.contacts),
             refusals=tuple(refusal for part in parts for refusal in part.refusals),
@@ -109,28 +110,42 @@ class Survey:
         )
 
 
-def survey(path: Path, options: TrackOptions = TrackOptions(), *, progress: Progress = iter) -> Survey:
-    """Find the contacts in a recording, or in all recordings of a folder and below it.
+def survey(
+    files: Sequence[Path],
+    frame: Frame,
+    model: FlightModel,
+    options: TrackOptions = TrackOptions(),
+    *,
+    searched: Searched,
+    progress: Progress = iter,
+) -> Survey:
+    """Find the contacts in recordings.
 
     Args:
-        path: a file or a folder.
+        files: of the recordings.
+        frame: conventions of all of them.
+        model: of their flights.
         options: of the search.
+        searched: recordings that need no second search.
         progress: wraps the files as they are read, or the pieces of a single one.
-
-    Raises:
-        DataError: no recording can be read, or a convention is neither stated nor found.
     """
-    files, layout, workers = recording_files(path), options.layout, options.workers
-    frame = find_frame(sample(files, layout), options.conventions, options.thresholds, options.moments)
-    search = partial(_search, frame=frame, options=options.in_air(frame))
+    layout, workers = options.layout, options.workers
+    search = partial(_search, frame=frame, model=model, options=options)
     if len(files) == 1:
-        pieces = progress(_pieces(files[0], layout))
+        pieces = progress(_pieces(files[0], layout, searched))
         parts = one_by_one(search, pieces) if workers == 1 else _shared(search, pieces, workers)
     elif workers == 1 or len(files) < _MANY:
-        parts = one_by_one(search, (piece for file in progress(files) for piece in _pieces(file, layout)))
+        parts = one_by_one(search, (piece for file in progress(files) for piece in _pieces(file, layout, searched)))
     else:
-        parts = _shared(partial(_search_file, frame=frame, options=options.in_air(frame)), progress(files), workers)
-    return Survey.of(frame, parts)
+        search = partial(_search_file, frame=frame, model=model, options=options)
+        parts = _shared(search, progress(files), workers)
+    return Survey.of(frame, model, parts)
+
+
+def search_sample(recordings: Sequence[Recording], frame: Frame, model: FlightModel, options: TrackOptions) -> Searched:
+    """Search a few recordings."""
+    founds = one_by_one(partial(tracked, frame=frame, model=model, options=options), recordings)
+    return {key(recording): found for recording, found in zip(recordings, founds, strict=True)}
 
 
 def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
@@ -161,8 +176,10 @@ def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
     return found
 
 
-def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
-    """Find the contacts of one recording; one that leaves the plane of motion is refused."""
+def tracked(recording: Recording | Found, frame: Frame, model: FlightModel, options: TrackOptions) -> Found:
+    """Find the contacts of one recording, unless it was searched; one that leaves the plane of motion is refused."""
+    if isinstance(recording, Found):
+        return recording
     if (recording.quaternion is None) != (frame.axes.shape[1] == 2):
         raise DataError(f"{recording.source}: is in a plane where others are in space, or the other way round")
     track = frame.track(recording)
@@ -172,17 +189,21 @@ def tracked(recording: Recording, frame: Frame, options: TrackOptions) -> Found:
     leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
         return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
-    found = find_contacts(track, options.flight, options.thresholds)
+    found = find_contacts(track, model, options.flight, options.thresholds)
     lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
     point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
-    own = options.flight.air.own
     return replace(
         found,
         rests=find_rests(point, lies, found.sigma),
         slides=find_slides(found.track, lies, found.sigma),
-        wobbles=tuple(wobble(point, flight, own) for flight in found.flights),
+        wobbles=tuple(wobble(point, flight, model.own) for flight in found.flights),
         rocking=rocking(point, options.solid),
     )
+
+
+def key(recording: Recording) -> tuple[str, str]:
+    """Return source and name of a recording, by which it is known."""
+    return recording.source, recording.name
 
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
@@ -211,13 +232,13 @@ def _shared(work: Callable[[Item], Survey], items: Iterable[Item], workers: int)
             yield waiting.popleft().result()
 
 
-def _pieces(file: Path, layout: Layout) -> Iterator[_Piece]:
+def _pieces(file: Path, layout: Layout, searched: Searched) -> Iterator[_Piece]:
     """A few recordings of a file at a time; one that cannot be read, or the rest of the file, is a refusal."""
     piece, read_before = _Piece(), 0
     try:
         for recording in read(file, layout):
             if isinstance(recording, Recording):
-                piece.append(recording)
+                piece.append(searched.get(key(recording), recording))
                 read_before += 1
             else:
                 piece.append(_not_read(file, read_before, recording))
@@ -229,25 +250,28 @@ def _pieces(file: Path, layout: Layout) -> Iterator[_Piece]:
     yield piece
 
 
-def _search_file(file: Path, frame: Frame, options: TrackOptions) -> Survey:
-    return Survey.of(frame, (_search(piece, frame, options) for piece in _pieces(file, options.layout)))
+def _search_file(file: Path, frame: Frame, model: FlightModel, options: TrackOptions) -> Survey:
+    pieces = _pieces(file, options.layout, {})
+    return Survey.of(frame, model, (_search(piece, frame, model, options) for piece in pieces))
 
 
-def _search(piece: _Piece, frame: Frame, options: TrackOptions) -> Survey:
+def _search(piece: _Piece, frame: Frame, model: FlightModel, options: TrackOptions) -> Survey:
     founds, refusals = list[Found](), list[Refusal]()
     for recording in piece:
         if isinstance(recording, Refusal):
             refusals.append(recording)
             continue
         try:
-            found = tracked(recording, frame, options)
+            found = tracked(recording, frame, model, options)
         except ContactLearnError as error:
+            assert isinstance(recording, Recording)
             refusals.append(_not_read(Path(recording.source), len(founds), error))
             continue
         founds.append(found)
         refusals += found.refusals
     return Survey(
         frame=frame,
+        model=model,
         recordings=len(founds),
         contacts=tuple(contact for found in founds for contact in found.contacts),
         refusals=tuple(refusals),

@@ -24,7 +24,7 @@ from torch.nn.utils.rnn import pad_sequence
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.recordings.frame import Frame
+from contactlearn.data.recordings.flights import FlightModel
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import Found, Hit, Reason
 from contactlearn.data.tracks import Tracked
@@ -152,7 +152,7 @@ def replays(
     assert not isinstance(shape, Mapping)  # recordings are of one body
     up = impacts.space.d - 1
     floor = (impacts.q[:, up] + impacts.r[:, up]).median()
-    takes = [_Take.of(one, hits[one.track.name], found.survey.frame, start) for one in found.again({*hits})]
+    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start) for one in found.again({*hits})]
     seen = correct(_as_impacts(raw, takes), corrections)
     poses = seen.q.clone()
     poses[:, up] -= floor
@@ -253,7 +253,7 @@ class _Take:
     bounces: Int[np.ndarray, "t"]
 
     @classmethod
-    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], frame: Frame, start: str) -> Self:
+    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], model: FlightModel, start: str) -> Self:
         """Return the frames from the start until the body rests."""
         (row, first), track = hits[0], found.track
         flight = found.flights[first.flight]
@@ -273,7 +273,7 @@ class _Take:
         pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames])))
         velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
         velocity[0] = torch.from_numpy(first_velocity)
-        arm = in_world(torch.tensor(frame.centre, dtype=torch.float64).expand(len(pose), -1), pose)
+        arm = in_world(torch.tensor(model.centre, dtype=torch.float64).expand(len(pose), -1), pose)
         d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :d] -= arm
         velocity[:, :d] -= swept(arm, velocity[:, d:])
