@@ -105,7 +105,7 @@ def test_names(drops):
         correct(drops, "mirrored_x")
     with pytest.raises(DataError, match="approach the floor"):  # validated in full
         correct(drops, ["mirrored_y"])
-    corrected = load_data(SourceSettings.from_values({**FIVE, "correct": ["mirrored_x"]}))
+    corrected = load_data(SourceSettings.from_values({**FIVE, "correct": ["mirrored_x"]})).impacts
     assert_equal(corrected, corrupt(synthetic.load(size=5), "mirrored_x"))
     assert corrected.source.endswith("(corrected: mirrored_x)")
     with pytest.raises(UnknownNameError, match="did you mean 'mirrored_x'"):
@@ -113,7 +113,7 @@ def test_names(drops):
     with pytest.raises(ContactLearnError, match=r"such as \[mirrored_x\]"):
         SourceSettings.from_values({**FIVE, "correct": "mirrored_x"})
     assert (
-        load_data(SourceSettings.from_values({**FIVE, "correct": None})).source
+        load_data(SourceSettings.from_values({**FIVE, "correct": None})).impacts.source
         == "synthetic drops (wang_mason, seed 0)"
     )
 
@@ -132,10 +132,10 @@ def test_a_table_that_would_be_refused_is_corrected(tmp_path, drops, name):
     path = table.save(corrupted, tmp_path / "drops.csv")
     with pytest.raises(DataError, match="approach the floor"):
         load_data(config(path))
-    corrected = load_data(config(path, correct=[name]))
+    corrected = load_data(config(path, correct=[name])).impacts
     assert_equal(corrected, drops)
     assert (corrected.validate, corrected.source) == (True, f"{path} (corrected: {name})")
-    read = load_data(config(path, correct=[]), validate=False)
+    read = load_data(config(path, correct=[]), validate=False).impacts
     assert not read.validate
     assert read.fingerprint() == corrupted.fingerprint()
     with pytest.raises(DataError, match="approach the floor"):  # a correction that does not do
@@ -155,7 +155,7 @@ def test_rows_with_empty_cells_are_left_out_on_request(tmp_path, named):
     path.write_text("".join(",".join(row[k] for k in kept) + "\n" for row in (header.split(","), *rows)))
     with pytest.raises(DataError, match=r"row 8 .line 9., column mass: .* data.correct=.drop_incomplete. does"):
         load_data(config(path))
-    impacts = load_data(config(path, correct=["drop_incomplete"]))
+    impacts = load_data(config(path, correct=["drop_incomplete"])).impacts
     left_out = ("drop 3", "drop 8") if named else ("3", "8")
     assert impacts.incomplete == left_out
     assert len(impacts) == 38

@@ -85,7 +85,7 @@ def test_a_table_is_read_as_its_columns_say(drops):
     assert "mydata" in own_data()
     source = SourceSettings.from_config(compose("train", ["data=mydata"]))
     assert source.options["units"] == SAID
-    found = load_data(source)
+    found = load_data(source).impacts
     for field in ("mass", "inertia", "r", "q", "v_pre", "v_post"):
         torch.testing.assert_close(getattr(found, field), getattr(drops, field), rtol=ROUNDING, atol=ROUNDING)
     assert "40 impacts" in run("contactlearn", "audit", "data=mydata", cwd=".")

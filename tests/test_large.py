@@ -114,7 +114,7 @@ def test_corrections_go_block_by_block_or_are_made_in_memory(drops, small_blocks
 
     def loaded(*names):
         words = ["data=table", f"data.path={path}", f"data.correct=[{','.join(names)}]"]
-        return loading.load_blocks(SourceSettings.from_config(compose("evaluate", words)))
+        return loading.load_blocks(SourceSettings.from_config(compose("evaluate", words)))[0]
 
     assert len([*loaded("mirrored_x", "mirrored_theta").read()]) == 7
     assert loaded("drop_duplicates").trials == 230

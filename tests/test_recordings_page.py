@@ -18,6 +18,7 @@ from evaluations import provenance
 from test_report_page import HOSTILE, data_of, draw_everything, into_view, opened, silent, until
 
 from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.commands.record import save_recordings_page
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -158,11 +159,13 @@ def test_the_command_and_a_run_write_the_page(takes, tmp_path, found):
     told = run("contactlearn", "impacts", str(folder), "-o", str(tmp_path / "out.csv"), f"mass={MASS}", shape)
     assert f"page     {tmp_path / 'out.recordings.html'}" in told
     assert data_of(tmp_path / "out.recordings.html")["title"] in told
-    impacts = load_data(settings(takes), folder=tmp_path)
-    assert impacts.fingerprint() == found.impacts.fingerprint()
-    assert data_of(tmp_path / "recordings.html")["title"] == f"{len(impacts)} impacts from 6 recordings"
+    loaded = load_data(settings(takes))
+    assert loaded.impacts.fingerprint() == found.impacts.fingerprint()
+    assert loaded.tracked is not None
+    save_recordings_page(tmp_path, loaded.tracked)
+    assert data_of(tmp_path / "recordings.html")["title"] == f"{len(loaded.impacts)} impacts from 6 recordings"
     with pytest.raises(ContactLearnError, match="colour"):
-        load_data(settings(takes, "+data.colour=red"), folder=tmp_path)
+        load_data(settings(takes, "+data.colour=red"))
 
 
 def settings(takes, *more):

@@ -266,7 +266,7 @@ def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
     columns = {name: values for name, values in columns_of(wrong).items() if name not in ("rx", "ry")}
     path = written(tmp_path / "own.csv", columns)
     cfg = {"_target_": "contactlearn.data.table.load", "path": str(path), "shape": SHAPE, "correct": names}
-    corrected = load_data(SourceSettings.from_values(cfg))
+    corrected = load_data(SourceSettings.from_values(cfg)).impacts
     assert (corrected.validate, corrected.source) == (True, f"{path} (corrected: {', '.join(names)})")
     torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
     torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)

@@ -218,12 +218,12 @@ def test_refusals_name_settings_as_the_command_has_them(tmp_path, plain):
 
 def test_the_sources_compose(tmp_path, plain):
     overrides = ["data=tracks_synthetic", "data.size=4", f"data.folder={tmp_path / 'drops'}", "data.lost=0.02"]
-    impacts = load_data(SourceSettings.from_config(compose("evaluate", overrides)))
+    impacts = load_data(SourceSettings.from_config(compose("evaluate", overrides))).impacts
     assert impacts.v_post_cov is not None
     path, found = plain
     words = ["data=tracks", f"data.path={path}", f"data.mass={MASS}"]
     words += [f"data.shape={{kind:ellipse,semi_axes:[{SEMI_AXES[0]},{SEMI_AXES[1]}]}}"]
-    impacts = load_data(SourceSettings.from_config(compose("evaluate", words)))
+    impacts = load_data(SourceSettings.from_config(compose("evaluate", words))).impacts
     assert impacts.fingerprint() == found.impacts.fingerprint()
 
 

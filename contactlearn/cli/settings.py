@@ -30,6 +30,7 @@ from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.core.numerics import is_number, is_whole
+from contactlearn.data.recordings import SOURCES
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, catalogue, from_settings
 from contactlearn.effects.checks import describe, lost_gradients, violations
@@ -41,7 +42,6 @@ from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS
 from contactlearn.models.process_options import ProcessOptions
-from contactlearn.report.page.page import SOURCES
 from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 

@@ -198,7 +198,7 @@ def run_audit(options: argparse.Namespace) -> str:
 
     path, words = _path_and_words("audit", options)
     source = _source("audit", words if path is None else ["data=table", *words], path)
-    impacts = load_data(source, validate=False)
+    impacts = load_data(source, validate=False).impacts
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
     lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
@@ -216,9 +216,9 @@ def run_export(options: argparse.Namespace) -> str:
     if options.to is not None:
         from contactlearn.cli.commands.export import export_model
 
-        data = load_data(_source("export", options.overrides)) if options.overrides else None
+        data = load_data(_source("export", options.overrides)).impacts if options.overrides else None
         return export_model(options.file, options.to, options.out, data, without_residual=options.without_residual)
-    impacts = load_data(_source("export", options.overrides))
+    impacts = load_data(_source("export", options.overrides)).impacts
     if options.features is None:
         path = table.save(impacts, options.file)
     else:

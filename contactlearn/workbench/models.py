@@ -178,7 +178,7 @@ class Models:
         """
         with self._composing:
             cfg = compose("evaluate", list(session.data))
-        return load_data(SourceSettings.from_config(cfg), validate=False)
+        return load_data(SourceSettings.from_config(cfg), validate=False).impacts
 
     def fingerprint(self, session: Session) -> str:
         """Return the hash of the data of a session with the shapes of its bodies."""

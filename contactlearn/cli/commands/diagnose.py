@@ -36,7 +36,9 @@ _LADDER = f"ladder/{_METRIC}"
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     """Find the missing effects; print each stage when it is known, and the verdict when it is on disk."""
-    impacts = loading.load_data(settings.source, validate=False, folder=run.folder)
+    loaded = loading.load_data(settings.source, validate=False)
+    record.save_recordings_page(run.folder, loaded.tracked)
+    impacts = loaded.impacts
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     charts = {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": _LADDER}}
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:

@@ -47,7 +47,8 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     if settings.transfer is not None:
         transfer(settings, settings.transfer, run)
         return
-    data = loading.split(settings.split, run.folder)
+    data = loading.split(settings.split)
+    record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
     check_models(settings.trained, data, settings.split)
     row = _drawn_row(settings, data)

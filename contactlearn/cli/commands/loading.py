@@ -26,6 +26,7 @@ from contactlearn.core.numerics import random_share
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import quick_audit
 from contactlearn.data.blocks import BLOCK, Blocks, sampled
+from contactlearn.data.recordings import SOURCES
 from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
 from contactlearn.diagnosis.events import OnEvent, TaskProgress
@@ -33,13 +34,19 @@ from contactlearn.inference.evaluation.metrics import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.report import terminal
-from contactlearn.report.page.page import RECORDINGS, SOURCES
-from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.terminal import show_columns, show_mistakes
 from contactlearn.results.tables import SHOWN
 
 _TABLE = "contactlearn.data.table.load"
 _USUAL = 120  # training trials of a subset where as many are there: the paper's number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loaded:
+    """Impacts of a source, and of recordings everything found on the way to them."""
+
+    impacts: Impacts
+    tracked: Tracked | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +61,7 @@ class Split:
         test: held out, to draw and to show.
         train_size: number of training trials of a subset of the pool.
         generator: the run's random source.
+        tracked: everything found in recordings, where the source has some.
     """
 
     blocks: Blocks
@@ -63,6 +71,7 @@ class Split:
     test: Impacts
     train_size: int
     generator: torch.Generator
+    tracked: Tracked | None = None
 
     @property
     def held_out_trials(self) -> int:
@@ -74,31 +83,29 @@ class Split:
         return iter((self.test,)) if len(self.test) == self.held_out_trials else self.blocks.where(self.held_out)
 
 
-def load_data(source: SourceSettings, validate: bool = True, folder: Path | None = None) -> Impacts:
+def load_data(source: SourceSettings, validate: bool = True) -> Loaded:
     """Load a source as impacts, corrected; nothing but this package's own sources is run.
 
     Columns of a table that are not used, and fields that were computed, are printed.  Without `validate` a table
-    is read, and stays, without the rule that contacts approach the floor: for the audit.  Recordings leave
-    recordings.html in the folder, if one is given.
+    is read, and stays, without the rule that contacts approach the floor: for the audit.
 
     Raises:
         ContactLearnError: a setting that the source does not have, or a correction that does not exist.
         DataError: the source's own.
     """
     source.refuse_missing()
-    computed: tuple[str, ...] = ()
+    computed, tracked = (), None
     if source.target == _TABLE:
         table: Table = _call(source, "read", _lenient(source, validate=validate))
         show_columns(table.unused, table.computed)
         impacts, computed = table.impacts, table.computed
     elif source.target in SOURCES:
-        found: Tracked = _call(source, "find", {})
-        if folder is not None:
-            write_recordings_page(folder / RECORDINGS, found)
-        impacts = found.impacts
+        tracked = _call(source, "find", {})
+        impacts = tracked.impacts
     else:
         impacts = _call(source, "load", {})
-    return correct(impacts, source.corrections, computed_contact="r" in computed).replace(validate=validate)
+    impacts = correct(impacts, source.corrections, computed_contact="r" in computed).replace(validate=validate)
+    return Loaded(impacts=impacts, tracked=tracked)
 
 
 def _call(source: SourceSettings, function: str, settings: Mapping[str, Any]) -> Any:
@@ -127,7 +134,7 @@ def _lenient(source: SourceSettings, *, validate: bool) -> dict[str, bool]:
     }
 
 
-def load_blocks(source: SourceSettings, folder: Path | None = None) -> Blocks:
+def load_blocks(source: SourceSettings) -> tuple[Blocks, Tracked | None]:
     """Load a source as `load_data` does, a large table in blocks.
 
     Raises:
@@ -136,13 +143,14 @@ def load_blocks(source: SourceSettings, folder: Path | None = None) -> Blocks:
     """
     path = Path(str(source.options.get("path", "")))
     if source.target != _TABLE or source.missing or not is_large(path):
-        return Blocks.of(load_data(source, folder=folder))
+        loaded = load_data(source)
+        return Blocks.of(loaded.impacts), loaded.tracked
     names = source.corrections
     together = [name for name in names if name in CORRECTIONS and CORRECTIONS[name].needs_all_trials]
     if together:
         needed = path.stat().st_size * MEMORY_PER_BYTE
         refuse_too_large(needed, f"data.correct=[{', '.join(together)}] looks at all trials of {path} together")
-        return Blocks.of(load_data(source, folder=folder))
+        return Blocks.of(load_data(source).impacts), None
     shown: list[bool] = []
 
     def read() -> Iterator[Impacts]:
@@ -154,11 +162,11 @@ def load_blocks(source: SourceSettings, folder: Path | None = None) -> Blocks:
             shown.append(True)
         return correct(one.impacts, names, computed_contact="r" in one.computed).replace(validate=True)
 
-    return Blocks.survey(read)
+    return Blocks.survey(read), None
 
 
-def split(settings: SplitSettings, folder: Path | None = None) -> Split:
-    """Load the data, print the doubts of a quick audit, and hold out a share `test`; recordings leave recordings.html.
+def split(settings: SplitSettings) -> Split:
+    """Load the data, print the doubts of a quick audit, and hold out a share `test`.
 
     The number of training trials is the usual one where it was left open, and lowered where memory does not suffice.
     Of many trials the audit sees those in memory.
@@ -167,7 +175,7 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
         DataError: fewer trials than training trials, or an outcome at rest, to which no error is relative.
     """
     wanted = affordable_train_size(settings.train_size)
-    blocks = load_blocks(settings.source, folder)
+    blocks, tracked = load_blocks(settings.source)
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
     held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
@@ -185,7 +193,14 @@ def split(settings: SplitSettings, folder: Path | None = None) -> Split:
         )
     refuse_rest(test)
     return Split(
-        blocks=blocks, held_out=held_out, impacts=impacts, pool=pool, test=test, train_size=size, generator=generator
+        blocks=blocks,
+        held_out=held_out,
+        impacts=impacts,
+        pool=pool,
+        test=test,
+        train_size=size,
+        generator=generator,
+        tracked=tracked,
     )
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from matplotlib.figure import Figure
 from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.job import Run
+from contactlearn.data.tracks import Tracked
 from contactlearn.effects import catalogue
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.bounds import NORMS
@@ -18,11 +20,19 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import quality
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
+from contactlearn.report.page.page import RECORDINGS
+from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
 _NONE = "none"  # hyperparameter of a run without a law, or without effects
 Scalars = Mapping[str, float | Interval]
+
+
+def save_recordings_page(folder: Path, tracked: Tracked | None) -> None:
+    """Write recordings.html into a folder of a run whose data are recordings."""
+    if tracked is not None:
+        write_recordings_page(folder / RECORDINGS, tracked)
 
 
 @dataclass(frozen=True, kw_only=True)

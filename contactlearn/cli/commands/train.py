@@ -64,7 +64,8 @@ class _Trained:
 
 def train(settings: TrainSettings, run: Run) -> None:
     """Train one model, save it, and compare its predictions with the held-out trials."""
-    data = loading.split(settings.split, run.folder)
+    data = loading.split(settings.split)
+    record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
     if settings.start is not None:
         check_start(settings.start, data)

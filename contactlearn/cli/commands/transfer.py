@@ -30,7 +30,8 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     The two questions that end the paper: how good is the model on another body, and does it make
     fewer trials of that body enough?
     """
-    data = loading.split(settings.split, run.folder)
+    data = loading.split(settings.split)
+    record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
     metric = metrics.headline_metric(settings.norm)
     chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
@@ -44,7 +45,8 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
 def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, data: Split, tracker: Tracker) -> None:
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: data.train_size]]
     bodies = {
-        name: loading.load_data(one).split(settings.split.test, data.generator) for name, one in wanted.bodies.items()
+        name: loading.load_data(one).impacts.split(settings.split.test, data.generator)
+        for name, one in wanted.bodies.items()
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_reused_trainings(count_trainings(run.partial))

@@ -16,3 +16,8 @@ thresholds   every limit of a decision
 from contactlearn.core.lazy import load_when_named
 
 load_when_named(__name__)
+
+SOURCES = tuple(
+    f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")
+)
+"""Of data: those that read recordings."""

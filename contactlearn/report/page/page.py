@@ -18,6 +18,7 @@ from markupsafe import Markup
 from torch import Tensor
 
 from contactlearn.core.numerics import atomic_write
+from contactlearn.data.recordings import SOURCES
 from contactlearn.report.figures.style import array
 from contactlearn.report.text import brief_interval, error, number, percent
 from contactlearn.results.types import Provenance
@@ -26,10 +27,6 @@ FILE = "report.html"
 RECORDINGS = "recordings.html"
 REPLAY = "replay.html"
 """The page's name in a run folder."""
-SOURCES = tuple(
-    f"contactlearn.{name}.load" for name in ("data.tracks", "simulation.recordings", "simulation.recordings_mujoco")
-)
-"""Of data: those that read recordings."""
 _SCRIPTS = ("data.js", "figures.js", "live.js")
 _ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
