@@ -52,8 +52,8 @@ def test_a_long_file_names_its_recordings(tmp_path, suffix):
     for found, wanted in zip(read(path, Layout(**names)), FLAT, strict=True):
         same(found, wanted)
     pd.concat([*tables, tables[0]]).to_csv(tmp_path / "mixed.csv", index=False)
-    with pytest.raises(DataError, match="recording '1' are not in one piece"):
-        list(read(tmp_path / "mixed.csv", Layout(**names)))
+    errors = [one for one in read(tmp_path / "mixed.csv", Layout(**names)) if isinstance(one, DataError)]
+    assert ["time must grow" in str(one) for one in errors] == [True]
 
 
 MANY = {
@@ -353,3 +353,65 @@ def test_ros_bags(kind, tmp_path):
     np.testing.assert_array_equal(found.position, wanted.position[wanted.seen])
     np.testing.assert_array_equal(found.quaternion, wanted.quaternion[wanted.seen])
     assert (found.order, found.unit) == ("wxyz", "m")
+
+
+def two_bodies():
+    time = np.arange(60) / 100
+    for name in ("drop1", "drop2"):
+        for body, speed in (("red", 1.0), ("blue", 2.0)):
+            columns = {"time": time, "x": speed * time, "y": 1 - 4.905 * time**2, "theta": 3 * speed * time}
+            yield pd.DataFrame(columns).assign(recording=name, thing=body)
+
+
+def wide(frames):
+    red, blue = (
+        pd.concat([one for one in frames if one.thing.iloc[0] == body]).reset_index() for body in ("red", "blue")
+    )
+    parts = [one[["x", "y", "theta"]].add_suffix(f"_{body}") for one, body in ((red, "red"), (blue, "blue"))]
+    return pd.concat([red[["time", "recording"]], *parts], axis=1)
+
+
+@pytest.mark.parametrize(
+    "arranged",
+    [wide, pd.concat, lambda frames: pd.concat(frames).sort_values(["recording", "time"], kind="stable")],
+    ids=["wide names", "one after the other", "interleaved"],
+)
+def test_of_two_bodies_in_a_file_one_is_asked_for(tmp_path, arranged):
+    path = tmp_path / "takes.csv"
+    arranged([*two_bodies()]).to_csv(path, index=False)
+    with pytest.raises(DataError, match=r"has 2 bodies .*; state data\.body=red or data\.body=blue$"):
+        [*fail(read(path))]
+    for body, speed in (("red", 1.0), ("blue", 2.0)):
+        found = [*fail(read(path, Layout(body=body)))]
+        assert [one.name for one in found] == ["drop1", "drop2"]
+        for one in found:
+            np.testing.assert_allclose(one.position[:, 0], speed * np.arange(60) / 100)
+
+
+def fail(recordings):
+    """Raise the errors of recordings that were read."""
+    for one in recordings:
+        if isinstance(one, DataError):
+            raise one
+        yield one
+
+
+@pytest.mark.parametrize("column", ["frame", "time"])
+def test_frame_numbers_need_a_rate_and_show_dropped_frames(tmp_path, column):
+    path, numbers = tmp_path / "a.csv", np.delete(np.arange(50), 20)
+    pd.DataFrame({column: numbers, "x": 1.0 * numbers, "y": 0.0, "theta": 0.1}).to_csv(path, index=False)
+    with pytest.raises(DataError, match=r"frames are numbered, and have no times; state data\.rate"):
+        [*fail(read(path))]
+    (found,) = fail(read(path, Layout(rate=240.0)))
+    np.testing.assert_allclose(found.time, numbers / 240)
+
+
+def test_dates_with_times_are_times(tmp_path):
+    path, time = tmp_path / "a.csv", np.arange(50) / 250
+    stamps = pd.Timestamp("2024-05-03 23:59:59.9") + pd.to_timedelta(time, unit="s")
+    pd.DataFrame({"time": stamps, "x": time, "y": 0.0, "theta": 0.1}).to_csv(path, index=False)
+    (found,) = fail(read(path))
+    np.testing.assert_allclose(found.time, time, atol=1e-9)
+    path.write_text(path.read_text().replace("2024-05-04 00:00:00.020", "noon"))
+    with pytest.raises(DataError, match=r"row 31, column time: must be a date with a time, got 'noon'"):
+        [*fail(read(path))]

@@ -27,7 +27,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.core.numerics import finite_number, whole
+from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
 from contactlearn.core.workers import one_by_one
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import (
@@ -44,7 +44,7 @@ from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.frame import Clue, Frame
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
-from contactlearn.data.recordings.poses import Array, conjugate, orientation, rotated
+from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.rocking import rocked
@@ -66,13 +66,16 @@ from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec, moment, rotation
-from contactlearn.mechanics.shapes import Shape, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Disc, Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
+_LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
+_SURE = 5.0  # standard errors of a slope that is allowed for
+_MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
 _ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
@@ -234,9 +237,10 @@ def find_impacts(
     """
     path, known, hull = Path(path), _shape_of(options.layout.body, shape), None
     files = recording_files(path)
+    options, recordings = _sampled(files, options)
     if known is None:
-        options, hull = _by_markers(files, options, centre)
-        known = hull.shape
+        options, hull = _by_markers(recordings, options, centre)
+        known, recordings = hull.shape, sample(files, options.layout)
         if centre is not None and inertia is None:
             raise DataError("data.inertia must be given with data.centre: a uniform hull has its own centre")
     elif centre is not None:
@@ -245,7 +249,9 @@ def find_impacts(
     gyration = _gyration(known, mass, inertia)
     if isinstance(known, Solid):
         options = replace(options, solid=known, moments=tuple(gyration.tolist()))
-    frame, model, searched = _find_angles(sample(files, options.layout), options, known, gyration)
+    turning = any(np.ptp(one.rotation[one.seen], axis=0).any() for one in recordings if one.seen.any())
+    find = _find_angles if turning else _without_angles
+    frame, model, searched = find(recordings, options, known, gyration)
     found = survey(files, frame, model, options, searched=searched, progress=progress)
     _check_contacts(path, found)
     limits = options.thresholds
@@ -256,9 +262,12 @@ def find_impacts(
     if isinstance(known, Solid):
         _check_handedness(path, contacts, known, gyration, limits.reading)
     name = options.layout.body or type(known).__name__.lower()
-    apparatus = _apparatus(found, floor, options)
+    apparatus = _apparatus(found if turning else replace(found, wobbles=()), floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
-    impacts = impacts.replace(apparatus=with_balance(impacts, apparatus, floor.sinking))
+    if turning:
+        impacts = impacts.replace(apparatus=with_balance(impacts, apparatus, floor.sinking))
+    else:
+        impacts = _with_unknown_spin(impacts)
     return Tracked(
         path=path,
         impacts=impacts,
@@ -311,17 +320,27 @@ def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape
     return shape[body]
 
 
-def _by_markers(files: Sequence[Path], options: TrackOptions, centre: Centre) -> tuple[TrackOptions, MarkerHull]:
-    """The hull of the markers, and options by which recordings have the poses of its centre of mass.
+def _sampled(files: Sequence[Path], options: TrackOptions) -> tuple[TrackOptions, list[Recording]]:
+    """A few recordings, and options by which those of markers have the same axes of the body.
 
-    Angles from markers are in rad and as the file's axes say.
+    Angles from markers are in rad and as the file's axes say: markers define the sense.
     """
-    stated = options.conventions
-    places = markers_of(sample(files, options.layout)[0]).tolist()
-    conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
-    options = replace(options, conventions=conventions, layout=replace(options.layout, places=places))
     recordings = sample(files, options.layout)
-    frame = find_frame(recordings, find_gravity(recordings, stated.drag), options.conventions, options.thresholds)
+    places, stated = recordings[0].markers, options.conventions
+    if places is None:
+        return options, recordings
+    conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
+    options = replace(options, conventions=conventions, layout=replace(options.layout, places=places.tolist()))
+    return options, sample(files, options.layout)
+
+
+def _by_markers(
+    recordings: Sequence[Recording], options: TrackOptions, centre: Centre
+) -> tuple[TrackOptions, MarkerHull]:
+    """The hull of the markers, and options by which recordings have the poses of its centre of mass."""
+    markers_of(recordings[0])
+    gravity = find_gravity(recordings, options.conventions.drag)
+    frame = find_frame(recordings, gravity, options.conventions, options.thresholds)
     hull = hull_of_markers(recordings, frame, centre)
     return replace(options, layout=replace(options.layout, places=hull.places.tolist())), hull
 
@@ -372,49 +391,45 @@ def _find_angles(
         DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
     """
     stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
+    gravity = find_gravity(recordings, stated.drag)
     setting, named = (
         ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
     )
     known = [*ORDERS] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
     units = [named] if named else known
-    gravity = find_gravity(recordings, stated.drag)
     searches: dict[str | None, tuple[Frame, FlightModel, Searched]] = {}
 
-    def imbalances(units: Sequence[str | None], senses: Sequence[str]) -> dict[_Reading, float]:
+    def residuals(units: Sequence[str | None], senses: Sequence[str]) -> dict[_Reading, float]:
         for unit in units:
             if unit not in searches:
                 conventions = replace(stated, **{setting: unit}, sense="as_read")
                 searches[unit] = _searched(recordings, gravity, conventions, options)
         return {
-            (unit, sense): _imbalance(searches[unit][2], shape, gyration, SENSES[sense])
+            (unit, sense): _residual(searches[unit][2], shape, gyration, SENSES[sense])
             for unit in units
             for sense in senses
         }
 
-    left = imbalances(units, [stated.sense] if stated.sense else [*SENSES])
-    best, *others = sorted(left, key=lambda reading: left[reading])
-    if left[best] > _CLOSES and (len(units) < len(known) or stated.sense):
-        every = imbalances(known, [*SENSES])
+    by_reading = residuals(units, [stated.sense] if stated.sense else [*SENSES])
+    best, *others = sorted(by_reading, key=lambda reading: by_reading[reading])
+    least = by_reading[best]
+    if recordings[0].markers is None and least > _CLOSES and (len(units) < len(known) or stated.sense):
+        every = residuals(known, [*SENSES])
         closing = min(every, key=lambda reading: every[reading])
-        if every[closing] <= limit * min(left[best], 1.0):
-            leaves = f"is {left[best]:.2g} with it" if left[best] < math.inf else "is unknown with it"
+        if every[closing] <= limit * min(least, 1.0):
+            leaves = f"is {least:.2g} with it" if least < math.inf else "is unknown with it"
             raise DataError(
                 f"{source}: the impacts contradict {_settings(setting, named, stated.sense)}: {_evidence(shape)} "
                 f"{leaves}, and {every[closing]:.2g} with {_settings(setting, *closing)}"
             )
-    if others and not left[best] <= limit * left[others[0]]:
-        needed = _settings(setting, "…" if len(units) > 1 else None, None if stated.sense else "…")
-        which = "unit" if setting == "angle" else "order"
-        raise DataError(
-            f"{source}: the {which} and sense of angles are not clear: {_evidence(shape)} is "
-            f"{left[best]:.2f} with one reading and {left[others[0]]:.2f} with another; state {needed}"
-        )
+    if others and not least <= limit * by_reading[others[0]]:
+        raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
     clue = Clue(
         convention="angles",
         value=", ".join(name for name in best if name),
         stated=not others,
         quantity=_evidence(shape),
-        number=left[best],
+        number=least,
         unit="–",
     )
     unit, sense = best
@@ -425,20 +440,88 @@ def _find_angles(
     return replace(frame, clues=(*frame.clues, clue)), model, searched
 
 
+def _without_angles(
+    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: Any
+) -> tuple[Frame, FlightModel, Searched]:
+    """Frame, flights and contacts of round bodies whose angle is missing, or the same in all frames: it is no angle.
+
+    The tracked point is taken for the centre of mass, of which nothing shows that it is off.
+
+    Raises:
+        DataError: the contact point of the body depends on its angle.
+    """
+    source, stated = recordings[0].source, options.conventions
+    if not isinstance(shape, Disc | Sphere):
+        raise DataError(
+            f"{source}: no orientation was measured: it is missing, or the same in every frame; contact points of a "
+            f"{type(shape).__name__.lower()} depend on it; name its columns (data.columns), or state a disc or a ball"
+        )
+    conventions = replace(stated, angle="rad", order=stated.order or "wxyz", sense="as_read")
+    frame, model, searched = _searched(
+        recordings, find_gravity(recordings, stated.drag), conventions, options, turning=False
+    )
+    clue = Clue(convention="angles", value="not measured", stated=False, quantity="range of θ", number=0.0, unit="rad")
+    return replace(frame, clues=(*frame.clues, clue)), model, searched
+
+
+def _with_unknown_spin(impacts: Impacts) -> Impacts:
+    """Impacts of round bodies whose spin was not measured: 0, with the error of a body that may roll."""
+    d = impacts.space.d
+
+    def unknown(v: Tensor, covariance: Tensor | None) -> Tensor:
+        assert covariance is not None
+        rolling = v[:, :d].square().sum(-1) / impacts.r.square().sum(-1)
+        wide = covariance.clone()
+        wide[:, d:, :] = wide[:, :, d:] = 0.0
+        wide[:, range(d, v.shape[1]), range(d, v.shape[1])] = rolling[:, None].expand(-1, v.shape[1] - d)
+        return wide
+
+    return impacts.replace(
+        v_pre_cov=unknown(impacts.v_pre, impacts.v_pre_cov), v_post_cov=unknown(impacts.v_post, impacts.v_post_cov)
+    )
+
+
+def _unclear(
+    source: str, setting: str, residuals: Mapping[_Reading, float], best: _Reading, second: _Reading, shape: Shape
+) -> str:
+    """The message that asks for a reading, with the values that it can have."""
+    units, senses = ([*dict.fromkeys(values)] for values in zip(*residuals, strict=True))
+    open_settings = [
+        f"data.{name}={' or '.join(str(value) for value in values)}"
+        for name, values in ((setting, units), ("sense", senses))
+        if len(values) > 1
+    ]
+    if math.isinf(residuals[best]):
+        why = f"fewer than {_READABLE} contacts between two flights show them"
+    else:
+        one, other = (", ".join(name for name in reading if name) for reading in (best, second))
+        why = f"{_evidence(shape)} is {residuals[best]:.2f} with {one}, and {residuals[second]:.2f} with {other}"
+    which = "unit" if setting == "angle" else "order"
+    return f"{source}: the {which} and sense of angles are not clear: {why}; state {', and '.join(open_settings)}"
+
+
 def _searched(
-    recordings: Sequence[Recording], gravity: Gravity, conventions: Conventions, options: TrackOptions
+    recordings: Sequence[Recording],
+    gravity: Gravity,
+    conventions: Conventions,
+    options: TrackOptions,
+    *,
+    turning: bool = True,
 ) -> tuple[Frame, FlightModel, Searched]:
     """The frame of recordings in which conventions are as stated, the model of their flights, and what they hold."""
     in_space = options.moments is not None
     frame = find_frame(recordings, gravity, conventions, options.thresholds, in_space=in_space)
     model = find_flight_model(recordings, frame, gravity, options.moments)
+    if not turning:
+        model = replace(model, centre=(0.0,) * len(model.centre))
     return frame, model, search_sample(recordings, frame, model, options)
 
 
 def _evidence(shape: Shape) -> str:
     """The quantity that shows the reading of angles."""
-    heights = isinstance(shape, Solid) and not isinstance(shape, Sphere)
-    return "scatter of the floor over that of the body's height" if heights else "residual of the moment balance"
+    if isinstance(shape, Solid) and not isinstance(shape, Sphere):
+        return "scatter of the floor over that of the body's height, times the residual of the moment balance,"
+    return "residual of the moment balance"
 
 
 def _settings(setting: str, unit: str | None, sense: str | None) -> str:
@@ -447,52 +530,114 @@ def _settings(setting: str, unit: str | None, sense: str | None) -> str:
     return " and ".join(f"data.{name}={value}" for name, value in named if value)
 
 
-def _imbalance(searched: Searched, shape: Shape, gyration: Any, sense: int) -> float:
-    """Residual of the moment balance in a sense; infinite where contacts are too few."""
-    contacts = [contact for found in searched.values() for contact in found.contacts]
-    return _moment_imbalance(contacts, shape, gyration, sense) if len(contacts) >= _READABLE else math.inf
+def _residual(searched: Searched, shape: Shape, gyration_squared: Any, sense: int) -> float:
+    """Residual of a reading of angles; infinite where contacts are too few.
 
-
-def _moment_imbalance(contacts: Sequence[Hit], shape: Shape, gyration_squared: Any, sense: int = 1) -> float:
-    """Median residual of the moment balance relative to its terms, in [0, 1], if angles grow in this sense.
-
-    In the plane it is that of the zero of θ at which it is least.
+    It is that of the moment balance, in [0, 1], on the floor that contact points then show: level or inclined.  Of a
+    body in space that is no ball, it is multiplied with the scatter of the floor's heights over that of the heights of
+    the body's lowest points.
     """
+    contacts = [contact for found in searched.values() for contact in found.contacts]
+    if len(contacts) < _READABLE:
+        return math.inf
     pose = np.stack([contact.pose for contact in contacts])
     change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
-    if isinstance(shape, Solid):
-        return _misread(pose, change, shape, gyration_squared, sense)
-    r = contact_point(shape, torch.from_numpy(sense * pose[:, 2] + _ZEROS[:, None])).numpy()
-    u, v, spun = (change * (1, 1, sense)).T
-    terms = np.stack(np.broadcast_arrays(spun, -r[..., 0] * v / gyration_squared, r[..., 1] * u / gyration_squared))
-    return float(np.median(np.abs(terms.sum(0)) / np.maximum(np.abs(terms).sum(0), 1e-12), axis=1).min())
-
-
-def _misread(pose: Array, change: Array, shape: Solid, gyration_squared: Any, sense: int) -> float:
-    """Residual of a reading in space; the other sense is that of quaternions from the world's axes to the body's.
-
-    It is the scatter of the floor's heights that contacts show, over that of the heights of the body's lowest points;
-    or the residual of the moment balance, of a ball.
-    """
-    turned, spin = pose[:, 3:], change[:, 3:]
-    if sense < 0:
-        turned = conjugate(turned)
-        spin = -rotated(turned, spin)
-    q = torch.from_numpy(turned)
+    k = change.shape[1]
+    errors = np.stack([contact.covariance for contact in contacts])
+    errors = errors[:, :k, :k] + errors[:, k : 2 * k, k : 2 * k]
+    if sense < 0 and k == 3:
+        pose, change = pose * (1, 1, -1), change * (1, 1, -1)
+    elif sense < 0:  # quaternions turn the world's axes into the body's
+        turned = conjugate(pose[:, 3:])
+        pose = np.concatenate((pose[:, :3], turned), 1)
+        change = np.concatenate((change[:, :3], -rotated(turned, change[:, 3:])), 1)
+    pose, change = _on_a_level_floor(pose, change, shape)
+    if k == 3:
+        turned = (pose + np.array((0, 0, zero)) for zero in _ZEROS)
+        return min(_unbalanced_in_plane(one, change, errors, shape, gyration_squared) for one in turned)
+    q = torch.from_numpy(pose[:, 3:])
     r = contact_point(shape, q)
-    if not isinstance(shape, Sphere):
-        own, floor = ((x - x.median()).abs().median().item() for x in (r[:, 2], r[:, 2] + torch.from_numpy(pose[:, 2])))
-        return floor / max(own, 1e-12)
-    return _unbalanced(q, torch.from_numpy(np.column_stack((change[:, :3], spin))), r, gyration_squared)
+    unbalanced = _unbalanced(q, torch.from_numpy(change), r, gyration_squared, torch.from_numpy(errors))
+    if isinstance(shape, Sphere):
+        return unbalanced
+    body, floor = ((x - x.median()).abs().median().item() for x in (r[:, 2], r[:, 2] + torch.from_numpy(pose[:, 2])))
+    return unbalanced * floor / max(body, 1e-12)
+
+
+def _on_a_level_floor(pose: Array, change: Array, shape: Shape) -> tuple[Array, Array]:
+    """Poses and changes of velocity in axes in which the floor that contact points show is level."""
+    d = 2 if pose.shape[1] == 3 else 3
+    for _ in range(_LEVELLINGS):
+        points = pose[:, :d] + contact_point(shape, torch.from_numpy(orientation(pose))).numpy()
+        slope = _slope(points)
+        if not slope.any():
+            break
+        angle = np.arctan(np.linalg.norm(slope))
+        if d == 2:
+            c, s = np.cos(angle), np.sin(angle) * np.sign(slope[0])
+            level = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+            pose, change = pose @ level.T - (0, 0, np.sign(slope[0]) * angle), change @ level.T
+        else:
+            level = quaternion(np.array((-slope[1], slope[0], 0.0)) * angle / np.linalg.norm(slope))
+            pose = np.concatenate((rotated(level, pose[:, :3]), product(level, pose[:, 3:])), 1)
+            change = np.concatenate((rotated(level, change[:, :3]), rotated(level, change[:, 3:])), 1)
+    return pose, change
+
+
+def _slope(points: Float[Array, "n d"]) -> Float[Array, " s"]:
+    """Slopes of the floor under contact points by least absolute deviations; 0 where they are not clear."""
+    across, height = points[:, :-1] - np.median(points[:, :-1], 0), points[:, -1]
+    design = np.column_stack((np.ones(len(points)), across))
+    weight, fit, residual = np.ones(len(points)), np.zeros(design.shape[1]), height
+    for _ in range(_ROUNDS):
+        fit = np.linalg.lstsq(design * weight[:, None], height * weight, rcond=None)[0]
+        residual = height - design @ fit
+        middle = max(float(np.median(np.abs(residual))), 1e-9)
+        weight = np.maximum(np.abs(residual), middle / 10) ** -0.5
+    errors = MAD_SCALE * float(np.median(np.abs(residual))) * np.sqrt(np.linalg.pinv(design.T @ design).diagonal())
+    clear = bool((np.abs(fit[1:]) > _SURE * errors[1:]).any())
+    return np.asarray(fit[1:] * clear, dtype=np.float64)
+
+
+def _unbalanced_in_plane(pose: Array, change: Array, errors: Array, shape: Shape, gyration_squared: Any) -> float:
+    """Typical residual of the moment balance relative to its terms, in [0, 1]."""
+    r = contact_point(shape, torch.from_numpy(pose[:, 2])).numpy()
+    arm = np.column_stack((r[:, 1] / gyration_squared, -r[:, 0] / gyration_squared, np.ones(len(r))))
+    terms, noise = arm * change, np.sqrt(np.einsum("ni,nij,nj->n", arm, errors, arm))
+    return _typical(np.abs(terms.sum(1)), np.abs(terms).sum(1), noise)
 
 
 def _unbalanced(
-    q: Float[Tensor, "n 4"], change: Float[Tensor, "n 6"], r: Float[Tensor, "n 3"], gyration_squared: Any
+    q: Float[Tensor, "n 4"],
+    change: Float[Tensor, "n 6"],
+    r: Float[Tensor, "n 3"],
+    gyration_squared: Any,
+    errors: Float[Tensor, "n 6 6"],
 ) -> float:
-    """Median residual of the moment balance in space relative to its terms, in [0, 1]."""
+    """Typical residual of the moment balance in space relative to its terms, in [0, 1]."""
     R = rotation(q)
-    spun, moved = matvec((R * gyration_squared) @ R.mT, change[:, 3:]), moment(r, change[:, :3])
-    return ((spun - moved).norm(dim=-1) / (spun.norm(dim=-1) + moved.norm(dim=-1)).clamp_min(1e-12)).median().item()
+    gyration = (R * gyration_squared) @ R.mT
+    spun, moved = matvec(gyration, change[:, 3:]), moment(r, change[:, :3])
+    x, y, z = r.unbind(-1)
+    zero = torch.zeros_like(x)
+    across = torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).reshape(-1, 3, 3)  # r × as a matrix
+    slope = torch.cat((-across, gyration), -1)
+    noise = (slope @ errors @ slope.mT).diagonal(dim1=-2, dim2=-1).sum(-1).sqrt()
+    return _typical(
+        (spun - moved).norm(dim=-1).numpy(), (spun.norm(dim=-1) + moved.norm(dim=-1)).numpy(), noise.numpy()
+    )
+
+
+def _typical(residual: Array, size: Array, noise: Array) -> float:
+    """Weighted median of residuals relative to the size of their terms.
+
+    A contact at which these are within a few errors of 0 shows no reading: that of a ball that rolls has no moment.
+    """
+    weight = size**2 / np.maximum(size**2 + (_MOMENT_SIGMAS * noise) ** 2, 1e-300)
+    share = residual / np.maximum(size, 1e-12)
+    order = np.argsort(share)
+    summed = np.cumsum(weight[order])
+    return float(share[order][min(int(np.searchsorted(summed, summed[-1] / 2)), len(share) - 1)])
 
 
 def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyration_squared: Any, limit: float) -> None:
@@ -506,9 +651,11 @@ def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyratio
         torch.from_numpy(np.stack([contact.v_post - contact.v_pre for contact in contacts])),
         contact_point(shape, q),
     )
+    errors = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
+    errors = errors[:, :6, :6] + errors[:, 6:12, 6:12]
     mirrors = {"": (1.0, 1.0), "x": (-1.0, 1.0), "y": (1.0, -1.0)}
     left = {
-        axis: _unbalanced(q, change * change.new_tensor((*signs, *(1.0,) * 4)), r, gyration_squared)
+        axis: _unbalanced(q, change * change.new_tensor((*signs, *(1.0,) * 4)), r, gyration_squared, errors)
         for axis, signs in mirrors.items()
     }
     best = min(left, key=lambda axis: left[axis])

@@ -11,6 +11,7 @@ from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import Row
+from contactlearn.report.text.numbers import percent
 
 
 def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
@@ -26,8 +27,14 @@ def rig_text(row: Row) -> str:
 
 
 def tracks_headline(found: Tracked) -> str:
-    """Write the numbers of impacts and recordings."""
-    return f"{len(found.impacts)} impacts from {found.survey.recordings} recordings"
+    """Write the numbers of impacts and recordings, and the errors before contact beside the approach."""
+    impacts, up = found.impacts, found.impacts.space.d - 1
+    counts = f"{len(impacts)} impacts from {found.survey.recordings} recordings"
+    if impacts.v_pre_cov is None:
+        return counts
+    error = impacts.v_pre_cov[:, up, up].sqrt().median().item()
+    share = error / max(impacts.v_pre[:, up].abs().median().item(), 1e-12)
+    return f"{counts}, normal velocities before contact ± {number(1e3 * error, 2)} mm/s ({percent(share, 1)} of them)"
 
 
 def tracks_facts(found: Tracked) -> list[tuple[str, str]]:

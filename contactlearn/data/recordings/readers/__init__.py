@@ -24,6 +24,7 @@ from contactlearn.data.recordings.track import Recording, mean_step
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
+_NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
 _APART = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
@@ -39,7 +40,7 @@ class Layout:
         time: of the time in s; None if the frame rate says it.
         rate: frames a second, for files without a column of times; one that contradicts this column is an error.
         position: of x and y, or of x, y and z.
-        angle: of the angle in the plane.
+        angle: of the angle in the plane; None if none was measured, as of a ball.
         quaternion: of its four components; the order is read off names that end in w, x, y and z.
         recording: of the recording's name, in a file with several; None if there is one a file.
         markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
@@ -51,7 +52,7 @@ class Layout:
     time: str | None = "time"
     rate: float | None = None
     position: Sequence[str] = ("x", "y", "z")
-    angle: str = "theta"
+    angle: str | None = "theta"
     quaternion: Sequence[str] = ("qw", "qx", "qy", "qz")
     recording: str | None = "recording"
     markers: Sequence[Sequence[str]] = field(default=())
@@ -80,11 +81,15 @@ class Layout:
         return np.arange(frames) / self.rate
 
     def checked(self, stamps: Array, source: str) -> Array:
-        """Time stamps, unless the stated frame rate is another one.
+        """Time stamps, unless the stated frame rate is another one; frame numbers over this rate.
 
         Raises:
-            DataError: they are more than 1 % apart.
+            DataError: they are more than 1 % apart, or are frame numbers without a rate.
         """
+        if len(stamps) >= _NUMBERED and (stamps == np.round(stamps)).all() and np.median(np.diff(stamps)) == 1:
+            if self.rate is None:
+                raise DataError(f"{source}: frames are numbered, and have no times; state data.rate, frames a second")
+            return stamps / self.rate
         if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
             return stamps
         if abs(mean_step(stamps) * self.rate - 1) > _APART:

@@ -7,6 +7,7 @@
 An empty cell is a coordinate that the tracker lost.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -21,6 +22,8 @@ from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Recording
 
+FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frames")
+"""Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
 MOST_FRAMES = 2_000_000
 """Of a recording: more than half an hour at 1000 frames a second, and a gigabyte or two of memory."""
@@ -31,6 +34,7 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
     for part in _parts(path):
+        part = _of_body(path, part, layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
             if pending and _name(pending[-1], names) != _name(piece, names):
@@ -53,12 +57,14 @@ def _name(piece: pd.DataFrame, names: str | None) -> str | None:
 
 
 def _pieces(part: pd.DataFrame, names: str | None) -> Iterator[pd.DataFrame]:
-    """Runs of rows of one recording."""
+    """Rows of one recording, the last of which may go on in the next part."""
     if names not in part.columns:
         yield part
     elif len(part):
         keys = part[names].astype(str)
-        for _, piece in part.groupby((keys != keys.shift()).cumsum(), sort=False):
+        order = {key: place for place, key in enumerate(pd.unique(keys))}
+        order[keys.iloc[-1]] = len(order)
+        for _, piece in part.groupby(keys.map(order)):
             yield piece
 
 
@@ -99,10 +105,8 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     if len(table) == 0:
         raise DataError(f"{path}: holds no frames")
     place = f"{path}: {name}" if layout.recording in table.columns else str(path)
-    if layout.time is not None and layout.time in table.columns:
-        time = layout.checked(_column(place, table, layout.time), place)
-    else:
-        time = layout.times(len(table), str(path))
+    table = _rows_of_body(place, table, layout)
+    time = _times(path, place, table, layout)
     if layout.markers:
         markers = np.stack([_columns(place, table, names) for names in layout.markers], 1)
         return pose_of_markers(markers, time, layout.places, name=name, source=str(path))
@@ -113,15 +117,101 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
         return Recording(
             name=name, source=str(path), time=time, position=position, quaternion=quaternion, order=layout.order
         )
-    return Recording(
-        name=name, source=str(path), time=time, position=position, angle=_column(place, table, layout.angle)
-    )
+    if layout.angle is None or layout.angle not in table.columns:
+        angle = np.zeros(len(table))  # not measured: see `_no_angle`
+    else:
+        angle = _column(place, table, layout.angle)
+    return Recording(name=name, source=str(path), time=time, position=position, angle=angle)
+
+
+def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """A table with the columns of one of several bodies, such as x_red, y_red, x_blue, y_blue, under their own names.
+
+    Raises:
+        DataError: it is not stated which body.
+    """
+    known = [*layout.position, *layout.quaternion, *([] if layout.angle is None else [layout.angle])]
+    if layout.markers or {*layout.position[:2]} <= {*table.columns}:
+        return table
+    named: dict[str, dict[str, str]] = {}  # our name by that of the file, of each body
+    for column in map(str, table.columns):
+        for name in known:
+            start, end = (
+                re.fullmatch(rf"{re.escape(name)}[_ .:-]?(.+)", column),
+                re.fullmatch(rf"(.+?)[_ .:-]?{re.escape(name)}", column),
+            )
+            for match in (start, end):
+                if match:
+                    named.setdefault(match[1], {})[column] = name
+    bodies = {body: names for body, names in named.items() if {*layout.position[:2]} <= {*names.values()}}
+    if len(bodies) < 2:
+        return table
+    return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
+
+
+def _rows_of_body(place: str, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """The rows of one of several bodies, which a column names; times grow for each of them, and not for all together.
+
+    Raises:
+        DataError: it is not stated which body.
+    """
+    if layout.time is None or layout.time not in table.columns:
+        return table
+    time = pd.Series(_stamps(place, table, layout.time), index=table.index)
+    if len(time) < 2 or (time.diff().iloc[1:] > 0).all():
+        return table
+    used = {layout.time, layout.recording, layout.angle, *layout.position, *layout.quaternion}
+    for column in (name for name in table.columns if name not in used):
+        steps = time.groupby(table[column].astype(str)).diff().dropna()
+        bodies = [*pd.unique(table[column].astype(str))]
+        if 1 < len(bodies) <= len(table) // 2 and (steps > 0).all():
+            body = _chosen(place, bodies, layout, f"in column {column!r}")
+            return table[table[column].astype(str) == body]
+    return table
+
+
+def _chosen(place: str, bodies: Sequence[str], layout: Layout, where: str) -> str:
+    """The stated one of several bodies.
+
+    Raises:
+        DataError: none is stated, or another one.
+    """
+    if layout.body in bodies:
+        return str(layout.body)
+    choices = " or ".join(f"data.body={body}" for body in bodies)
+    raise DataError(f"{place}: has {len(bodies)} bodies {where}; state {choices}")
+
+
+def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array:
+    """Times in s: a column of them, of dates with times, or of frame numbers and the frame rate."""
+    if layout.time is not None and layout.time in table.columns:
+        return layout.checked(_stamps(place, table, layout.time), place)
+    number = next((name for name in FRAME_NUMBERS if name in table.columns), None)
+    if number is None or layout.time is None:
+        return layout.times(len(table), str(path))
+    return layout.checked(_column(place, table, number), place)
+
+
+def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
+    """A column of times; dates with times are counted in s from the first of them."""
+    if pd.api.types.is_numeric_dtype(table[name]):
+        return _column(place, table, name)
+    stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
+    if pd.to_numeric(table[name], errors="coerce").notna().any() or stamps.isna().all():
+        return _column(place, table, name)  # numbers, with some text
+    if stamps.isna().any():
+        row = int(np.argmax(stamps.isna().to_numpy()))
+        raise DataError(
+            f"{place}: row {row + 1}, column {name}: must be a date with a time, got {table[name].iloc[row]!r}"
+        )
+    return ((stamps - stamps.iloc[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=np.float64)
 
 
 def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     """Refuse a file that lacks columns, before any of its recordings is refused for it."""
     spatial = layout.position[2:] and layout.position[2] in table.columns
-    poses = (*layout.position, *layout.quaternion) if spatial else (*layout.position[:2], layout.angle)
+    angle = () if layout.angle is None or _no_angle(table, layout) else (layout.angle,)
+    poses = (*layout.position, *layout.quaternion) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
         if name not in table.columns:
             known = [str(column) for column in table.columns]
@@ -129,8 +219,13 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
                 f"{path}: has no column {name!r}{suggest(name, known)}; it has {', '.join(known)} "
                 "('data.columns={time: t, position: [px, py], angle: phi}' says which are which)"
             )
-    if layout.time not in table.columns:
+    if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
         layout.times(0, str(path))
+
+
+def _no_angle(table: pd.DataFrame, layout: Layout) -> bool:
+    """Whether no column is left that may be the angle."""
+    return not {*table.columns} - {layout.time, layout.recording, *layout.position, *FRAME_NUMBERS}
 
 
 def _columns(place: str, table: pd.DataFrame, names: Sequence[str]) -> Array:

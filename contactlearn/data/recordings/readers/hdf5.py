@@ -35,7 +35,8 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
 def _recording(path: Path, name: str, group: Mapping[str, Any], layout: Layout) -> Recording:
     position = _values(group, "position", layout.position[:3])
     quaternion = _values(group, "quaternion", layout.quaternion)
-    angle = _values(group, layout.angle, ()) if layout.angle in group else _values(group, "angle", ())
+    angle = _values(group, layout.angle or "angle", ())
+    angle = _values(group, "angle", ()) if angle is None else angle
     if position is None or (angle is None and quaternion is None):
         raise DataError(f"{path}: {name}: holds no position with angle or quaternion; it has {', '.join(group)}")
     time = None if layout.time is None else _values(group, layout.time, ())
