@@ -66,7 +66,8 @@ def test_the_page_has_what_was_found(found, page):
     text, survey = html.unescape(page.read_text()), found.survey
     content = of_recordings(found)
     recordings = recordings_of(content)
-    assert content["title"] .startswith(f"{len(found.impacts)} impacts from 6 recordings, normal velocities before contact ±")
+    title = f"{len(found.impacts)} impacts from 6 recordings, normal velocities before contact ±"
+    assert content["title"].startswith(title)
     assert sum(one["impacts"] for one in content["recordings"]) == len(found.impacts)
     assert [contact["name"] for one in recordings for contact in one["contacts"]] == list(found.impacts.trial)
     assert sum(len(one["refused"]) for one in recordings) == len(survey.refusals) - 1
