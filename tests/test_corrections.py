@@ -52,7 +52,14 @@ def test_corrections_are_pure_and_complete(drops):
         correct(drops.replace(validate=False), [name])
     assert drops.fingerprint() == before
     others = {"inertia_scaled", "drop_incomplete", "drop_duplicates", "drop_outliers", "ordered_by_time"}
-    others |= {"averaged_vx", "averaged_vy", "averaged_omega", "rig", "traced_shape"}  # test_spread.py, test_rig.py, …
+    others |= {
+        "moving_floor",
+        "averaged_vx",
+        "averaged_vy",
+        "averaged_omega",
+        "rig",
+        "traced_shape",
+    }  # test_spread.py, test_rig.py, …
     assert set(CORRECTIONS) == set(CORRUPTIONS) | others
     assert all(correction.description for correction in CORRECTIONS.values())
     for name in set(CORRECTIONS) - {"ordered_by_time"}:

@@ -25,6 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.moments import Columns, torque
+from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -163,6 +164,11 @@ def _averaged(column: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     return average
 
 
+def _moving_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    floor = moving_floor(impacts)
+    return impacts if floor is None else on_still_floor(impacts, floor.velocity.value)
+
+
 def _ordered_by_time(impacts: Impacts, _: AuditThresholds) -> Impacts:
     if impacts.time is None:
         raise DataError(f"{impacts.source}: has no column time to order the trials by")
@@ -239,6 +245,9 @@ CORRECTIONS = {
     ),
     "averaged_omega": Correction(
         "ω before impact varies by no more than its noise: its mean is used", _averaged(2), needs_all_trials=True
+    ),
+    "moving_floor": Correction(
+        "the floor moves along its normal: velocities are taken relative to it", _moving_floor, needs_all_trials=True
     ),
     "ordered_by_time": Correction(
         "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True

@@ -5,6 +5,7 @@
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     out_of_order              times that contradict the order of the trials
+    moving_floor              the floor moves along its normal: a constant in v_n⁺ beside its part ∝ v_n
     gross_outliers            trials that cannot be real measurements
     energy_gained             more trials than noise explains gain energy
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
@@ -30,6 +31,7 @@ import torch
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
 from contactlearn.data.audit.conventions import compare, convention_findings, impossible_findings
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -76,6 +78,11 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     scaled = inertia_findings(sound, thresholds)
     if scaled:
         sound, corrected = correct(sound, ["inertia_scaled"]), [*corrected, *scaled]
+    moving = moving_floor_findings(sound)
+    if moving and moving[0].correction:
+        sound, corrected = correct(sound, ["moving_floor"]), [*corrected, *moving]
+    else:
+        notes = [*moving, *notes]
     of_trials = trial_findings(sound, thresholds)
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:

@@ -35,6 +35,7 @@ _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distri
 _ROUNDS = 30
 _LISTED = 5  # trials that a sentence names
 _NOISY_SPREAD = 1.5  # standard deviation of a velocity before impact over the residual of flexible models after it
+_SAME_SPEED = 0.15  # relative spread of |v_y| up to which it may be one speed with noise; a camera at 30 Hz makes 0.1
 _FLIPPED = {"spin after": "after", "spin before": "before"}
 
 
@@ -160,6 +161,8 @@ def averaging_notes(
     for k, (name, letter, unit) in enumerate(_COLUMNS):
         spread = impacts.v_pre[:, k].std().item()
         if not 0 < spread < _NOISY_SPREAD * residual[k].item():
+            continue
+        if letter == "v_y" and spread > _SAME_SPEED * impacts.v_pre[:, k].mean().abs().item():
             continue
         error = held_out(impacts) if error is None else error
         changed = correct(impacts, [name])
