@@ -82,14 +82,13 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
     if floor is None:
         return []
     v, error = floor.velocity.value, floor.velocity.error
+    moves = f"{'up' if v > 0 else 'down'} at {abs(v):.3g} ± {error:.2g} m/s"
     sentence = (
-        f"the floor moves {'up' if v > 0 else 'down'} at {abs(v):.3g} ± {error:.2g} m/s: v_n⁺ has a constant beside "
-        f"its part in proportion to v_n, whose ε is {floor.restitution:.3g}"
-    )
-    sentence += (
-        f"; slow impacts would have ε = {floor.slow:.2f}, and gain energy"
+        f"the floor moves {moves}: v_n⁺ has a constant beside its part in proportion to v_n, whose ε is "
+        f"{floor.restitution:.3g}; with the floor at rest slow impacts would have ε = {floor.slow:.2f}, and gain energy"
         if floor.sure
-        else ", or the restitution depends on the speed so (or adhesion acts): was the floor or racket at rest?"
+        else f"v_n⁺ has a constant beside its part in proportion to v_n: a floor that moves {moves}, a restitution "
+        "that depends on the speed, or adhesion; was the floor or racket at rest?"
     )
     evidence = evidence_of(
         ("velocity", v, "m/s"),
