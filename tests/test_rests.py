@@ -12,7 +12,7 @@ import torch
 from repetitions import repeated
 
 from contactlearn.data import tracks
-from contactlearn.data.recordings.floor import Lying, find_floor, find_rests
+from contactlearn.data.recordings.floor import RestPoses, find_floor, find_rests
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Rest
 from contactlearn.data.recordings.track import Track
@@ -60,7 +60,7 @@ def apparatus(rng, shape, *, zero, slope=0.0, lean=0.0, off=0.0, contacts=14, re
     tracked = np.stack((x + off * np.cos(theta), y + off * np.sin(theta), theta - zero), 1)
     lain = []
     for k in range(rests):
-        side = rng.choice(Lying.of(shape).angles)
+        side = rng.choice(RestPoses.of(shape).angles)
         flat = side + slope if isinstance(shape, Polygon) else balanced(shape, float(side), slope, lean, off)
         leans, x = (0.2 if k < odd else 0.0) * (k % 2), rng.uniform(0.1, 0.4)
         up = float(height(shape, np.array([flat + leans + 1e-9]), slope, x)[0]) + 0.02 * (k < odd) * (1 - k % 2)
@@ -125,7 +125,7 @@ def test_an_ellipse_on_one_pole_does_not_tell_its_zero():
     same = [rest for rest in rests if abs(rest.pose[2]) < 1]
     assert len(same) > 8
     assert find_floor(contacts, ELLIPSE, same).orientation is None
-    assert len(Lying.of(Disc(0.03)).angles) == len(Lying.of(Ellipse((0.03, 0.03))).angles) == 0
+    assert len(RestPoses.of(Disc(0.03)).angles) == len(RestPoses.of(Ellipse((0.03, 0.03))).angles) == 0
     rests = [Rest(recording="0", pose=np.array((0.1 * k, 0.03, k)), error=np.full(3, 1e-5)) for k in range(20)]
     contacts = [
         SimpleNamespace(pose=np.array((0.05 * k, 0.03, 2.0 * k)), v_pre=-np.ones(3), v_post=np.ones(3))
@@ -153,9 +153,9 @@ def test_rests_on_a_book_and_against_a_wall_are_left_out(odd):
     (Polygon(((-0.06, -0.01), (0.02, -0.01), (0.04, 0.02))), (0, 163.300755766)),
 ], ids=["box", "ellipse", "upright ellipse", "triangle that tips over from one side"])  # fmt: skip
 def test_stable_sides(shape, angles):
-    found = np.sort(np.degrees(turn(Lying.of(shape).angles + 1e-9)))
+    found = np.sort(np.degrees(turn(RestPoses.of(shape).angles + 1e-9)))
     np.testing.assert_allclose(found, np.sort(np.degrees(turn(np.radians(angles) + 1e-9))), atol=1e-6)
-    for angle in Lying.of(shape).angles.tolist():  # the body is lowest there: its centre rises to both sides
+    for angle in RestPoses.of(shape).angles.tolist():  # the body is lowest there: its centre rises to both sides
         heights = -contact_point(shape, torch.tensor([angle - 0.05, angle, angle + 0.05], dtype=torch.float64))[:, 1]
         assert heights.argmin() == 1
 

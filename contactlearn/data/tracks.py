@@ -49,6 +49,7 @@ from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, Hit
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.survey import (
     Progress,
     Searched,
@@ -69,7 +70,6 @@ from contactlearn.mechanics.rigid_body import matvec, moment, rotation
 from contactlearn.mechanics.shapes import Disc, Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
-_READABLE = 3  # contacts that show the reading of angles, at least
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
@@ -492,7 +492,7 @@ def _unclear(
         if len(values) > 1
     ]
     if math.isinf(residuals[best]):
-        why = f"fewer than {_READABLE} contacts between two flights show them"
+        why = f"fewer than {NEEDED.contacts_of_reading} contacts between two flights show them"
     else:
         one, other = (", ".join(name for name in reading if name) for reading in (best, second))
         why = f"{_evidence(shape)} is {residuals[best]:.2f} with {one}, and {residuals[second]:.2f} with {other}"
@@ -538,7 +538,7 @@ def _residual(searched: Searched, shape: Shape, gyration_squared: Any, sense: in
     the body's lowest points.
     """
     contacts = [contact for found in searched.values() for contact in found.contacts]
-    if len(contacts) < _READABLE:
+    if len(contacts) < NEEDED.contacts_of_reading:
         return math.inf
     pose = np.stack([contact.pose for contact in contacts])
     change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
@@ -659,7 +659,7 @@ def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyratio
         for axis, signs in mirrors.items()
     }
     best = min(left, key=lambda axis: left[axis])
-    if best and len(contacts) >= _READABLE and left[best] <= limit * left[""]:
+    if best and len(contacts) >= NEEDED.contacts_of_reading and left[best] <= limit * left[""]:
         raise DataError(
             f"{path}: axes must be right-handed: the moment balance of impacts leaves {left['']:.2g}, and "
             f"{left[best]:.2g} with {best} of the positions mirrored; mirror that column"

@@ -11,6 +11,7 @@ floor        bodies at rest, and the floor that they share with contacts
 survey       all recordings of a file or folder
 result       types of what is found
 thresholds   every limit of a decision
+sufficiency  how many samples show a quantity
 """
 
 from contactlearn.core.lazy import load_when_named

@@ -39,7 +39,7 @@ from contactlearn.data.recordings.flights import (
     apart,
     find_flights,
     fit,
-    mended,
+    restore_skipped_frames,
     same_flight,
 )
 from contactlearn.data.recordings.poses import Array, arms, away, displaced, levers, orientation
@@ -56,7 +56,7 @@ _ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Meeting:
+class ContactFit:
     """The two flights of a contact at the instant at which they meet.
 
     Args:
@@ -78,14 +78,14 @@ class Meeting:
     lasting: float
 
 
-def meeting(
+def fit_contact(
     before: Flight,
     after: Flight,
     window: tuple[float, float],
     step: float,
     most_missing: int,
     lasting: tuple[float, float],
-) -> Meeting:
+) -> ContactFit:
     """Find where two flights meet.
 
     Args:
@@ -117,7 +117,7 @@ def meeting(
     weight[1:] += np.log(_LONG)
     share = np.exp(weight - weight.max())
     how, best = np.unravel_index(int(share.argmax()), share.shape)
-    return Meeting(
+    return ContactFit(
         time=float(time[best]),
         missing=int(best),
         certainty=float(share[:, best].sum() / share.sum()),
@@ -138,13 +138,13 @@ def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[
 def cut(
     track: Track,
     flights: Sequence[Flight],
-    meetings: Sequence[Meeting | None],
+    meetings: Sequence[ContactFit | None],
     found: Flights,
     contact_time: float,
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
 
-    A flight that ends at no contact may include frames of something else: see `_own`.
+    A flight that ends at no contact may include frames of something else: see `_trim_flight_end`.
 
     Args:
         track: of the flights.
@@ -166,22 +166,22 @@ def cut(
         if len(frames) < 4:
             frames = flight.frames
         if start is None and flight.first > 0:
-            frames = _own(track, frames[::-1], found, flight)[::-1]
+            frames = _trim_flight_end(track, frames[::-1], found, flight)[::-1]
         if end is None and flight.last < len(track) - 1:
-            frames = _own(track, frames, found, flight)
+            frames = _trim_flight_end(track, frames, found, flight)
         changed = len(frames) < len(flight.frames)
         fitted.append(fit(track.time, track.pose, frames, flight.sigma, flight.air) if changed else flight)
     return fitted
 
 
-def _own(track: Track, frames: Indices, found: Flights, flight: Flight) -> Indices:
+def _trim_flight_end(track: Track, frames: Indices, found: Flights, flight: Flight) -> Indices:
     """Frames of a flight without its last one, and without those before it that are of something else.
 
     The last m frames are as they are left out if χ² of the flight falls by more than twice their k m numbers (Akaike
     1974): each of them may be near the flight where all of them together are not.  The errors of the other
     frames are independent of this decision.  At least a window of frames stays.
     """
-    if len(frames) < _LEAST:
+    if len(frames) < _MIN_FLIGHT_FRAMES:
         return frames
     frames, sigma, air = frames[:-1], flight.sigma, flight.air
     most = min(len(frames) // 3, len(frames) - found.width)
@@ -199,7 +199,7 @@ def close(before: Flight, after: Flight, options: FlightOptions) -> bool:
     return after.first - before.last - 1 <= 2 * options.most_missing + 2
 
 
-def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[Meeting, int]:
+def fit_between(track: Track, before: Flight, after: Flight, options: FlightOptions) -> tuple[ContactFit, int]:
     """Find where two flights of a track meet, and how many frames are in neither though the contact does not last.
 
     A contact without a frame in neither flight may last as well, which the flights show that miss each other.
@@ -208,17 +208,17 @@ def meet(track: Track, before: Flight, after: Flight, options: FlightOptions) ->
     between = np.arange(before.last + 1, after.first)
     times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
     durations = (brief, options.contact_time)
-    met = meeting(before, after, window, track.step, options.most_missing, durations)
-    away = np.minimum(np.abs(times - met.time), np.abs(times + met.missing * track.step - met.time))
+    meeting = fit_contact(before, after, window, track.step, options.most_missing, durations)
+    away = np.minimum(np.abs(times - meeting.time), np.abs(times + meeting.missing * track.step - meeting.time))
     within = away <= options.contact_time
     seen = float(away[within].max(initial=brief))
     if seen > brief:
-        met = meeting(before, after, window, track.step, options.most_missing, (seen, options.contact_time))
-    return met, int((~within).sum())
+        meeting = fit_contact(before, after, window, track.step, options.most_missing, (seen, options.contact_time))
+    return meeting, int((~within).sum())
 
 
 def hit_of(
-    track: Track, number: int, found: Meeting, flights: Sequence[Flight], place: int, centre: Sequence[float]
+    track: Track, number: int, found: ContactFit, flights: Sequence[Flight], place: int, centre: Sequence[float]
 ) -> Hit:
     """State of the tracked point before and after contact at its instant, with all covariances.
 
@@ -277,7 +277,7 @@ def _swept_matrix(spin: Float[Array, " s"]) -> Float[Array, "d d"]:
 
 
 _UNEVEN = 20.0  # range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
-_LEAST = 3  # frames of any flight: two are no test of one
+_MIN_FLIGHT_FRAMES = 3  # frames of any flight: two are no test of one
 _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
 
 
@@ -288,7 +288,7 @@ def find_contacts(
     limits: TrackThresholds = TrackThresholds(),
 ) -> Found:
     """Find the contacts of a track between free flights, and refuse everything else."""
-    track = mended(about_centre(track, model.centre), model.air, options, limits.excess)
+    track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits.excess)
     found = find_flights(track, model.air, options, limits)
     flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
     if not flights:
@@ -302,7 +302,7 @@ def find_contacts(
     known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):
         result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
-        if isinstance(result, Meeting):
+        if isinstance(result, ContactFit):
             contacts.append(hit_of(track, len(contacts) + 1, result, flights, k, model.centre))
         else:
             refusals.append(result)
@@ -315,12 +315,12 @@ def find_contacts(
 
 def _one_contact(
     track: Track, before: Flight, after: Flight, options: FlightOptions, limits: TrackThresholds
-) -> Meeting | None:
+) -> ContactFit | None:
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    met, neither = meet(track, before, after, options)
-    return met if met.apart <= limits.meets_in(track.k) and neither <= 1 else None
+    meeting, neither = fit_between(track, before, after, options)
+    return meeting if meeting.apart <= limits.meets_in(track.k) and neither <= 1 else None
 
 
 def _between(
@@ -331,33 +331,45 @@ def _between(
     found: Flights,
     options: FlightOptions,
     limits: TrackThresholds,
-) -> Meeting | Refusal:
+) -> ContactFit | Refusal:
     """Where two flights meet at a contact, or why not; `known` states whether the event that ends each is seen."""
     first, last = before.last, after.first
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
-    met, neither = meet(track, before, after, options)
-    change, errors = apart(before, after, met.time)
+    meeting, neither = fit_between(track, before, after, options)
+    change, errors = apart(before, after, meeting.time)
     k, d = track.k, track.d
     changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
     lost = int((~track.seen[first + 1 : last]).sum())
     few = _too_few((before, after), known, found.width - math.ceil(options.contact_time / 2 / track.step))
     jump = 1e3 * float(np.linalg.norm(change[:d]))
-    late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, met.time, n * track.step))
+    late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, meeting.time, n * track.step))
     skipped = next(late, 0)  # frames but for which the two flights are one
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
         (changed < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
-        (met.apart > limits.meets_in(k), Reason.DOUBLE_HIT, "distance of the flights", 1e3 * met.distance, "mm"),
-        (met.certainty < limits.certainty, Reason.LOST_FRAMES, "certainty of the missing frames", met.certainty, "–"),
+        (
+            meeting.apart > limits.meets_in(k),
+            Reason.DOUBLE_HIT,
+            "distance of the flights",
+            1e3 * meeting.distance,
+            "mm",
+        ),
+        (
+            meeting.certainty < limits.certainty,
+            Reason.LOST_FRAMES,
+            "certainty of the missing frames",
+            meeting.certainty,
+            "–",
+        ),
         (few > 0, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
     )
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return refuse(track, first, last, reason, quantity, value, unit)
-    return met
+    return meeting
 
 
 def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: int) -> int:
@@ -367,7 +379,10 @@ def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: i
     that the contact may bend.
     """
     counts = [len(flight.frames) for flight in flights]
-    return min((n for n, ends in zip(counts, known, strict=True) if n < max(fewest - _EDGES * ends, _LEAST)), default=0)
+    return min(
+        (n for n, ends in zip(counts, known, strict=True) if n < max(fewest - _EDGES * ends, _MIN_FLIGHT_FRAMES)),
+        default=0,
+    )
 
 
 def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:

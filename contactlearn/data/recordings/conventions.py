@@ -36,6 +36,7 @@ from contactlearn.data.recordings.flights import (
 )
 from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
 from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
 from contactlearn.data.recordings.wobble import centre_of_mass, wobble
@@ -49,10 +50,8 @@ _EDGE = 3  # of a window, by which those before and after it hold one motion too
 _SURE = 8.0  # standard deviations of an acceleration that is not zero
 _APART = 6.0  # standard errors between rest and flight in a window that can distinguish them
 _NEAR = 0.05  # relative distance of accelerations that are the same
-_FEWEST = 6  # windows that agree
 _TRIED = 300
 _ROUNDS = 4
-_FLIGHTS = 4  # flights for each unknown, at least, that show a drag
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,7 +122,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         agree &= _APART * motions.error < sizes[tried, None]
         explained = agree @ (sizes / motions.error) ** 2  # more of a fall than of bodies that slow alike as they roll
         for best in agree[np.argsort(-explained, kind="stable")]:
-            if best.sum() >= _FEWEST and (found := _shared(motions, best, drag)) is not None:
+            if best.sum() >= NEEDED.windows_of_gravity and (found := _shared(motions, best, drag)) is not None:
                 return found
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; check "
@@ -143,11 +142,12 @@ def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity | N
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
         agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
         agree &= _APART * motions.error < np.linalg.norm(known[:-1])
-        if agree.sum() < _FEWEST:
+        if agree.sum() < NEEDED.windows_of_gravity:
             return None
         known, covariance = _fitted(motions[agree])
     d = motions.velocity.shape[1]
-    enough = len(np.unique(motions.flight[agree])) >= _FLIGHTS * (d + 1)  # for their scatter to show a drag's error
+    # For their scatter to show the error of a drag.
+    enough = len(np.unique(motions.flight[agree])) >= NEEDED.flights_of_drag * (d + 1)
     error = float(covariance[-1, -1] ** 0.5) if enough else np.inf
     seen = known[-1] > _DRAG_SIGMAS * error
     drag = stated if stated is not None else float(known[-1]) if seen else 0.0

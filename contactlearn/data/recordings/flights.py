@@ -42,6 +42,7 @@ from contactlearn.data.recordings.poses import (
     rotation_vector,
     turn,
 )
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track, finite
 from contactlearn.mechanics.apparatus import Estimate
@@ -54,8 +55,8 @@ _BLOCK = 2048  # windows, some tens of MB
 _NOTHING = 1e-30  # s², of a window without frames
 
 
-Own = tuple[tuple[float, ...], tuple[float, ...]]
-STEADY: Own = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+AccelerationPrior = tuple[tuple[float, ...], tuple[float, ...]]
+STEADY: AccelerationPrior = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +73,7 @@ class Air:
 
     gravity: tuple[float, ...] = (0.0, -GRAVITY)
     drag: float = 0.0
-    own: Own = STEADY
+    own: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
 
     @property
@@ -140,7 +141,7 @@ class FlightModel:
     gravity_error: float = 0.0
     drag: float = 0.0
     measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
-    own: Own = STEADY
+    own: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
     centre: tuple[float, ...] = (0.0, 0.0)
 
@@ -520,7 +521,7 @@ def find_flights(
     total = sum(((f.residual**2).sum(0) for f in found), np.zeros(air.k))
     # As if eight frames more had the noise of the windows.
     sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(air.k)))
-    flights = (fit(time, track.pose, f.frames, own_noise(f, sigma), f.air) for f in found)
+    flights = (fit(time, track.pose, f.frames, flight_noise(f, sigma), f.air) for f in found)
     return Flights(flights=tuple(flights), sigma=sigma, width=width)
 
 
@@ -539,7 +540,7 @@ def _touches(track: Track) -> Bool[Mask, " t"]:
     return touches
 
 
-def own_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
+def flight_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
     """Noise of a flight's frames, in space its own: a tracker sees other sides of a body that turns.
 
     As if eight frames more had the noise of the recording; positions have one factor, and rotations another.
@@ -553,11 +554,10 @@ def own_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
 _OWN = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
 """Of position and rotation, at most: with more of it a body at rest would be in flight.  No plates brake one in space,
 and short flights would not show that their accelerations are steady."""
-_SHOWN = 8  # flights that show the own accelerations of all
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
-def _most_own(k: int) -> Own:
+def _most_own(k: int) -> AccelerationPrior:
     d = k // 3 + 1
     (a, a_turn), (j, j_turn) = _OWN[d]
     return (a,) * d + (a_turn,) * (k - d), (j,) * d + (j_turn,) * (k - d)
@@ -575,14 +575,14 @@ def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight,
     return long
 
 
-def own_accelerations(long: Sequence[Flight], k: int = 3) -> Own:
+def own_accelerations(long: Sequence[Flight], k: int = 3) -> AccelerationPrior:
     """Standard deviations of own accelerations, as long flights show them.
 
     Of each flight the likelihood of its own acceleration is normal, with information J and score h.  Under a variance D
     its mean m = (J + 1/D)⁻¹ h has the variance D − (J + 1/D)⁻¹: D is where the median of m² is as large as it should
     be, so that a few stretches which are no flights do not count.
     """
-    if len(long) < _SHOWN:
+    if len(long) < NEEDED.flights_of_accelerations:
         return (0.0,) * k, (0.0,) * k
     D = most = np.array(_most_own(k)).T ** 2
     inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
@@ -599,7 +599,7 @@ def own_accelerations(long: Sequence[Flight], k: int = 3) -> Own:
     return tuple(accelerations), tuple(changes)
 
 
-def mended(track: Track, air: Air, options: FlightOptions, excess: float) -> Track:
+def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, excess: float) -> Track:
     """Return the track with time stamps that show the frames which it skips in flight without a gap in them.
 
     Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
@@ -688,8 +688,8 @@ def _worst(fits: Windows, excess: float, uneven: float) -> tuple[Mask, Indices]:
     taken[:, : min(_MARGIN, width // 3)] = taken[:, width - min(_MARGIN, width // 3) :] = 0
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
-    mended = enough & ~good & (without <= noise * _limit(freedom - k, excess))
-    return good, (np.arange(len(total)) + worst)[mended]
+    restored = enough & ~good & (without <= noise * _limit(freedom - k, excess))
+    return good, (np.arange(len(total)) + worst)[restored]
 
 
 def _limit(freedom: Indices, excess: float) -> Array:
@@ -716,7 +716,7 @@ def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Ai
     if len(frames) < (4 if air.d == 2 else 3):
         return None
     flight = fit(time, pose, frames, sigma, air)
-    return flight if air.d == 2 else fit(time, pose, frames, own_noise(flight, sigma), air)
+    return flight if air.d == 2 else fit(time, pose, frames, flight_noise(flight, sigma), air)
 
 
 def apart(
@@ -755,7 +755,7 @@ def _joined(time: Array, pose: Array, found: Sequence[Flight], width: int) -> li
 def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
     """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
-    sigma = own_noise(flight, sigma)
+    sigma = flight_noise(flight, sigma)
     for side in (-1, 1):
         edge = flight.first if side < 0 else flight.last
         near = edge + side * np.arange(1, 2 * reach + 1)

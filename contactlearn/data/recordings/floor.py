@@ -31,6 +31,7 @@ from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
 from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
@@ -45,7 +46,7 @@ _ROUND = 1e-3  # relative difference of an ellipse's semi-axes, or change of the
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Lying:
+class RestPoses:
     """Poses in which a body comes to rest.
 
     Args:
@@ -59,7 +60,7 @@ class Lying:
     arms: Float[Array, " k"]
 
     @classmethod
-    def of(cls, shape: Shape) -> "Lying":
+    def of(cls, shape: Shape) -> "RestPoses":
         """Poses in which a shape comes to rest; none of one that is round or unknown."""
         match shape:
             case Polygon():
@@ -77,7 +78,7 @@ class Lying:
         """Number of the side or pole on which a body with this θ lies."""
         return int(np.abs(turn(theta - self.angles)).argmin())
 
-    def apart(self, theta: float) -> float:
+    def angle_to_rest(self, theta: float) -> float:
         """Angle in rad from there."""
         return float(turn(theta - self.angles[self.nearest(theta)]))
 
@@ -128,7 +129,6 @@ def find_rests(
 
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
-_FEW = 3  # heights to which a slope is fitted, so that those off it can be refused
 _ROUGH = {"late": 0.07, "corner": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
 _GAP = 3e-4  # s, standard deviation that is expected between the instants at which heights and angles meet
 _STEP = 1e-4  # rad, of a difference quotient
@@ -139,7 +139,6 @@ _UPRIGHT = Estimate(value=0.0, error=0.0)
 _SIDES = ("v_pre", "v_post")
 _OUTLINE = ("late", "corner", "oblong", "middle_a", "middle_b", "middle_c")
 _CHANGE = 0.3  # standard deviation that is expected of a corner's radius, or of `oblong`, relative to the body
-_ENOUGH = 6  # bodies at rest whose heights show their own scatter; fewer are believed as contacts are
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,8 +217,8 @@ def find_floor(
     """
     if isinstance(shape, Solid):
         return _under_solid(contacts, shape, rests, limits)
-    lying = Lying.of(shape)
-    sided = [r for r in rests if not len(lying.angles) or abs(lying.apart(float(r.pose[2]))) <= limits.leaning]
+    lying = RestPoses.of(shape)
+    sided = [r for r in rests if not len(lying.angles) or abs(lying.angle_to_rest(float(r.pose[2]))) <= limits.leaning]
     while True:
         problem = _Problem(
             contacts=contacts,
@@ -296,7 +295,7 @@ def _solid_rows(
     points, pose = _lowest(contacts, now), np.concatenate((hits, still))
     x, y, _ = np.concatenate((points, still[:, :3])).T
     columns, known = {"height": np.ones(len(x))}, dict[str, Estimate]()
-    if len(contacts) > _FEW:
+    if len(contacts) > NEEDED.heights_of_slope:
         columns |= {"slope": x, "slope_b": y}
     if lies:
         columns["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lies)))
@@ -324,7 +323,7 @@ class _Problem:
     contacts: Sequence[Hit]
     rests: Sequence[Rest]
     shape: Shape
-    lying: Lying
+    lying: RestPoses
     lean: Estimate
     limits: TrackThresholds
 
@@ -372,7 +371,7 @@ class _Problem:
         """Contacts of one point; all of them where these are too few to show the floor."""
         pose, v, w = (torch.from_numpy(np.stack([getattr(hit, n) for hit in self.contacts])) for n in ("pose", *_SIDES))
         alone = one_point(self.shape, pose[:, 2] + turned, v, w).numpy()
-        return alone if alone.sum() >= _FEW else np.ones_like(alone)
+        return alone if alone.sum() >= NEEDED.heights_of_slope else np.ones_like(alone)
 
     def _rows(self, turned: float, change: Mapping[str, float]) -> tuple[dict[str, Array], Array, int]:
         """Columns of the design by name, its right-hand side, and the number of angles."""
@@ -392,7 +391,7 @@ class _Problem:
         n, none = len(side) if by_angle else 0, np.zeros(len(rests))
         parts: dict[str, tuple[Array, Array | float]] = {"height": (np.ones(len(x)), 0.0)}
         known: dict[str, Estimate] = {}
-        if len(x) >= _FEW and np.ptp(x) > 0:
+        if len(x) >= NEEDED.heights_of_slope and np.ptp(x) > 0:
             parts["slope"] = (x, lying.gain)
         if len(rests):
             parts["raised"] = (np.repeat((0.0, 1.0), (len(theta), len(rests))), 0.0)
@@ -476,7 +475,7 @@ def _weighted(
         uneven[hits] = squares[hits] / (sigma * np.maximum(free, _FREE))[hits] ** 2
         errors = np.sqrt((uneven[:, None] * toward**2)[rows].sum(0))
         spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
-        lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= _ENOUGH else spread
+        lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= NEEDED.rests_of_scatter else spread
         turns = _between(squares[angles], free[angles], own[1])
     return fit, errors, spread
 

@@ -23,6 +23,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.frame import Frame, matrices
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.result import Hit
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Recording, finite
 from contactlearn.mechanics.shapes import Polygon, contact_point
 
@@ -88,7 +89,6 @@ def pose_of_markers(
     )
 
 
-_FEWEST = 3
 _FLAT = 1e-3  # width of a hull over its length, at least
 
 Centre = str | Sequence[float] | None
@@ -160,10 +160,10 @@ def markers_of(recording: Recording) -> Float[Array, "m d"]:
             f"{recording.source}: data.shape must be given: the contact point is the lowest point of the body's shape, "
             "and without markers (data.columns.markers) nothing else shows it"
         )
-    if len(recording.markers) < _FEWEST:
+    if len(recording.markers) < NEEDED.markers_of_hull:
         raise DataError(
             f"{recording.source}: data.shape must be given: {len(recording.markers)} markers have no hull; "
-            f"{_FEWEST} or more on the body's outline do"
+            f"{NEEDED.markers_of_hull} or more on the body's outline do"
         )
     return recording.markers
 

@@ -18,13 +18,14 @@ from jaxtyping import Float
 from contactlearn.core.numerics import MAD_SCALE
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.poses import Array, away, cross, orientation, rotated
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.apparatus import ROCKING, Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Cornered, Solid
 
 _LASTS = 0.8  # of a piece over √(|p|/g), the time in which a body rocks; 0.65 to 1 decide alike
-_FEWEST_FRAMES, _FEWEST = 5, 12  # of a piece; recordings, for their scatter to show the error
+_FEWEST_FRAMES = 5  # of a piece
 _LEAST = 1e-9  # m²/s², of any scatter of moments
 _ROUNDS, _SLIGHT, _ROBUST = 10, 1e-6, 2.0  # of weights; of a difference quotient; scatters from which they fall
 _VAGUE = 0.1  # of what is expected: an error beyond it is no estimate, as of c along edges that are all parallel
@@ -102,7 +103,7 @@ def rocked(
         gravity: in m/s².
         outline: radius of the corners and middle of the outline, as heights show them.
     """
-    if len(found) < _FEWEST:
+    if len(found) < NEEDED.recordings_of_rocking:
         return {}
     every, first = np.concatenate(found), np.cumsum([0, *(len(one) for one in found[:-1])])
     corner, *shift = (outline[name].value if name in outline else 0.0 for name in _OUTLINE)

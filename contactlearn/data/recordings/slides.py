@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from contactlearn.data.recordings.poses import Array, away
 from contactlearn.data.recordings.result import SlideToRest
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.apparatus import Estimate
 
-_FEWEST = 8  # slides, for the scatter between them to show the error
 _FRAMES = 10  # of a slide, at least
 _SETTLES = 2  # frames in which the last corner comes down
 _STILL = 5.0  # standard deviations of a frame within which a height or a place is the same
@@ -56,7 +56,7 @@ def friction_of(slides: Sequence[SlideToRest], gravity: float, drag: float) -> E
 
     Its error is that of a median, by their quartiles.
     """
-    if len(slides) < _FEWEST:
+    if len(slides) < NEEDED.slides_of_friction:
         return None
     low, mu, high = np.quantile(
         [(one.deceleration - drag * one.speed) / gravity for one in slides], (0.25, 0.5, 0.75)

@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.poses import Array, arms, orientation, turn
+from contactlearn.data.recordings.sufficiency import NEEDED
 
 Mask = np.ndarray
-_FEWEST = 2
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
 
 
@@ -57,8 +57,10 @@ class Recording:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        if frames < _FEWEST:
-            raise DataError(f"{self.source}: {self.name}: has {frames} frames; at least {_FEWEST} are needed")
+        if frames < NEEDED.frames_of_recording:
+            raise DataError(
+                f"{self.source}: {self.name}: has {frames} frames; at least {NEEDED.frames_of_recording} are needed"
+            )
         wanted = {"position": (frames, len(self.position[0])), "angle": (frames,), "quaternion": (frames, 4)}
         for name, shape in wanted.items():
             value = getattr(self, name)

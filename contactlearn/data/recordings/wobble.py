@@ -11,19 +11,19 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from contactlearn.data.recordings.flights import Flight, Own
+from contactlearn.data.recordings.flights import AccelerationPrior, Flight
 from contactlearn.data.recordings.poses import Array, arms, orientation
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Track
 from contactlearn.mechanics.apparatus import Estimate
 
-_FEWEST = 8  # flights that show the error
 _OFF = 0.01  # m, standard deviation that is expected of c
 
 Wobble = Float[Array, "d e"]
 """Of one flight normal matrix and right-hand side of c, side by side."""
 
 
-def wobble(track: Track, flight: Flight, own: Own) -> Wobble:
+def wobble(track: Track, flight: Flight, own: AccelerationPrior) -> Wobble:
     """Return the normal equations of c that a flight of the tracked point makes, with own accelerations so large."""
     time, d = track.time[flight.frames], track.d
     units = np.concatenate((np.ones((2, track.k)), own)).T
@@ -41,7 +41,7 @@ def wobble(track: Track, flight: Flight, own: Own) -> Wobble:
 def centre_of_mass(flights: Sequence[Wobble]) -> tuple[Estimate, ...] | None:
     """Estimate the centre of mass about the tracked point in m, along the body's axes; None of too few flights."""
     count = len(flights)
-    if count < _FEWEST:
+    if count < NEEDED.flights_of_centre:
         return None
     every = np.stack(flights)
     total = every.sum(0)
