@@ -23,6 +23,8 @@ from contactlearn.report.figures.style import save
 from contactlearn.report.page.page import RECORDINGS
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
+from contactlearn.report.terminal import print_line
+from contactlearn.report.text.tracks import tracks_headline
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
 _NONE = "none"  # hyperparameter of a run without a law, or without effects
@@ -30,9 +32,10 @@ Scalars = Mapping[str, float | Interval]
 
 
 def save_recordings_page(folder: Path, tracked: Tracked | None) -> None:
-    """Write recordings.html into a folder of a run whose data are recordings."""
+    """Write recordings.html into a folder of a run whose data are recordings, and print what they are worth."""
     if tracked is not None:
         write_recordings_page(folder / RECORDINGS, tracked)
+        print_line(f"{RECORDINGS}: {tracks_headline(tracked)}")
 
 
 @dataclass(frozen=True, kw_only=True)
