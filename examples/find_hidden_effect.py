@@ -33,4 +33,4 @@ hidden = {one["name"] for one in truth["effects"]}
 print("hidden:", *sorted(hidden))
 for one in found.missing:
     right = "hidden indeed" if one.effect.name in hidden else "not hidden"
-    print(f"found:  {one.effect}, probability of the name {one.confidence:.2f}, {right}")
+    print(f"found:  {one.effect.name}, probability of the name {one.confidence:.2f}, {right}")

@@ -24,7 +24,7 @@ SIZES = {
 LONGEST = ("paper_figures", "tracks_to_effect", "next_experiment")  # five others are pages in every run of the tests
 SAYS = {
     "paper_figures": r"Wang–Mason +0\.1[12]\d ± .* 0\.5[45]\d ± ",
-    "find_hidden_effect": "found:  side drag .* hidden indeed",
+    "find_hidden_effect": "found:  side_drag, .* hidden indeed",
     "own_csv": r"x points left.*mirrored_x\n(.|\n)*the measurements are consistent(.|\n)*ε = 0\.5[45]",
     "tracks_to_effect": r"verdict=.effects., law=.wang_mason., spin_damping",
     "own_effect_and_law": r"k = 0\.000(19|20)",
