@@ -8,7 +8,8 @@ import torch
 from corruptions import CORRUPTIONS, corrupt
 from repetitions import crossed, repeated
 
-from contactlearn.data.audit.conventions import compare, contradictions
+from contactlearn.data.audit.contradictions import contradictions
+from contactlearn.data.audit.conventions import compare
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
 from contactlearn.data.audit.moments import balance, drag_factor

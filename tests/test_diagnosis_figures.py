@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from repetitions import repeated
 from test_figures import DEGENERATE, HOSTILE, assert_fits, assert_units, visible_axes
 
-from contactlearn.data.audit.conventions import contradictions
+from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.moments import balance, kinetic_energy, torque

@@ -249,9 +249,13 @@ class Apparatus:
         """Return the estimates in axes whose θ is mirrored, and whose x is not."""
         return replace(self.without(*_IN_THE_BODY), orientation=self._turned(-1))
 
-    def from_millimetres(self) -> "Apparatus":
-        """Return the estimates for positions that were in mm; heights were compared with a shape in m."""
-        return replace(self.without(*_IN_THE_BODY, *_OF_HEIGHTS, "orientation"), gravity=self.gravity.times(1e-3))
+    def from_length(self, factor: float) -> "Apparatus":
+        """Return the estimates for positions in another unit, that are to be multiplied by a factor."""
+        return replace(self.without_outline(), gravity=self.gravity.times(factor))
+
+    def without_outline(self) -> "Apparatus":
+        """Return the estimates without those for which heights were compared with the shape."""
+        return self.without(*_IN_THE_BODY, *_OF_HEIGHTS, "orientation")
 
     def _turned(self, sense: int) -> Estimate | None:
         """The zero ±(δ − 2 s); unknown with the slope."""

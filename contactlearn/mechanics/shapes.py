@@ -552,6 +552,13 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
     return {"kind": kind, **{f.name: value for f in fields(shape) if (value := getattr(shape, f.name)) != 0}}
 
 
+def scaled(shape: Shape, factor: float) -> Shape:
+    """Return the shape with every length multiplied by a factor."""
+    entries = {key: value for key, value in (shape_entries(shape) or {}).items() if key != "kind"}
+    lengths = {key: (factor * torch.tensor(value, dtype=torch.float64)).tolist() for key, value in entries.items()}
+    return type(shape)(**{key: _plain(value) for key, value in lengths.items()})
+
+
 @lru_cache(maxsize=64)
 def _points(vertices: tuple[tuple[float, ...], ...]) -> Float[Tensor, "v d"]:
     """Vertices as a tensor, which is not to be changed."""

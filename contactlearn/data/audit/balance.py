@@ -4,9 +4,9 @@ import math
 
 import torch
 
-from contactlearn.data.audit.conventions import contradictions
+from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS
-from contactlearn.data.audit.moments import MUST, Balance, balance, drag_factor, inertia_text, torque, wrong_inertia
+from contactlearn.data.audit.moments import MUST, Balance, balance, drag_factor, inertia_text, needed_inertia, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.rig import simplest_rig
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -25,10 +25,10 @@ def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
 
     The contradictions fall too little with it for `compare`.
     """
-    factor, fit = torque(impacts).inertia_factor.item(), balance(impacts)
+    factor, fit = needed_inertia(impacts, thresholds).item(), balance(impacts)
     terms = ((fit.a, fit.a_error), (fit.b, fit.b_error))
     precise = [x for x, error in terms if error < _INERTIA_ERROR * abs(x)]
-    if not wrong_inertia(factor, thresholds) or not precise or fit.r_squared < _INERTIA_R_SQUARED:
+    if math.isnan(factor) or not precise or fit.r_squared < _INERTIA_R_SQUARED:
         return []
     if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
         return []
@@ -95,7 +95,7 @@ def _proposal(impacts: Impacts) -> str:
 def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts]:
     """List the impacts as measured, and as they balance best with another inertia, and without drag after contact."""
     found, factor = [impacts], torque(impacts).inertia_factor.item()
-    if 0 < factor < math.inf and not wrong_inertia(factor, thresholds):
+    if abs(math.log(factor)) <= math.log(thresholds.inertia_factor):  # nan is not
         found.append(impacts.replace(inertia=factor * impacts.inertia))
     gain = drag_factor(impacts)
     if 1 < gain < _DRAG:

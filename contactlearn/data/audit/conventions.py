@@ -1,27 +1,18 @@
 """Conventions of units and axes: hypotheses about them, compared by the contradictions in the measurements under each.
 
-A hypothesis is a few named corrections; `contradictions` asks the same questions of each trial under each.  An answer
-is in [0, 1], and 0 for a rigid planar impact on a floor below the body:
+A hypothesis is a few named corrections; `contradictions` asks the same questions of each trial under each.  The mean of
+the answers over the trials is compared pairwise, with its standard error.
 
-    moment      I Δω = r_x P_n − r_y P_t with P = m Δv: the residual as a share of the terms
-    approach    v_n < 0 before contact           leaves      v_n ≥ 0 after it, within a fifth of |v_n|
-    push        P_n > 0: the floor does not pull
-    below       r_y < 0: the floor is below the centre of mass
-    friction    P_t is not along the slip both before and after; negligible P_t or slip does not count
-    energy      no more after than before, within a tenth
-    shape       r is the contact point of the body's shape at θ, where the shape is known
-    units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
+All sensible combinations of a few corrections are compared, shorter ones first.  Those of one correction are compared
+on all trials, longer ones on a sample of them, from which the best few go on to all trials.  A hypothesis is accepted
+only if the moments balance under it and contradictions are negligible; otherwise the data stay as given.
 
-The moment balance alone knows the signs of its two terms only: turning θ looks like turning r.  The other questions
-distinguish these, except for equivalent ones (a disc seen from behind).  No outlier decides, since answers are bounded;
-their mean over the trials is compared pairwise, with its standard error.
-
-All sensible combinations of up to five corrections are compared, shorter ones first.  Those of one correction are
-compared on all trials, longer ones on a sample of them, from which the best few go on to all trials.  A hypothesis is
-accepted only if the moments balance under it and contradictions are negligible; otherwise the data stay as given.
+Constants of units come before constants of bodies: where a known unit explains the moments as well as an inertia that
+is fitted to them, it is the unit.  Last comes a floor that is inclined by any angle, beyond what an effect describes.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -30,23 +21,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.data.audit.corrections import CORRECTIONS, units_and_axes
-from contactlearn.data.audit.moments import (
-    MUST,
-    Balance,
-    Columns,
-    balance,
-    inertia_text,
-    kinetic_energy,
-    torque,
-    wrong_inertia,
-)
+from contactlearn.core.errors import DataError
+from contactlearn.data.audit.contradictions import contradictions
+from contactlearn.data.audit.corrections import CORRECTIONS, correct, units_and_axes
+from contactlearn.data.audit.incline import incline_text
+from contactlearn.data.audit.moments import MUST, Balance, Columns, balance, inertia_text, needed_inertia, torque
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.audit.trials import FASTEST
-from contactlearn.mechanics.bodies import contact_points
+from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity
 
 AXES = (
     "swapped_pre_post",
@@ -60,62 +43,29 @@ AXES = (
 )
 DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
-BALANCED = set(UNITS) - {"degrees_theta"}
+_RARE = tuple(name for name, unit in MISWRITTEN.items() if name not in UNITS and "shape" not in unit.columns)
+"""Units that occur once in a table, beside few other mistakes; those of one side of the impact alone."""
+BALANCED = {*UNITS, *_RARE} - {"degrees_theta"}
 """Units that the moment balance depends on."""
+_MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
+"""Corrections that an inclined floor may come with; a mirror of y is one of x and a turn."""
 _SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
 _INDISTINCT = 0.02  # difference of the sum of contradictions below which two hypotheses are equivalent
 _EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
 _REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
-_STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS)
+_STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS[:-1], *_RARE, "inertia_scaled")
 """Corrections in the order in which they are applied.
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
 _TURN = 3  # step of the mirror of y that follows a swap
-_DEPTH = 5  # corrections at once
+_FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
+_DEPTH = 4  # corrections at once: no table that anybody brought had more than three
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
-_GYRATION = (0.02, 8.0)  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2, a body that lands flat more
-_LARGEST, _TURNED = 10.0, 8 * math.pi  # plausible |r| in m, and |θ| in rad (four turns), in the median
+_BESIDE = 2  # other corrections that a rare unit may come with
+_UNIT_MARGIN = 0.1  # contradictions by which an inertia may explain more than a unit before it is preferred to it
+_UNIT_ERROR = 0.1  # of the logarithm of a unit: imbalance that may be left of a mistake that it explains
 _SAMPLE, _FINALISTS = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
-
-
-def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batch n"]]:
-    """Compute the contradictions of each trial in [0, 1] by question; see the module for the questions."""
-    before, after = impacts.v_c, contact_velocity(impacts.r, impacts.v_post)
-    P = impacts.mass[..., None] * (impacts.v_post - impacts.v_pre)[..., :2]
-    slip = torch.stack((before[..., 0], after[..., 0]), -1)
-    along = (P[..., :1] * slip > 0).all(-1)
-    energy, rebound = kinetic_energy(impacts)
-    counts = (P[..., 0].abs() / (0.05 * P[..., 1].abs()).clamp_min(1e-300)).clamp_max(1)
-    length = impacts.r.norm(dim=-1)
-    answers = {
-        "moment": torque(impacts).imbalance,
-        "approach": (before[..., 1] >= 0).double(),
-        "leaves": (after[..., 1] < -0.2 * before[..., 1].abs()).double(),
-        "push": (P[..., 1] <= 0).double(),
-        "below": (impacts.r[..., 1] >= 0).double(),
-        "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
-        "energy": (rebound > 1.1 * energy).double(),
-        "units": _implausible(impacts)[..., None].expand_as(length),
-    }
-    if impacts.shape is not None:
-        off = (impacts.r - contact_points(impacts.shape, impacts.body, impacts.q[..., 2])).norm(dim=-1)
-        answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
-    return answers
-
-
-def _implausible(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
-    """The most decades by which a quantity lies outside its plausible range, at most 1."""
-    length = impacts.r.norm(dim=-1).median(-1).values
-    gyration = (impacts.inertia / impacts.mass).median(-1).values / length.clamp_min(1e-300) ** 2
-    ratios = (
-        gyration / _GYRATION[1],
-        _GYRATION[0] / gyration,
-        impacts.v_pre[..., :2].norm(dim=-1).median(-1).values / FASTEST,
-        length / _LARGEST,
-        impacts.q[..., 2].abs().median(-1).values / _TURNED,
-    )
-    return torch.stack(ratios).amax(0).log10().clamp(0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,13 +150,26 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         screened = _screened(given.impacts, depth, thresholds)
         tried += len(screened.names)
         applied = (_applied(given, names) for names in screened.best())
-        found = sorted((h for h in applied if h is not None), key=lambda h: h.score)
-        new = next((h for h in found if _better(h, given)), None)
-        if new is not None:
-            equal = [h for h in found if h is new or new.score <= h.score < new.score + _INDISTINCT]
-            best, *equals = sorted(equal, key=lambda h: [*map([*CORRECTIONS].index, h.names)])
-            return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
+        accepted = [h for h in applied if h is not None and _better(h, given)]
+        if accepted:
+            return _chosen(given, accepted, tried)
+    if not given.closed:
+        inclined = (_applied(given, (*mirrors, "inclined_floor")) for mirrors in _MIRRORS)
+        tried += len(_MIRRORS)
+        accepted = [h for h in inclined if h is not None and _better(h, given)]
+        if accepted:
+            return _chosen(given, accepted, tried)
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
+
+
+def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> ConventionComparison:
+    """The best of accepted hypotheses: one without a fitted number if it is nearly as good as the others."""
+    least = min(h.score for h in accepted)
+    known = [h for h in accepted if not _FITTED.intersection(h.names) and h.score < least + _UNIT_MARGIN]
+    new = min(known or accepted, key=lambda h: h.score)
+    equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
+    best, *equals = sorted(equal, key=lambda h: (len(h.names), [*map([*CORRECTIONS].index, h.names)]))
+    return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
 
 
 def _better(new: Hypothesis, given: Hypothesis) -> bool:
@@ -214,8 +177,17 @@ def _better(new: Hypothesis, given: Hypothesis) -> bool:
     gain, thresholds = given.total - new.total, new.thresholds
     if gain.mean().item() < thresholds.convention_gain * len(new.names) or _sigmas(gain) < _SIGMAS:
         return False
+    if not _explains(new):
+        return False
     explained = torque(new.impacts).explained.item() > _EXPLAINED
     return (explained or not BALANCED.intersection(new.names)) and new.closed
+
+
+def _explains(new: Hypothesis) -> bool:
+    """Whether a rare unit explains the imbalance, which then is no physics of about its size."""
+    rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
+    left = abs(torque(new.impacts).inertia_factor.log().item())
+    return not rare or left < _UNIT_ERROR * abs(math.log(rare[0]))
 
 
 class _Screened(NamedTuple):
@@ -252,14 +224,20 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
 def _sensible(have: tuple[str, ...], step: int) -> bool:
     """Whether a step may follow others.
 
-    An angle is converted from degrees once, and only one correction changes I relative to m.  Before and after are not
-    swapped together with two other changes of the axes: a mirrored film run backwards explains any body that gains
-    energy.
+    A column is converted once, and only one correction changes I relative to m.  Before and after are not swapped
+    together with two other changes of the axes: a mirrored film run backwards explains any body that gains energy.
+    A rare unit comes with few other mistakes, that of one side of the impact with none.
     """
     name, names = _STEPS[step], {*have, _STEPS[step]}
     if name in have or (step == _TURN and "swapped_axes" not in have):
         return False
-    if len(names.intersection(DEGREES)) > 1 or names >= {"grams", "inertia_scaled"}:
+    columns = [column for one in names if one in MISWRITTEN for column in MISWRITTEN[one].columns]
+    columns += ["mass"] * ("inertia_scaled" in names)
+    if len(columns) > len(set(columns)) or len(names.intersection(DEGREES)) > 1:
+        return False
+    rare = names.intersection(_RARE)
+    beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _BESIDE
+    if rare and len(names) > 1 + beside:
         return False
     return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
 
@@ -267,22 +245,25 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
 def _changed(columns: Columns, name: str, thresholds: AuditThresholds) -> tuple[Columns, Tensor]:
     """Columns [B] after a correction, and the hypotheses [B] for which it is plausible.
 
-    Another inertia is not where the balance requires a negative one, or one that is only a little different.
+    Another inertia is not where the balance requires a negative one, an impossible one, or one that is only a little
+    different.
     """
     if name != "inertia_scaled":
         return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
-    factor = torque(columns).inertia_factor
-    plausible = (factor.log().abs() > math.log(thresholds.inertia_factor)) & factor.isfinite()
-    return columns.replace(inertia=columns.inertia * factor[:, None]), plausible
+    factor = needed_inertia(columns, thresholds)
+    return columns.replace(inertia=columns.inertia * factor[:, None]), factor.isfinite()
 
 
 def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
-    """Apply corrections to all trials; None where these require no other inertia, though the sample did."""
+    """Apply corrections to all trials; None where these require no other inertia or no incline."""
     impacts, thresholds = given.impacts, given.thresholds
     for name in names:
-        if name == "inertia_scaled" and not wrong_inertia(torque(impacts).inertia_factor.item(), thresholds):
+        if name == "inertia_scaled" and not needed_inertia(impacts, thresholds).isfinite():
             return None
-        impacts = CORRECTIONS[name].function(impacts, AuditThresholds())  # none of these drops a trial
+        try:
+            impacts = CORRECTIONS[name].function(impacts, AuditThresholds())  # none of these drops a trial
+        except DataError:  # no incline balances the moments
+            return None
     return Hypothesis(names=names, impacts=impacts, thresholds=thresholds)
 
 
@@ -296,10 +277,12 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
     if alternatives:
         numbers += f"; these data cannot distinguish it from {'; '.join(map(hypothesis_text, alternatives))}"
     findings = []
-    for name in best.names:
+    for place, name in enumerate(best.names):
         others = ", ".join(other for other in best.names if other != name)
         factor = (best.impacts.inertia / given.impacts.inertia)[0].item() if name == "inertia_scaled" else None
         text = CORRECTIONS[name].description + ("" if factor is None else f", {inertia_text(factor)}")
+        if name == "inclined_floor":
+            text = incline_text(correct(given.impacts, best.names[:place]))
         finding = Finding(
             name=name,
             sentence=f"{text}{others and f', together with {others}'}: {numbers}",

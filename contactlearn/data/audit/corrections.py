@@ -6,8 +6,8 @@
 A finding of the audit names the correction that undoes the mistake.  A correction is made only on request,
 and the source of the corrected impacts names it.  Most corrections are their own inverse (a mirror, a swap); those of
 units are factors.  Estimates of the apparatus are transformed with the axes, and dropped where they make no sense in
-others.  Four are estimated from the data: the factor on the moment of inertia, the shape, and which trials
-are duplicates or gross outliers.
+others.  Some are estimated from the data: the factor on the moment of inertia, the angle of the floor, the shape, spins
+that were not measured, and which trials are duplicates or gross outliers.
 
 Rows with an empty cell never become impacts: `drop_incomplete` leaves them out as a table is read.
 Trials that gain energy have no correction: to drop them is to choose by the outcome, which biases every ε.
@@ -24,18 +24,21 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.data.audit.incline import floor_angle, levelled
 from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import outliers, repeated
+from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
-from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import scaled
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
-_DEGREE = math.pi / 180
+_FOLLOWS = 1e-6  # relative difference up to which r or I are those of the stated shape, from which they were computed
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,57 @@ def _scaled(*groups: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts
         return impacts
 
     return scale
+
+
+def _written(unit: Miswritten) -> Correction:
+    """The correction that converts columns from another unit."""
+    columns = {"q": ("place", "place", "theta"), "q_post": ("place", "place", "theta"), "r": ("place", "place")}
+    columns |= {f"v_{time}": (*[f"velocity_{time}"] * 2, f"omega_{time}") for time in ("pre", "post")}
+    groups = [
+        ([unit.factor if column in unit.columns else 1.0 for column in each], (field,))
+        for field, each in columns.items()
+        if set(each).intersection(unit.columns)
+    ]
+    if "mass" in unit.columns:
+        return Correction(unit.words, lambda impacts, _: impacts.replace(mass=impacts.mass * unit.factor))
+    if "shape" in unit.columns:
+        return Correction(unit.words, lambda impacts, _: _resized(impacts, unit.factor), Apparatus.without_outline)
+    apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
+    return Correction(unit.words, _scaled(*groups), _forget("orientation") if "theta" in unit.columns else apparatus)
+
+
+def _resized(impacts: Impacts, factor: float) -> Impacts:
+    """Impacts of bodies of another size; r and the inertia follow where they were computed from the stated shape.
+
+    Raises:
+        DataError: no shape is stated.
+    """
+    if impacts.shape is None:
+        raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
+    shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
+    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
+    uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
+    follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
+    computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
+    return impacts.replace(
+        shape=shapes.get("", shapes),
+        r=impacts.r * factor if follows else impacts.r,
+        inertia=impacts.inertia * factor**2 if computed else impacts.inertia,
+    )
+
+
+def _inclined_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    angle = floor_angle(impacts)
+    if angle is None:
+        raise DataError(f"{impacts.source}: no turn of the axes balances the moments")
+    return levelled(impacts, angle.value)
+
+
+def _spin_from_moments(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    terms = torque(impacts)
+    v_post = impacts.v_post.clone()
+    v_post[:, 2] = impacts.v_pre[:, 2] + terms.normal + terms.tangential
+    return impacts.replace(v_post=v_post)
 
 
 def _swapped_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
@@ -205,24 +259,20 @@ CORRECTIONS = {
     "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
     "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
     "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
-    "degrees_omega": Correction("ω is in °/s", _scaled(((1, 1, _DEGREE), _VELOCITIES))),
-    "degrees_theta": Correction("θ is in degrees", _scaled(((1, 1, _DEGREE), _POSES)), _forget("orientation")),
-    "degrees": Correction(
-        "θ is in degrees and ω in °/s",
-        _scaled(((1, 1, _DEGREE), (*_POSES, *_VELOCITIES))),
-        _forget("orientation"),
-    ),
-    "millimetres": Correction(
-        "positions and the contact point are in mm",
-        _scaled(((1e-3, 1e-3, 1), _POSES), ((1e-3, 1e-3), ("r",))),
-        Apparatus.from_millimetres,
-    ),
-    "millimetres_velocity": Correction("velocities are in mm/s", _scaled(((1e-3, 1e-3, 1), _VELOCITIES))),
-    "grams": Correction("the mass is in g", lambda impacts, _: impacts.replace(mass=impacts.mass * 1e-3)),
+    **{name: _written(one) for name, one in MISWRITTEN.items()},
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data requires",
         _inertia_scaled,
         needs_all_trials=True,
+    ),
+    "inclined_floor": Correction(
+        "the floor is inclined against the axes, which are turned by the angle at which the moments balance",
+        _inclined_floor,
+        _forget("slope", "slope_b", "orientation"),
+        needs_all_trials=True,
+    ),
+    "spin_from_moments": Correction(
+        "the spin was not measured: after impact it is what the moment of the impulse makes", _spin_from_moments
     ),
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts

@@ -16,13 +16,16 @@ from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, Z_95
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.bodies import AnyShape
+from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 
 MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
 """The moment balance in words."""
 _FIELDS = ("mass", "inertia", "r", "q", "v_pre", "v_post", "q_post")
+HEAVIEST = 8.0
+"""Largest plausible (I/m)/|r|² of a body of unknown outline: one that lands flat, far inside its outline."""
+_ROUNDED = 1.1  # of the largest I of an outline: what noise adds to that of a hoop
 _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
 _SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
@@ -257,9 +260,21 @@ def _weighted(
     return fit, inverse
 
 
-def wrong_inertia(factor: float, thresholds: AuditThresholds) -> bool:
-    """Whether a factor on I is a mistake in the data; a smaller one is the effect `inertia_error`."""
-    return 0 < factor < math.inf and abs(math.log(factor)) > math.log(thresholds.inertia_factor)
+def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> Float[Tensor, "*batch"]:
+    """Compute the factor on I at which the moments balance, where that is a mistake in the data; nan elsewhere.
+
+    A small one is the effect `inertia_error`.  None makes I larger than if the whole mass were at the farthest point
+    of the outline, or of a body of unknown outline than if that were well beyond its contact points.
+    """
+    factor = torque(impacts).inertia_factor
+    gyration = (impacts.inertia / impacts.mass).median(-1).values
+    if impacts.shape is None:
+        most = HEAVIEST * impacts.r.norm(dim=-1).median(-1).values ** 2
+    else:
+        farthest = max(shape.outline().norm(dim=-1).nan_to_num().max() for shape in shapes_among(impacts.shape).values())
+        most = _ROUNDED * farthest**2
+    wrong = factor.log().abs() > math.log(thresholds.inertia_factor)
+    return torch.where(wrong & (factor * gyration <= most), factor, math.nan)
 
 
 def inertia_text(factor: float) -> str:

@@ -26,7 +26,7 @@ from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, wrapped
-from contactlearn.data.audit.conventions import contradictions
+from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.thresholds import AuditThresholds

@@ -1,0 +1,109 @@
+"""A floor, ramp or wall that is inclined against the axes by any angle, as the moment balance shows it.
+
+The normal is (−sin φ, cos φ).  Every φ of a circle is tried: the axes are turned by it, and the trials contradict a
+floor below the body least at the right one.  There the moment balance gives φ with its standard error.  Small angles
+are the effect `surface_tilt`; this is for those beyond its range, and needs no law of contact either.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.numerics import number
+from contactlearn.data.audit.contradictions import contradictions
+from contactlearn.data.audit.moments import Columns
+from contactlearn.data.audit.rig import changed, fit_balance
+from contactlearn.mechanics.apparatus import Estimate
+from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import rotate
+
+_TRIED = math.radians(1) * torch.arange(-180, 180, dtype=torch.float64)  # rad
+_TRIALS = 400  # on which every angle is tried, spread evenly
+_STEP = 0.1  # rad, standard deviation that is expected of the angle about the best of those
+_INERTIA = 0.5  # standard deviation that is expected of ln I/I₀: a wrong inertia must not look like an angle
+_ROUNDS = 3  # fits of the angle, each about the one before
+_SAME = 1e-3  # of |r|: distance from the shape's lowest point above a level floor up to which r was computed there
+
+
+def floor_angle(impacts: Impacts) -> Estimate | None:
+    """Return the angle φ in rad by which the floor is inclined, with its standard error; None without one."""
+    some = impacts[torch.linspace(0, len(impacts) - 1, min(len(impacts), _TRIALS)).round().long()]
+    answers = contradictions(_turned(some))
+    total = sum(answers.values(), torch.zeros(())).mean(-1)
+    angle = Estimate(value=_TRIED[total.argmin()].item(), error=0.0)
+    free = {"slope": Estimate(value=0.0, error=_STEP), "inertia": Estimate(value=0.0, error=_INERTIA)}
+    for _ in range(_ROUNDS):
+        level = levelled(impacts, angle.value)
+        level = level if _computed(impacts) else level.replace(shape=None)
+        step = fit_balance(level, free).estimates["slope"]
+        angle = Estimate(value=angle.value + step.value, error=step.error)
+    return angle if math.isfinite(angle.value) and angle.error < _STEP / 2 else None
+
+
+def levelled(impacts: Impacts, angle: float) -> Impacts:
+    """Return the impacts in axes along and against a floor that is inclined by an angle in rad.
+
+    A contact point that was computed above a level floor is computed again above the inclined one; one that was seen
+    stays where it is on the body.
+    """
+    known = impacts if _computed(impacts) else impacts.replace(shape=None, validate=False)
+    level = changed(known, {"slope": angle})
+    turn = torch.tensor(-angle, dtype=torch.float64)
+    names = [f"v_{time}_cov" for time in ("pre", "post") if getattr(impacts, f"v_{time}_cov") is not None]
+    return level.replace(
+        shape=impacts.shape,
+        **{name: _both_sides(getattr(impacts, name), lambda v: _about_z(v, turn)) for name in names},
+        validate=False,
+    )
+
+
+def incline_text(impacts: Impacts) -> str:
+    """Write by how much the floor is inclined."""
+    angle = floor_angle(impacts)
+    assert angle is not None  # the finding is about it
+    degrees, error = math.degrees(angle.value), math.degrees(angle.error)
+    normal = ", ".join(f"{x:.2f}".replace("-", "−") for x in (-math.sin(angle.value), math.cos(angle.value)))
+    places = max(0, min(3, 1 - math.floor(math.log10(error)))) if error else 3
+    return (
+        f"the floor is inclined by {degrees:.{places}f} ± {number(error, 1)}° against the axes, its normal is ({normal})"
+    )
+
+
+def _computed(impacts: Impacts) -> bool:
+    """Whether the contact points are the lowest ones of the stated shape above a level floor."""
+    if impacts.shape is None:
+        return False
+    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
+    return bool((impacts.r - expected).norm(dim=-1).median() <= _SAME * expected.norm(dim=-1).median())
+
+
+def _turned(impacts: Impacts) -> Columns:
+    """The impacts in axes that are turned by each of the angles."""
+    columns, angle = Columns.of(impacts), _TRIED[:, None]
+    theta = impacts.q[:, 2] - angle
+    computed = impacts.shape is not None and _computed(impacts)
+    r = contact_points(impacts.shape, impacts.body, theta) if impacts.shape and computed else rotate(impacts.r, -angle)
+    each = {
+        name: torch.cat((rotate(x[:, :2], -angle), (theta if name == "q" else x[:, 2].expand_as(theta))[..., None]), -1)
+        for name, x in (("q", impacts.q), ("v_pre", impacts.v_pre), ("v_post", impacts.v_post))
+    }
+    fields = {name: getattr(columns, name).expand(len(_TRIED), -1) for name in ("mass", "inertia")}
+    return replace(columns, q_post=None, r=r, **fields, **each)
+
+
+def _about_z(v: Float[Tensor, "n 3"], angle: Float[Tensor, ""]) -> Float[Tensor, "n 3"]:
+    return torch.cat((rotate(v[:, :2], angle.expand(len(v))), v[:, 2:]), -1)
+
+
+def _both_sides(
+    covariance: Float[Tensor, "n 3 3"], turn: Callable[[Float[Tensor, "n 3"]], Float[Tensor, "n 3"]]
+) -> Float[Tensor, "n 3 3"]:
+    """R C Rᵀ of symmetric C, for R as a function of vectors."""
+    for _ in range(2):
+        covariance = torch.stack([turn(row) for row in covariance.unbind(1)], 2)
+    return covariance
