@@ -16,7 +16,8 @@ def corrupt(impacts: Impacts, *names: str) -> Impacts:
         old = {}
         for field, columns in fields.items():
             old |= zip(columns, getattr(impacts, field).reshape(len(impacts), -1).unbind(-1), strict=True)
-        new = old | {column: change(old) for column, change in CORRUPTIONS[name].items() if column in old}
+        changes = CORRUPTIONS_AND_UNITS[name].items()
+        new = old | {column: change(old) for column, change in changes if column in old}
         values = {
             field: new[columns[0]] if len(columns) == 1 else torch.stack([new[column] for column in columns], -1)
             for field, columns in fields.items()
@@ -53,3 +54,22 @@ CORRUPTIONS: dict[str, dict[str, Callable]] = {
     "grams": scaled(1e3, "mass"),
 }
 """What each column of a table is written as, from all columns, by the correction that undoes it."""
+
+_SPEEDS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 1 / 0.0254, "feet": 1 / 0.3048, "kmh": 3.6}
+_SPEEDS |= {"mph": 3600 / 1609.344}
+_SPINS = {"degrees": 180 / math.pi, "rpm": 60 / (2 * math.pi), "revolutions": 1 / (2 * math.pi)}
+_SIDES = {"": ("", "_post"), "_pre": ("",), "_post": ("_post",)}
+UNITS: dict[str, dict[str, Callable]] = {
+    f"{unit}_{quantity}{side}": scaled(factor, *(f"{one}{time}" for one in columns for time in times))
+    for quantity, columns, factors in (("velocity", ("vx", "vy"), _SPEEDS), ("omega", ("omega",), _SPINS))
+    for unit, factor in factors.items()
+    for side, times in _SIDES.items()
+}
+UNITS |= {
+    name: scaled(_SPEEDS[name], "rx", "ry", "x", "y", "x_post", "y_post")
+    for name in ("millimetres", "centimetres", "inches", "feet")
+}
+UNITS |= {"grams": scaled(1e3, "mass"), "ounces": scaled(16 / 0.45359237, "mass"), "pounds": scaled(1 / 0.45359237, "mass")}
+UNITS = {name: change for name, change in UNITS.items() if name not in CORRUPTIONS}
+CORRUPTIONS_AND_UNITS = CORRUPTIONS | UNITS
+"""The same, with all other units in which columns may be written."""

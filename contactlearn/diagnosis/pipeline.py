@@ -21,7 +21,7 @@ from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.diagnosis.sampling import affordable, diagnose_subsamples
-from contactlearn.diagnosis.search.candidates import all_candidates, all_laws
+from contactlearn.diagnosis.search.candidates import all_candidates, all_laws, without_spin
 from contactlearn.diagnosis.stages import diagnose_audited
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, named_effects
@@ -59,10 +59,13 @@ def diagnose(
         return _refused(law, findings, thresholds)
     impacts = correct(impacts, [one.correction for one in findings if one.correction], thresholds.audit)
     laws = options.laws or all_laws(impacts.space)
+    candidates = options.candidates or all_candidates(impacts.space)
+    if any(finding.name == "spin_not_measured" for finding in findings):
+        candidates = without_spin(candidates, impacts)
     question = Question(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
-        candidates=options.candidates or all_candidates(impacts.space),
+        candidates=candidates,
         laws={one.name: one for one in laws} | ({law.name: law} if law else {}),
         options=FitOptions(noise=options.noise, thresholds=thresholds.fit),
         limits=options.limits,

@@ -63,6 +63,22 @@ def lost_gradients(effect: Effect, impacts: Impacts) -> Iterator[str]:
             )
 
 
+def added(effect: Effect, impacts: Impacts, measured: Impacts) -> dict[str, Float[Tensor, "..."]]:
+    """Return what an effect adds at its place to each quantity, by name, from the state of impacts before contact.
+
+    Args:
+        effect: prepared, away from its vanishing values.
+        impacts: whose state it sees.
+        measured: impacts that give it the same wrench and velocity after contact whatever its state is.
+    """
+    state, *given = _given(effect.place, measured)
+    state = State.of(impacts).replace(mu=state.mu, eps=state.eps)
+    without = {"state": state, "law": tuple(given), "wrench": measured.wrench, "velocity": measured.v_post}[effect.place]
+    before = _outputs(effect.place, without)
+    after = _outputs(effect.place, getattr(effect, effect.place)(state, *given))
+    return {name: values - before[name] for name, values in after.items()}
+
+
 def describe(returned: object) -> str:
     """Describe what a user's method returned, in a few words."""
     if isinstance(returned, tuple):

@@ -64,7 +64,8 @@ _DEPTH = 4  # corrections at once: no table that anybody brought had more than t
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
 _BESIDE = 2  # other corrections that a rare unit may come with
 _UNIT_MARGIN = 0.1  # contradictions by which an inertia may explain more than a unit before it is preferred to it
-_UNIT_ERROR = 0.1  # of the logarithm of a unit: imbalance that may be left of a mistake that it explains
+_FITS = 4.0  # standard errors of the moment balance within which a unit explains it
+_UNIT_ERROR = 0.5  # of the logarithm of a unit: imbalance that may be left of a mistake that it explains
 _SAMPLE, _FINALISTS = 64, 8  # trials on which combinations are compared, and combinations that go on to all trials
 
 
@@ -101,6 +102,12 @@ class Hypothesis:
     def closed(self) -> bool:
         """Whether contradictions are negligible, those of the moments included."""
         return self.score < self.thresholds.consistent
+
+    @property
+    def fits(self) -> bool:
+        """Whether no other inertia balances the moments clearly better, within the errors of the coefficients."""
+        error = min(self.balance.a_error, self.balance.b_error)
+        return not abs(torque(self.impacts).inertia_factor.log().item()) > _FITS * error
 
     def means(self) -> dict[str, float]:
         """Mean contradiction by question."""
@@ -165,9 +172,14 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
 def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> ConventionComparison:
     """The best of accepted hypotheses: one without a fitted number if it is nearly as good as the others."""
     least = min(h.score for h in accepted)
-    known = [h for h in accepted if not _FITTED.intersection(h.names) and h.score < least + _UNIT_MARGIN]
+    known = [
+        h
+        for h in accepted
+        if not _FITTED.intersection(h.names) and h.score < least + (_UNIT_MARGIN if h.fits else _INDISTINCT)
+    ]
     new = min(known or accepted, key=lambda h: h.score)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
+    equal = [h for h in equal if h.fits] or equal  # 3.6 and 1/0.3048 differ by less than an effect may
     best, *equals = sorted(equal, key=lambda h: (len(h.names), [*map([*CORRECTIONS].index, h.names)]))
     return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
 
@@ -187,7 +199,8 @@ def _explains(new: Hypothesis) -> bool:
     """Whether a rare unit explains the imbalance, which then is no physics of about its size."""
     rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
     left = abs(torque(new.impacts).inertia_factor.log().item())
-    return not rare or left < _UNIT_ERROR * abs(math.log(rare[0]))
+    reach = math.log(new.thresholds.inertia_factor)  # what is left is an effect
+    return not rare or left < min(_UNIT_ERROR * abs(math.log(rare[0])), reach)
 
 
 class _Screened(NamedTuple):

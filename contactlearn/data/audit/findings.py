@@ -1,5 +1,7 @@
 """The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
 
+    …_shape                   the stated shape differs by a constant of units from |r| or from the height at contact
+    spin_not_measured         spins are 0, though impulses turn the body: a note
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
     inertia_scaled            the moments balance up to one factor on I, of more than 2.5
     incomplete_trials         rows that were left out as the table was read: a note
@@ -17,6 +19,7 @@
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
+    constant_columns          columns with one value, and what they cannot show: a note
     audit_in_space            units and axes of bodies in space are not compared: a note
 
 Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
@@ -29,6 +32,7 @@ from dataclasses import replace
 import torch
 
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
+from contactlearn.data.audit.constants import constant_notes, shape_unit_findings, spin_notes
 from contactlearn.data.audit.conventions import compare, convention_findings, impossible_findings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
@@ -69,10 +73,16 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     notes = rig_notes(impacts)
     if len(sound) < _FEWEST:
         return (*findings, *trial_findings(sound, thresholds), *notes)
+    notes = [*constant_notes(sound), *notes]
+    first = shape_unit_findings(sound)
+    sound = correct(sound, [one.correction for one in first if one.correction])
+    spins = spin_notes(sound)
+    sound = correct(sound, [one.correction for one in spins if one.correction])
+    first += spins
     comparison = compare(_subsample(sound), thresholds)
     fatal = impossible_findings(comparison, thresholds)
     if fatal:
-        return (*fatal, *findings, *order_findings(sound), *notes)
+        return (*fatal, *findings, *first, *order_findings(sound), *notes)
     corrected = convention_findings(comparison)
     sound = comparison.best.impacts if len(sound) <= _COMPARED else correct(sound, comparison.best.names)
     scaled = inertia_findings(sound, thresholds)
@@ -87,7 +97,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]
-    found = [*corrected, closing, *findings, *of_trials]
+    found = [*first, *corrected, closing, *findings, *of_trials]
     return (*(one for one in found if one.name != "consistent" or len(found) == 1), *outline_notes(sound), *notes)
 
 

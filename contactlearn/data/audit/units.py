@@ -30,6 +30,7 @@ class Miswritten:
 
 _DEGREE = math.pi / 180
 _LENGTHS = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2), "inches": ("in", 0.0254), "feet": ("ft", 0.3048)}
+_SPELT = {"inches": "inches", "feet": "feet"}  # “in in” reads badly
 _SPEEDS = {name: (f"{unit}/s", factor) for name, (unit, factor) in _LENGTHS.items()}
 _SPEEDS |= {"kmh": ("km/h", 1 / 3.6), "mph": ("mph", 0.44704)}
 _SPINS = {"degrees": ("°/s", _DEGREE), "rpm": ("rev/min", 2 * math.pi / 60), "revolutions": ("rev/s", 2 * math.pi)}
@@ -49,7 +50,7 @@ def _listed() -> dict[str, Miswritten]:
     found["degrees_theta"] = Miswritten("θ is in degrees", _DEGREE, ("theta",))
     found["degrees"] = Miswritten("θ is in degrees and ω in °/s", _DEGREE, ("theta", "omega_pre", "omega_post"))
     found |= {
-        name: Miswritten(f"positions and the contact point are in {unit}", factor, ("place",))
+        name: Miswritten(f"positions and the contact point are in {_SPELT.get(name, unit)}", factor, ("place",))
         for name, (unit, factor) in _LENGTHS.items()
     }
     found |= {
@@ -61,7 +62,7 @@ def _listed() -> dict[str, Miswritten]:
     }
     found |= {name: Miswritten(f"the mass is in {unit}", factor, ("mass",)) for name, (unit, factor) in _MASSES.items()}
     return found | {
-        f"{name}_shape": Miswritten(f"the stated shape is in {unit}", factor, ("shape",))
+        f"{name}_shape": Miswritten(f"the stated shape is in {_SPELT.get(name, unit)}", factor, ("shape",))
         for name, (unit, factor) in _LENGTHS.items()
     }
 

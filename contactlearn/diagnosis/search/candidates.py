@@ -1,10 +1,11 @@
 """Candidates for missing effects: the catalogue in all its forms, the user's own, and the rules for refusing some.
 
 An effect is refused if it could explain anything: with a parameter for every few trials, or with constants that it
-takes from the outcomes it is to predict.  Effects that need a body's shape are left out where that is not known.
+takes from the outcomes it is to predict.  Effects that need a body's shape are left out where that is not known, and
+those that act by a quantity that is the same in all trials: it is no measurement of any dependence.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import torch
 from jaxtyping import Float
@@ -13,14 +14,16 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId, State, catalogue, columns
+from contactlearn.effects.checks import added
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE, Space
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import resolve
 
 SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
 """Names of the laws that a diagnosis compares."""
+_ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
@@ -53,7 +56,8 @@ def usable(
 ) -> dict[EffectId, Effect]:
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
-    What the rig card has corrected is not offered again.
+    What the rig card has corrected is not offered again, and nothing that reads a place, an orientation or a spin that
+    is the same in all trials, or makes a coefficient that is.
 
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
@@ -64,6 +68,8 @@ def usable(
     able = {key: effect for key, effect in able.items() if impacts.shape is not None or not effect.needs_shape}
     able = {key: effect for key, effect in able.items() if key.name not in settled}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
+    varied = _varied(impacts)
+    able = {key: effect for key, effect in able.items() if not _unvaried(effect, impacts, varied)}
     if not able:
         most = max((len(effect.parameters) for effect in candidates.values()), default=0)
         raise ContactLearnError(
@@ -85,6 +91,52 @@ def follows_order(effect: Effect, impacts: Impacts) -> bool:
     return not torch.equal(_nudged(prepared, impacts), _nudged(prepared, reversed_))
 
 
+def _varied(impacts: Impacts) -> list[Impacts]:
+    """List impacts with other values of each place or orientation that is the same in all trials, for what reads it."""
+    q = impacts.q
+    same = (q.amax(0) - q.amin(0) <= _ROUNDING * q.abs().max()).tolist()
+    columns = (0, 2) if impacts.space is PLANE else (0, 1)  # heights play no part
+    return [_with_spread(impacts, "q", k) for k in columns if same[k] and len(q) > 1]
+
+
+def _with_spread(impacts: Impacts, field: str, column: int) -> Impacts:
+    """Return impacts with values of a column that differ from trial to trial."""
+    values = getattr(impacts, field).clone()
+    values[:, column] = torch.linspace(-1, 1, len(values), dtype=torch.float64)
+    return impacts.replace(**{field: values}, validate=False)
+
+
+def without_spin(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dict[EffectId, Effect]:
+    """Keep the candidates that do not read the spin, for measurements that have none; nor the slip of a round body."""
+    varied = [_with_spread(impacts, "v_pre", k) for k in range(impacts.space.d, impacts.space.D)]
+    return {key: effect for key, effect in candidates.items() if not _unvaried(effect, impacts, varied)}
+
+
+def _unvaried(effect: Effect, impacts: Impacts, varied: Sequence[Impacts]) -> bool:
+    """Whether an effect acts by quantities that are the same in all trials, so that no trial shows it by another."""
+    try:
+        moved = _moved(effect.prepare(impacts))
+    except ContactLearnError:  # it is refused elsewhere, by name
+        return False
+    here = added(moved, impacts, impacts)
+    if effect.place == "law" and len(impacts) > 1:
+        spread = max((x.max() - x.min()).item() for x in here.values())
+        if spread <= _ROUNDING:
+            return True
+    return any(
+        not torch.allclose(x, here[name], rtol=1e-6, atol=_ROUNDING)
+        for other in varied
+        for name, x in added(moved, other, impacts).items()
+        if not name.startswith("q[")  # a place that is only turned with the axes is not read
+    )
+
+
+def _moved(effect: Effect) -> Effect:
+    """A prepared effect whose parameters are away from vanishing."""
+    ranges = torch.tensor([p.high - p.low for p in effect.parameters], dtype=torch.float64)
+    return effect.at(columns(*effect.vanished().values) + _NUDGE * ranges)
+
+
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
     """Return whether its prediction changes once the outcomes of the trials are exchanged."""
     other = impacts.replace(v_post=1.1 * impacts.v_post.flip(0), validate=False)
@@ -93,6 +145,5 @@ def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
 
 def _nudged(effect: Effect, impacts: Impacts) -> Float[Tensor, "n D"]:
     """Prediction of v_post around some law by a prepared effect whose parameters are away from vanishing."""
-    moved = columns(*effect.vanished().values) + _NUDGE * torch.tensor([p.high - p.low for p in effect.parameters])
     law = WangMason(0.2, 0.5)
-    return resolve(law, {"": effect.at(moved)}, State.of(impacts), law.mu, law.eps).v_post.nan_to_num()
+    return resolve(law, {"": _moved(effect)}, State.of(impacts), law.mu, law.eps).v_post.nan_to_num()

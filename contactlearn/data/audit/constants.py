@@ -1,0 +1,103 @@
+"""Columns without a measurement: the same value in every trial, a spin that nobody measured, a shape in another unit.
+
+They are looked for before anything else is asked of the data, since a constant shows no dependence, and zeros for a
+spin contradict every impulse that turns the body.
+"""
+
+import math
+
+import torch
+
+from contactlearn.core.numerics import MAD_SCALE, number
+from contactlearn.data.audit.contradictions import contradictions
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.moments import torque
+from contactlearn.data.audit.result import Finding, evidence_of
+from contactlearn.data.audit.units import MISWRITTEN
+from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.impacts import Impacts
+
+_ROUNDING = 1e-9  # relative change of a column that counts as none
+_COLUMNS = (
+    ("x", "q", 0, "m", "the place"),
+    ("θ", "q", 2, "rad", "the orientation"),
+    ("v_x before impact", "v_pre", 0, "m/s", ""),
+    ("v_y before impact", "v_pre", 1, "m/s", "the speed"),
+    ("ω before impact", "v_pre", 2, "rad/s", "the spin"),
+    ("v_x after impact", "v_post", 0, "m/s", ""),
+    ("v_y after impact", "v_post", 1, "m/s", ""),
+    ("ω after impact", "v_post", 2, "rad/s", ""),
+)
+_UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
+_WORSE = 0.01  # sum of contradictions that another unit of the shape may add: none but noise
+
+
+def constant_notes(impacts: Impacts) -> list[Finding]:
+    """Note the columns whose value is the same in all trials, and what they can therefore not show."""
+    constant = [
+        (name, values[0, k].item(), unit, shown)
+        for name, field, k, unit, shown in _COLUMNS
+        if _same((values := getattr(impacts, field))[:, k], values)
+    ]
+    if not constant:
+        return []
+    named = ", ".join(f"{name} = {number(value, 3)}{f' {unit}' if value else ''}" for name, value, unit, _ in constant)
+    hidden = [shown for *_, shown in constant if shown]
+    sentence = f"the same in all {len(impacts)} trials: {named}"
+    if hidden:
+        sentence += f"; these data cannot show whether anything depends on {' or '.join(hidden)}"
+    evidence = evidence_of(*((name, value, unit) for name, value, unit, _ in constant))
+    return [Finding(name="constant_columns", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def spin_notes(impacts: Impacts) -> list[Finding]:
+    """Note spins that are 0 in all trials, before and after impulses that turn the body: nobody measured them."""
+    terms = torque(impacts)
+    moment = terms.normal + terms.tangential
+    if impacts.v_pre[:, 2].any() or impacts.v_post[:, 2].any():
+        return []
+    if not (moment.abs() > _ROUNDING * terms.scale).any():
+        return []
+    sentence = (
+        "ω is 0 before and after every impact, though the impulses turn the body: the spin was not measured. After "
+        "impact it is taken from the moment of the impulse, before impact it stays 0; friction, slip and what acts on "
+        "the spin cannot be told"
+    )
+    evidence = evidence_of(("moment", moment.abs().median().item(), "rad/s"))
+    name = "spin_not_measured"
+    return [Finding(name=name, sentence=sentence, evidence=evidence, correction="spin_from_moments", mistake=False)]
+
+
+def shape_unit_findings(impacts: Impacts) -> list[Finding]:
+    """Find a stated shape whose size differs from |r|, or from the height above the floor, by a constant of units."""
+    if impacts.shape is None:
+        return []
+    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
+    computed = (impacts.r - expected).norm() <= _ROUNDING * expected.norm()
+    if computed:
+        ratio, of = impacts.q[:, 1] / -expected[:, 1], "the height y at contact"
+    else:
+        ratio, of = impacts.r.norm(dim=-1) / expected.norm(dim=-1), "|r|"
+    middle = ratio.median().item()
+    spread = MAD_SCALE * (ratio - middle).abs().median().item()
+    if not middle > 0 or spread > _UNIT_AGREES * middle:
+        return []
+    for name, unit in MISWRITTEN.items():
+        if "shape" not in unit.columns or abs(math.log(middle / unit.factor)) > _UNIT_AGREES:
+            continue
+        before, after = (_contradictory(one) for one in (impacts, correct(impacts, [name])))
+        if after <= before + _WORSE:
+            sentence = f"{unit.words}: {of} is {number(middle, 3)} times what the shape gives"
+            evidence = evidence_of(
+                ("ratio", middle), ("contradictions_before", before), ("contradictions_after", after)
+            )
+            return [Finding(name=name, sentence=sentence, evidence=evidence, correction=name)]
+    return []
+
+
+def _contradictory(impacts: Impacts) -> float:
+    return torch.stack([*contradictions(impacts).values()]).sum(0).mean().item()
+
+
+def _same(column: torch.Tensor, all_of_them: torch.Tensor) -> bool:
+    return bool(column.max() - column.min() <= _ROUNDING * all_of_them.abs().max())
