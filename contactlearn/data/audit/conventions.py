@@ -60,6 +60,9 @@ A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on 
 """
 _TURN = 3  # step of the mirror of y that follows a swap
 _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
+_CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
+_LEFT = 0.15  # contradictions of an accepted hypothesis from which on an inclined floor is tried as well
+_SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _DEPTH = 4  # corrections at once: no table that anybody brought had more than three
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
 _BESIDE = 2  # other corrections that a rare unit may come with
@@ -159,23 +162,41 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         applied = (_applied(given, names) for names in screened.best())
         accepted = [h for h in applied if h is not None and _better(h, given)]
         if accepted:
-            return _chosen(given, accepted, tried)
-    if not given.closed:
-        inclined = (_applied(given, (*mirrors, "inclined_floor")) for mirrors in _MIRRORS)
-        tried += len(_MIRRORS)
-        accepted = [h for h in inclined if h is not None and _better(h, given)]
-        if accepted:
-            return _chosen(given, accepted, tried)
+            chosen = _chosen(given, accepted, tried)
+            if not _CONFUSED.intersection(chosen.best.names) and chosen.best.score < _LEFT:
+                return chosen
+            return _unless_slight(_chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS)))
+    accepted = _inclined(given) if given.score > thresholds.sound else []
+    if accepted:
+        return _unless_slight(_chosen(given, accepted, tried + len(_MIRRORS)))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
+
+
+def _unless_slight(comparison: ConventionComparison) -> ConventionComparison:
+    """Leave an incline within the range of `surface_tilt` to that effect, unless the data are impossible without it."""
+    given, best = comparison.given, comparison.best
+    if best.names != ("inclined_floor",):
+        return comparison
+    angle = (given.impacts.q[0, 2] - best.impacts.q[0, 2] + math.pi).remainder(2 * math.pi) - math.pi
+    as_given = ConventionComparison(given=given, best=given, equals=(), tried=comparison.tried)
+    slight = abs(angle.item()) < _SLIGHT and not impossible_findings(as_given, given.thresholds)
+    return as_given if slight else comparison
+
+
+def _inclined(given: Hypothesis) -> list[Hypothesis]:
+    """The hypotheses that are accepted of an inclined floor."""
+    found = (_applied(given, (*mirrors, "inclined_floor")) for mirrors in _MIRRORS)
+    return [h for h in found if h is not None and _better(h, given)]
 
 
 def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> ConventionComparison:
     """The best of accepted hypotheses: one without a fitted number if it is nearly as good as the others."""
-    least = min(h.score for h in accepted)
+    least = min(accepted, key=lambda h: h.score)
+    margin = _UNIT_MARGIN if "inertia_scaled" in least.names else 0.0
     known = [
         h
         for h in accepted
-        if not _FITTED.intersection(h.names) and h.score < least + (_UNIT_MARGIN if h.fits else _INDISTINCT)
+        if not _FITTED.intersection(h.names) and h.score < least.score + (margin if h.fits else 0.0) + _INDISTINCT
     ]
     new = min(known or accepted, key=lambda h: h.score)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
@@ -250,7 +271,7 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
         return False
     rare = names.intersection(_RARE)
     beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _BESIDE
-    if rare and len(names) > 1 + beside:
+    if rare and (len(names) > 1 + beside or len(rare) > 1 or "inertia_scaled" in names):
         return False
     return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
 

@@ -22,27 +22,33 @@ from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotate
 
-_TRIED = math.radians(1) * torch.arange(-180, 180, dtype=torch.float64)  # rad
+_DEGREE = math.radians(1)
+_TRIED = _DEGREE * torch.arange(-180, 180, dtype=torch.float64)  # rad
 _TRIALS = 400  # on which every angle is tried, spread evenly
-_STEP = 0.1  # rad, standard deviation that is expected of the angle about the best of those
-_INERTIA = 0.5  # standard deviation that is expected of ln I/I₀: a wrong inertia must not look like an angle
+_INDISTINCT = 0.01  # contradictions by which an angle may have more than the best one and be right
+_WIDEST = 0.2  # rad, farthest of those angles from the best one
+_FREE = {"slope": 0.1, "inertia": 0.5}  # rad, and of ln I/I₀, which must not look like an angle: expected deviations
 _ROUNDS = 3  # fits of the angle, each about the one before
 _SAME = 1e-3  # of |r|: distance from the shape's lowest point above a level floor up to which r was computed there
 
 
 def floor_angle(impacts: Impacts) -> Estimate | None:
-    """Return the angle φ in rad by which the floor is inclined, with its standard error; None without one."""
+    """Return the angle φ in rad by which the floor is inclined, with its standard error; None where that is open."""
+    if impacts.shape is not None:  # where it touches a level floor, a turn moves it; where it was seen, none would show
+        impacts = impacts.replace(r=contact_points(impacts.shape, impacts.body, impacts.q[:, 2]), validate=False)
     some = impacts[torch.linspace(0, len(impacts) - 1, min(len(impacts), _TRIALS)).round().long()]
-    answers = contradictions(_turned(some))
-    total = sum(answers.values(), torch.zeros(())).mean(-1)
-    angle = Estimate(value=_TRIED[total.argmin()].item(), error=0.0)
-    free = {"slope": Estimate(value=0.0, error=_STEP), "inertia": Estimate(value=0.0, error=_INERTIA)}
+    total = torch.stack([*contradictions(_turned(some)).values()]).sum(0).mean(-1)
+    best = _TRIED[total.argmin()]
+    near = (_TRIED[total < total.min() + _INDISTINCT] - best + math.pi).remainder(2 * math.pi) - math.pi
+    if near.abs().max() > _WIDEST:
+        return None
+    width = (near.max() - near.min()).item() / 2 + _DEGREE / 2
+    whole = Estimate(value=(best + (near.max() + near.min()) / 2).item(), error=width)
+    angle, free = whole, {name: Estimate(value=0.0, error=error) for name, error in _FREE.items()}
     for _ in range(_ROUNDS):
-        level = levelled(impacts, angle.value)
-        level = level if _computed(impacts) else level.replace(shape=None)
-        step = fit_balance(level, free).estimates["slope"]
+        step = fit_balance(levelled(impacts, angle.value), free).estimates["slope"]
         angle = Estimate(value=angle.value + step.value, error=step.error)
-    return angle if math.isfinite(angle.value) and angle.error < _STEP / 2 else None
+    return angle if angle.error < width else whole  # a corner that stays lowest shows no small turn
 
 
 def levelled(impacts: Impacts, angle: float) -> Impacts:

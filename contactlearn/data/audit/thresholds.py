@@ -28,6 +28,8 @@ class AuditThresholds:
     consistent: float = 0.5
     """Sum of contradictions that an accepted hypothesis must be below; if the data as given are below it, corrections
     are not combined.  Correct data of every source are below 0.3."""
+    sound: float = 0.3
+    """The same up to which an inclined floor is not looked for: correct data of every source are below it."""
     inertia_factor: float = 2.5
     """Factor on the moment of inertia from which on it is a mistake; a smaller one is left to the effects, since other
     moments look alike, and `inertia_error` reaches as far."""
