@@ -45,8 +45,8 @@ DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 _RARE = tuple(name for name, unit in MISWRITTEN.items() if name not in UNITS and "shape" not in unit.columns)
 """Units that occur once in a table, beside few other mistakes; those of one side of the impact alone."""
-BALANCED = {*UNITS, *_RARE} - {"degrees_theta"}
-"""Units that the moment balance depends on."""
+BALANCED = {*UNITS, *_RARE, "inclined_floor"} - {"degrees_theta"}
+"""Corrections that the moment balance depends on."""
 _MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
 """Corrections that an inclined floor may come with; a mirror of y is one of x and a turn."""
 _SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
@@ -61,7 +61,7 @@ A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on 
 _TURN = 3  # step of the mirror of y that follows a swap
 _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
-_LEFT = 0.15  # contradictions of an accepted hypothesis from which on an inclined floor is tried as well
+_LEFT = 0.15  # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _DEPTH = 4  # corrections at once: no table that anybody brought had more than three
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
@@ -165,28 +165,28 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
             chosen = _chosen(given, accepted, tried)
             if not _CONFUSED.intersection(chosen.best.names) and chosen.best.score < _LEFT:
                 return chosen
-            return _unless_slight(_chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS)))
+            return _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
     accepted = _inclined(given) if given.score > thresholds.sound else []
     if accepted:
-        return _unless_slight(_chosen(given, accepted, tried + len(_MIRRORS)))
+        return _chosen(given, accepted, tried + len(_MIRRORS))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
 
 
-def _unless_slight(comparison: ConventionComparison) -> ConventionComparison:
-    """Leave an incline within the range of `surface_tilt` to that effect, unless the data are impossible without it."""
-    given, best = comparison.given, comparison.best
-    if best.names != ("inclined_floor",):
-        return comparison
-    angle = (given.impacts.q[0, 2] - best.impacts.q[0, 2] + math.pi).remainder(2 * math.pi) - math.pi
-    as_given = ConventionComparison(given=given, best=given, equals=(), tried=comparison.tried)
-    slight = abs(angle.item()) < _SLIGHT and not impossible_findings(as_given, given.thresholds)
-    return as_given if slight else comparison
-
-
 def _inclined(given: Hypothesis) -> list[Hypothesis]:
-    """The hypotheses that are accepted of an inclined floor."""
-    found = (_applied(given, (*mirrors, "inclined_floor")) for mirrors in _MIRRORS)
-    return [h for h in found if h is not None and _better(h, given)]
+    """The accepted hypotheses of an inclined floor.
+
+    An incline within the range of `surface_tilt` is left to that effect, unless the data are impossible without it.
+    """
+    accepted = list[Hypothesis]()
+    for mirrors in _MIRRORS:
+        level, inclined = _applied(given, mirrors), _applied(given, (*mirrors, "inclined_floor"))
+        if level is None or inclined is None or inclined.score > _LEFT or not _better(inclined, given):
+            continue
+        angle = (level.impacts.q[0, 2] - inclined.impacts.q[0, 2] + math.pi).remainder(2 * math.pi) - math.pi
+        alone = ConventionComparison(given=given, best=level, equals=(), tried=1)
+        if abs(angle.item()) > _SLIGHT or impossible_findings(alone, given.thresholds):
+            accepted.append(inclined)
+    return accepted
 
 
 def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> ConventionComparison:
@@ -220,8 +220,10 @@ def _explains(new: Hypothesis) -> bool:
     """Whether a rare unit explains the imbalance, which then is no physics of about its size."""
     rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
     left = abs(torque(new.impacts).inertia_factor.log().item())
-    reach = math.log(new.thresholds.inertia_factor)  # what is left is an effect
-    return not rare or left < min(_UNIT_ERROR * abs(math.log(rare[0])), reach)
+    if not rare:
+        return True
+    size, reach = abs(math.log(rare[0])), math.log(new.thresholds.inertia_factor)
+    return new.fits if size < reach else left < min(_UNIT_ERROR * size, reach)  # what is left is an effect
 
 
 class _Screened(NamedTuple):
