@@ -38,14 +38,16 @@ def main(arguments: list[str] | None = None) -> int:
         from contactlearn.cli.config_files import explain_error
 
         try:
-            print(terminal_safe(options.run(options)))
+            said = options.run(options)
+            text, status = said if isinstance(said, tuple) else (said, 0)
+            print(terminal_safe(text))
         except ContactLearnError as error:
             message = str(error).splitlines()[0]
         except (HydraException, OmegaConfBaseException) as error:
             overrides = vars(options).get("overrides", ())
             message = explain_error(error, "evaluate", overrides)  # these commands share its settings of data
         else:
-            return 0
+            return status
         print(f"error: {terminal_safe(message)}", file=sys.stderr)
         return 2
 

@@ -46,7 +46,7 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         "audit",
         help="list mistakes in measurements, and the setting that corrects them",
         description="Look for mistakes in a table, or in any data source: columns, units, axes, repeated and "
-        "impossible trials. Nothing is fitted, and no file is changed.",
+        "impossible trials. Nothing is fitted, and no file is changed. The exit status is 1 if the data are wrong.",
         epilog="examples: contactlearn audit drops.csv data.units.length=mm; contactlearn audit data=ellipse_drops",
     )
     audit.add_argument(
@@ -190,8 +190,11 @@ def run_init(options: argparse.Namespace) -> str:
     return write_settings(Path(options.path), options.name)
 
 
-def run_audit(options: argparse.Namespace) -> str:
-    """Return the findings of the audit of a table or of any data source, and the setting that corrects them."""
+def run_audit(options: argparse.Namespace) -> tuple[str, int]:
+    """Return the findings of the audit of a table or of any data source, and the setting that corrects them.
+
+    The exit status is 1 where the data are wrong.
+    """
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
     from contactlearn.report.text import correct_setting, phrase, sentence
@@ -205,7 +208,7 @@ def run_audit(options: argparse.Namespace) -> str:
     lines += [] if findings else [f"note: {phrase('consistent')}"]
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
-    return "\n".join(lines).replace("\u00a0", " ")
+    return "\n".join(lines).replace("\u00a0", " "), int(any(finding.mistake for finding in findings))
 
 
 def run_export(options: argparse.Namespace) -> str:

@@ -81,6 +81,7 @@ from contactlearn.inference.validation import CrossValidation, Folds, ValidatedF
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
+_OPEN = 0.49  # probability of a name at most, where the data leave its parameters open: it is a candidate
 _FEW = 600  # trials up to which the cross-validation is repeated
 
 
@@ -541,8 +542,22 @@ def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: 
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
+        if _undetermined(question.candidates[one.effect], one):
+            sure = min(sure, _OPEN)
         found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
     return found
+
+
+def _undetermined(effect: Effect, found: MissingEffect) -> bool:
+    """Whether no parameter of an effect is known better than by its range, or the only one better than by its value.
+
+    Parameters of a curve may be open each and still make one of a known form.
+    """
+    declared = {p.name: p for p in effect.parameters}
+    known = [(one, declared[one.name]) for one in found.parameters if one.name in declared]
+    alone = len(known) == 1 and known[0][1].vanishing is not None
+    sizes = [abs(one.value - (p.vanishing or 0.0)) if alone else p.high - p.low for one, p in known]
+    return bool(known) and all(not one.standard_error < size for (one, _), size in zip(known, sizes, strict=True))
 
 
 def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:

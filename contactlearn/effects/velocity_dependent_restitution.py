@@ -8,6 +8,8 @@ from contactlearn.effects.functions import APPROACH, SpeedReference, Spline
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import BOTH
 
+_STEP = 0.02  # of v_s, width of a threshold: no trial is far from one side of it, and v_s keeps a gradient
+
 
 class VelocityDependentRestitution(ChangesRestitution, Effect):
     """ε is a function of the normal velocity of approach.
@@ -16,6 +18,7 @@ class VelocityDependentRestitution(ChangesRestitution, Effect):
         kuwabara_kono   ε (1 − C ((|v_n|/v_ref)^(1/5) − 1))          viscoelastic
         linear          ε (1 − k (|v_n|/v_ref − 1))                  damping that grows with the load
         slow            ε + a exp(−|v_n|/v_s)                        another restitution at low speed
+        threshold       ε (1 − b S((v_s − |v_n|)/w))                 switched off below a speed, as engines do
         curve           ε + s(|v_n|), see `functions.Spline`
 
     At v_ref the restitution is ε.  It is not a dependence on the slip (`slip_dependent_restitution`).
@@ -76,6 +79,25 @@ class SlowImpactRestitution(VelocityDependentRestitution):
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         return value + self.a * (-state.v_n.abs() / self.v_s).exp()
+
+
+class ThresholdRestitution(VelocityDependentRestitution):
+    """ε → ε (1 − b S((v_s − |v_n|)/w)), S a logistic step of width w = 0.02 v_s: with b = 1 slow impacts do not rebound.
+
+    It does not fall gradually (`SlowImpactRestitution`).
+    """
+
+    form = "threshold"
+    formula = "ε ← ε (1 − b / (1 + exp((|v_n| − v_s)/(0.02 v_s))))"
+    in_words = "ε falls by {b:%} below an approach speed of {v_s}"
+    source = "bounce thresholds of PhysX, Bullet and Box2D"
+    citations = ()
+    b: Tensor | float = parameter("b", "–", 0.0, 1.0)
+    v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 3.0, vanishing=None, start=0.5)
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        step = ((self.v_s - state.v_n.abs()) / (_STEP * self.v_s)).sigmoid()
+        return value * (1 - self.b * step)
 
 
 class RestitutionOverSpeed(Spline, VelocityDependentRestitution):

@@ -379,7 +379,9 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
         return []
     sentence = (
         f"no planar impact of a rigid body can have produced these data: under the best of {comparison.tried} "
-        f"hypotheses about units and axes ({best}) {'; '.join(reasons)}. Do before and after belong to the same trials?"
+        f"hypotheses about units and axes ({best}) {'; '.join(reasons)}. Tried were the units of every column and of "
+        "the shape, mirrored, swapped and reversed axes, a floor inclined by any angle, and another moment of inertia. "
+        "Do before and after belong to the same trials?"
     )
     evidence = evidence_of(
         ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()

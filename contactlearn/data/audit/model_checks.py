@@ -119,7 +119,8 @@ def _distance(residual: Float[Tensor, "n D"], scatter: Float[Tensor, "D D"]) -> 
 def _fitted(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, " D"], Float[Tensor, "D D"], float]:
     """Centre, scatter and degrees of freedom of a multivariate t distribution, by expectation–maximisation for each."""
     best, chosen, D = -math.inf, None, residual.shape[1]
-    least = 1e-18 * torch.eye(D, dtype=residual.dtype)  # of exact data
+    # Of exact data, and of a component that follows from the others, as a spin that was computed does.
+    least = torch.diag(1e-9 * residual.var(0) + 1e-18)
     for freedom in _FREEDOM:
         centre, scatter = residual.median(0).values, torch.cov(residual.mT) + least
         for _ in range(_ROUNDS):
