@@ -38,6 +38,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import Space
 
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
+_CONSTANT = 1e-6  # variance, in robust ones, of a component that is the same in all trials
 _FEWEST = 20  # trials below which nothing is tested
 _LAGS = 60  # of the autocorrelation at most, and no more than a quarter of the trials
 _SCALES = 24  # correlation times that are tried
@@ -122,9 +123,12 @@ def _winsorised(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, "n D"], F
 
 def _chance(white: Float[Tensor, "n D"]) -> float:
     """Probability of so large an excess over all windows and components under random signs."""
+    white = white[:, white.square().mean(0) > _CONSTANT]
+    if not white.shape[1]:
+        return 1.0
     flipped = random_signs(len(white))[..., None] * white
     spread = window_spread(flipped - flipped.mean(1, keepdim=True))
-    spread = spread / spread.mean(0).clamp_min(1e-300)
+    spread = spread / spread.mean(0)
     spread = torch.cat((spread, spread.mean(-1, keepdim=True)), -1)
     excess = ((spread - spread[1:].mean(0)) / spread[1:].std(0).clamp_min(1e-12)).flatten(1).amax(1)
     return exceedance(excess)

@@ -450,6 +450,7 @@ def _result(
         ladder=(*comparison.ladder.rungs, *budget.rungs),
         budget=budget,
         regions=search.regions,
+        coefficients=fitted_parameters(selection.present),
         equation=str(model),
         experiment=comparison.experiment,
         remainder=remainder,

@@ -28,6 +28,7 @@ from contactlearn.report.text import (
     undecided,
 )
 
+_SAID = ("constant_columns", "spin_not_measured", "energy_gained")  # notes that limit what a verdict can say
 _LONG = 5.0  # s after which a task is named where no bar is seen
 
 
@@ -137,6 +138,8 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
     lines = [f"verdict: {phrase('verdict', found)}"]
     if found.ladder and found.budget is not None:
         lines.append(f"error: {phrase('size', found)}")
+    if found.coefficients:
+        lines.append(f"law: {phrase('coefficients', found)}")
     if found.corrections:
         rig = ["rig"] if any(finding.name == "rig_applied" for finding in found.findings) else []
         lines.append(f"audit: {phrase('corrected', [*rig, *found.corrections])}")
@@ -151,6 +154,7 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
     if found.sample is not None:
         lines.append(f"sample: {phrase('sample_support', found.sample)}")
     notes = [phrase("unwanted", found), misfit(found)]
+    notes += [sentence(one.sentence) for one in found.findings if one.name in _SAID and not one.mistake]
     if found.physics is not Verdict.UNKNOWN:  # whose headline says it
         notes.append(phrase("better_law", found))
     return lines + [f"note: {note}" for note in notes if note]

@@ -191,6 +191,7 @@ class Diagnosis:
         ladder: law, effect after effect, processes on the residual, noise.
         budget: the error of the law in parts.
         regions: where the law fails, the surest first.
+        coefficients: μ and ε of the law in the full model.
         equation: the full model with parameters and standard errors as it prints itself.  It is stored as text because
             the law or an effect may come from a package that the reader of the file has not installed.
         experiment: drops that separate the effects from their rivals; None without rivals.
@@ -222,6 +223,7 @@ class Diagnosis:
     ladder: tuple[Rung, ...] = ()
     budget: ErrorBudget | None = None
     regions: tuple[Region, ...] = ()
+    coefficients: tuple[FittedParameter, ...] = ()
     equation: str = ""
     experiment: Experiment | None = None
     remainder: Remainder | None = None

@@ -86,15 +86,15 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
     return torch.where(error.isfinite(), error, error.nanmean())
 
 
-def fitted_parameters(fitted: ValidatedFit, name: str) -> tuple[FittedParameter, ...]:
-    """Return the parameters of one effect of a model."""
+def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[FittedParameter, ...]:
+    """Return the parameters of one effect of a model, or of its law."""
     fit = fitted.fit
     return tuple(
         FittedParameter(
             name=p.name.removeprefix(f"{name}."), symbol=p.symbol, unit=p.unit, value=value, standard_error=error
         )
         for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
-        if p.name.startswith(f"{name}.")
+        if p.name.rpartition(".")[0] == (name or "")
     )
 
 
