@@ -69,7 +69,11 @@ UNITS |= {
     name: scaled(_SPEEDS[name], "rx", "ry", "x", "y", "x_post", "y_post")
     for name in ("millimetres", "centimetres", "inches", "feet")
 }
-UNITS |= {"grams": scaled(1e3, "mass"), "ounces": scaled(16 / 0.45359237, "mass"), "pounds": scaled(1 / 0.45359237, "mass")}
+UNITS |= {
+    "grams": scaled(1e3, "mass"),
+    "ounces": scaled(16 / 0.45359237, "mass"),
+    "pounds": scaled(1 / 0.45359237, "mass"),
+}
 UNITS = {name: change for name, change in UNITS.items() if name not in CORRUPTIONS}
 CORRUPTIONS_AND_UNITS = CORRUPTIONS | UNITS
 """The same, with all other units in which columns may be written."""

@@ -16,6 +16,7 @@ from test_figures import DEGENERATE, HOSTILE, assert_fits, assert_units, visible
 
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
+from contactlearn.data.audit.evidence import evidence_array, evidence_arrays
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.audit.moments import balance, kinetic_energy, torque
 from contactlearn.data.audit.result import Finding
@@ -51,9 +52,11 @@ def found() -> result.Diagnosis:
     return diagnose(impacts, find(truth["law"]), options=DiagnoseOptions(candidates=few("spin_damping", "adhesion")))
 
 
-def refused(findings: tuple[Finding, ...]) -> result.Diagnosis:
-    """A diagnosis without a model."""
-    return result.Diagnosis(verdict=result.Verdict.BAD_DATA, law="best", variant="textbook", findings=tuple(findings))
+def refused(findings: tuple[Finding, ...], raw: Impacts) -> result.Diagnosis:
+    """A diagnosis without a model, of data with these findings."""
+    shown = evidence_arrays(findings, raw)
+    about = {"verdict": result.Verdict.BAD_DATA, "law": "best", "variant": "textbook"}
+    return result.Diagnosis(**about, findings=tuple(findings), evidence=shown)
 
 
 def recorded(record: result.Record, **changes) -> result.Record:
@@ -146,7 +149,7 @@ def test_every_finding_has_a_figure(name, drops):
     spoilt = SPOILT[name](drops)
     findings = audit(spoilt)
     assert name in [finding.name for finding in findings]
-    figures = drawn(refused(findings), spoilt)
+    figures = drawn(refused(findings, spoilt))
     assert list(figures) == [f"audit_{finding.name}" for finding in findings]
     for figure in figures.values():
         assert_sound(figure)
@@ -158,7 +161,7 @@ def test_every_finding_has_a_figure(name, drops):
 @pytest.mark.parametrize("name", repeated(*SPOILT))
 def test_the_figure_of_a_finding_is_written(name, drops, tmp_path):
     spoilt = SPOILT[name](drops)
-    figure = drawn(refused(audit(spoilt)), spoilt)[f"audit_{name}"]
+    figure = drawn(refused(audit(spoilt), spoilt))[f"audit_{name}"]
     png, pdf = st.save(figure, tmp_path, name)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
@@ -169,7 +172,7 @@ def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops
     spoilt = SPOILT[name](drops)
     mended = correct(spoilt, [name])
     (finding,) = audit(spoilt)
-    *panels, answers = audit_figure(finding, spoilt, mended).axes
+    *panels, answers = audit_figure(finding, evidence_array(finding, spoilt, mended)).axes
     for axes, impacts, message in zip(panels, (spoilt, mended), ("Without", "With"), strict=True):
         title, *slopes = axes.get_title().replace("−", "-").splitlines()
         assert title == f"{message} {name}"
@@ -197,19 +200,19 @@ def test_the_moment_balance_is_shown_without_and_with_the_correction(name, drops
 def test_each_of_two_corrections_is_shown_after_the_one_before_it(drops):
     spoilt = corrupt(drops, "mirrored_x", "grams")
     findings = audit(spoilt)
-    first, second = drawn(refused(findings), spoilt).values()
+    first, second = drawn(refused(findings, spoilt)).values()
     assert [finding.correction for finding in findings] == ["mirrored_x", "grams"]
     half = correct(spoilt, ["mirrored_x"])
     shown = line(first.axes[1], "Trial"), line(second.axes[0], "Trial"), line(second.axes[1], "Trial")
     assert (shown[0] == shown[1]).all()
-    assert (shown[1][:, 1] == (1e3 * half.inertia * torque(half).spin).numpy()).all()
+    assert (shown[1][:, 1] == (1e3 * (half.inertia * torque(half).spin)).numpy()).all()
     assert abs(shown[2][:, 0] - shown[2][:, 1]).max() < 0.2
 
 
 def test_gross_outliers_are_marked_and_named(drops):
     spoilt = wild(drops)
     (finding,) = audit(spoilt)
-    figure = audit_figure(finding, spoilt, correct(spoilt, ["drop_outliers"]))
+    figure = audit_figure(finding, evidence_array(finding, spoilt, correct(spoilt, ["drop_outliers"])))
     reasons = {name: bad for name, bad in gross_outliers(spoilt).items() if bad.any()}
     assert set(reasons) == {"moment", "energy", "approach", "mass"}
     for axes, bad in zip(figure.axes, reasons.values(), strict=True):
@@ -230,7 +233,7 @@ def test_gross_outliers_are_marked_and_named(drops):
 def test_trial_names_are_shown_as_they_are(name, drops):
     spoilt = wild(drops, name)
     (finding,) = audit(spoilt)
-    figure = audit_figure(finding, spoilt, spoilt)
+    figure = audit_figure(finding, evidence_array(finding, spoilt, spoilt))
     assert_sound(figure)
     shown = figure.axes[0].texts[0].get_text().replace(r"\$", "$").strip()
     assert shown[:7] == " ".join(name.split())[:7].replace("字", "?")
@@ -242,7 +245,7 @@ def test_names_of_neighbours_do_not_lie_on_each_other(drops):
     v_post[138:150] *= 6
     spoilt = drops.replace(v_post=v_post, trial=tuple(f"long name {k}" for k in range(TRIALS)))
     (finding,) = (finding for finding in audit(spoilt) if finding.name == "gross_outliers")
-    figure = audit_figure(finding, spoilt, spoilt)
+    figure = audit_figure(finding, evidence_array(finding, spoilt, spoilt))
     figure.draw_without_rendering()
     for axes in figure.axes:
         boxes = [text.get_window_extent() for text in axes.texts]
@@ -252,7 +255,7 @@ def test_names_of_neighbours_do_not_lie_on_each_other(drops):
 
 
 def test_energies_repeats_times_and_shapes_are_those_of_the_data(drops):
-    shown = {name: drawn(refused(audit(SPOILT[name](drops))), SPOILT[name](drops))
+    shown = {name: drawn(refused(audit(SPOILT[name](drops)), SPOILT[name](drops)))
              for name in ("energy_gained", "duplicated_trials", "out_of_order", "contact_point_off_shape")}  # fmt: skip
     axes = shown["energy_gained"]["audit_energy_gained"].axes[0]
     assert [one.get_xdata()[0] for one in axes.lines] == [1, 1.25]
@@ -277,15 +280,14 @@ def test_a_finding_without_correction_shows_the_data_as_read(drops):
     (finding,) = audit(shuffled(drops))
     assert finding.fatal
     best = replace(finding, hypothesis=("mirrored_x",))
-    found = refused((best,))
-    *panels, _ = drawn(found, shuffled(drops))["audit_impossible"].axes
+    *panels, _ = drawn(refused((best,), shuffled(drops)))["audit_impossible"].axes
     assert [axes.get_title().splitlines()[0] for axes in panels] == ["As read", "Under the best hypothesis"]
     best = replace(finding, hypothesis=())
-    panels = drawn(replace(found, findings=(best,)), shuffled(drops))["audit_impossible"].axes
+    panels = drawn(refused((best,), shuffled(drops)))["audit_impossible"].axes
     assert len(panels) == 2
 
 
-OF_TRIALS = ("drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post")
+OF_TRIALS = ("inclined_floor", "drop_duplicates", "drop_outliers", "ordered_by_time", "swapped_pre_post")
 OF_A_FRAME = [name for name in CORRECTIONS if name not in OF_TRIALS]
 
 
@@ -293,7 +295,7 @@ def corrected_figure(name, drops):
     """Of a correction, whatever finding names it."""
     spoilt = drops.replace(validate=False)
     finding = Finding(name=name, sentence="a sentence", evidence=(), correction=name)
-    return audit_figure(finding, spoilt, correct(spoilt, [name]))
+    return audit_figure(finding, evidence_array(finding, spoilt, correct(spoilt, [name])))
 
 
 def test_every_correction_of_a_frame_can_be_drawn(drops):
@@ -453,14 +455,14 @@ def test_means_and_standard_errors_are_those_of_the_trials_in_a_group(found):
 
 
 def test_a_diagnosis_is_drawn_by_name(found):
-    figures = drawn(with_regions(found, ("spin", -3, 2)), found.record.impacts)
+    figures = drawn(with_regions(found, ("spin", -3, 2)))
     effects = [f"effect_{str(missing.effect).replace(':', '_')}" for missing in found.missing]
     assert found.effects == ("spin_damping",)
     audit = [f"audit_{finding.name}" for finding in found.findings]
     assert list(figures) == [*audit, "regions", "residual", *effects, "ladder", "frontier"]
     for name in ("regions", "residual", "ladder", "frontier"):
         assert_sound(figures[name])
-    assert "regions" not in drawn(replace(found, regions=()), found.record.impacts)
+    assert "regions" not in drawn(replace(found, regions=()))
 
 
 def test_the_ladder_shows_errors_intervals_and_the_bound(found):

@@ -6,6 +6,7 @@ tested on all trials (`sampling`).
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from importlib import import_module
 
 import torch
@@ -14,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from contactlearn.core.errors import DataError
 from contactlearn.core.workers import second_core
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.evidence import evidence_arrays
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.discrimination.experiment import state_limits
 from contactlearn.diagnosis.events import AuditFindings, OnEvent, ignore
@@ -55,8 +57,9 @@ def diagnose(
     _check(impacts, options)
     findings = audit(impacts, thresholds.audit)
     on_event(AuditFindings(findings=findings))
+    evidence = evidence_arrays(findings, impacts, thresholds.audit)
     if any(finding.fatal for finding in findings):
-        return _refused(law, findings, thresholds)
+        return replace(_refused(law, findings, thresholds), evidence=evidence)
     impacts = correct(impacts, [one.correction for one in findings if one.correction], thresholds.audit)
     laws = options.laws or all_laws(impacts.space)
     candidates = options.candidates or all_candidates(impacts.space)
@@ -76,15 +79,17 @@ def diagnose(
     import_module("contactlearn.models.gp.exact")  # before there is a copy, which would take as long again
     with threadpool_limits(1), second_core():  # tensors here are small: two threads take longer, up to seven times
         if len(impacts) <= thresholds.whole and affordable(len(impacts), options.memory):
-            return diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(options.seed))
-        return diagnose_subsamples(
-            question,
-            impacts,
-            findings,
-            seed=options.seed,
-            memory=options.memory,
-            resume_folder=options.resume_folder,
-        )
+            found = diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(options.seed))
+        else:
+            found = diagnose_subsamples(
+                question,
+                impacts,
+                findings,
+                seed=options.seed,
+                memory=options.memory,
+                resume_folder=options.resume_folder,
+            )
+    return replace(found, evidence=evidence)
 
 
 def _check(impacts: Impacts, options: DiagnoseOptions) -> None:

@@ -73,7 +73,9 @@ def added(effect: Effect, impacts: Impacts, measured: Impacts) -> dict[str, Floa
     """
     state, *given = _given(effect.place, measured)
     state = State.of(impacts).replace(mu=state.mu, eps=state.eps)
-    without = {"state": state, "law": tuple(given), "wrench": measured.wrench, "velocity": measured.v_post}[effect.place]
+    without = {"state": state, "law": tuple(given), "wrench": measured.wrench, "velocity": measured.v_post}[
+        effect.place
+    ]
     before = _outputs(effect.place, without)
     after = _outputs(effect.place, getattr(effect, effect.place)(state, *given))
     return {name: values - before[name] for name, values in after.items()}

@@ -82,9 +82,9 @@ class SlowImpactRestitution(VelocityDependentRestitution):
 
 
 class ThresholdRestitution(VelocityDependentRestitution):
-    """ε → ε (1 − b S((v_s − |v_n|)/w)), S a logistic step of width w = 0.02 v_s: with b = 1 slow impacts do not rebound.
+    """ε → ε (1 − b S((v_s − |v_n|)/w)), S a logistic step of width w = 0.02 v_s.
 
-    It does not fall gradually (`SlowImpactRestitution`).
+    With b = 1 slow impacts do not rebound.  It does not fall gradually (`SlowImpactRestitution`).
     """
 
     form = "threshold"

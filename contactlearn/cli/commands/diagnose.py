@@ -78,7 +78,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     write_result(run.folder, result)
     show_verdict(found, _short_command(run, command), verbose=settings.verbose)
     shown = (
-        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found, impacts))),
+        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found))),
         lambda: write_page(run.folder, found, provenance, use=command if found.missing else ""),
     )
     with progress(run.folder) as on_event:

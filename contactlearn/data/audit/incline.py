@@ -75,9 +75,8 @@ def incline_text(impacts: Impacts) -> str:
     degrees, error = math.degrees(angle.value), math.degrees(angle.error)
     normal = ", ".join(f"{x:.2f}".replace("-", "−") for x in (-math.sin(angle.value), math.cos(angle.value)))
     places = max(0, min(3, 1 - math.floor(math.log10(error)))) if error else 3
-    return (
-        f"the floor is inclined by {degrees:.{places}f} ± {number(error, 1)}° against the axes, its normal is ({normal})"
-    )
+    value = f"{degrees:.{places}f} ± {number(error, 1)}°".replace("-", "−")
+    return f"the floor is inclined by {value} against the axes, its normal is ({normal})"
 
 
 def _computed(impacts: Impacts) -> bool:

@@ -271,7 +271,9 @@ def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> F
     if impacts.shape is None:
         most = HEAVIEST * impacts.r.norm(dim=-1).median(-1).values ** 2
     else:
-        farthest = max(shape.outline().norm(dim=-1).nan_to_num().max() for shape in shapes_among(impacts.shape).values())
+        farthest = max(
+            shape.outline().norm(dim=-1).nan_to_num().max() for shape in shapes_among(impacts.shape).values()
+        )
         most = _ROUNDED * farthest**2
     wrong = factor.log().abs() > math.log(thresholds.inertia_factor)
     return torch.where(wrong & (factor * gyration <= most), factor, math.nan)

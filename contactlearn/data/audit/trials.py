@@ -278,8 +278,8 @@ def _slight_gain(gain: Float[Tensor, " n"]) -> list[Finding]:
     if not often or middle < max(_SLIGHT_GAIN, _GAIN_SIGMAS * error):
         return []
     sentence = (
-        f"energy is gained in {share:.0%} of impacts, {middle:.1%} ± {error:.1%} in the median, more than the errors of "
-        "the velocities: an engine that pushes bodies out of the floor, or a floor that moves"
+        f"energy is gained in {share:.0%} of impacts, {middle:.1%} ± {error:.1%} in the median, more than the errors "
+        "of the velocities: an engine that pushes bodies out of the floor, or a floor that moves"
     )
     evidence = evidence_of(("share", share), ("median_gain", middle), ("standard_error", error))
     return [Finding(name="energy_gained", sentence=sentence, evidence=evidence, mistake=False)]

@@ -11,13 +11,14 @@ All errors are mass errors (dimensionless), on held-out trials unless stated oth
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from html import escape
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json, to_json
+from contactlearn.data.audit.evidence import AuditEvidence
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result.effects import (
@@ -208,6 +209,7 @@ class Diagnosis:
         complete: whether the search came to its own end; if not, its time was up.
         sample: the trials of a large table that all this is about, and the test on all others; None where all are.
         thresholds: limits of every decision.
+        evidence: of the findings by name, for their figures; no part of the file and of equality.
         record: impacts, models and arrays by trial; no part of the file and of equality.
     """
 
@@ -237,6 +239,7 @@ class Diagnosis:
     complete: bool = True
     sample: Sample | None = None
     thresholds: Thresholds = field(default_factory=Thresholds)
+    evidence: Mapping[str, AuditEvidence] = field(default_factory=dict, compare=False, repr=False)
     record: Record | None = field(default=None, compare=False, repr=False)
 
     def __repr__(self) -> str:
@@ -309,7 +312,7 @@ class Diagnosis:
 
     def without_record(self) -> "Diagnosis":
         """The diagnosis as it is written to a file."""
-        return replace(self, record=None)
+        return replace(self, record=None, evidence={})
 
     def to_json(self) -> str:
         """Encode all but the record as JSON.

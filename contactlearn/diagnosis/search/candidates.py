@@ -18,7 +18,7 @@ from contactlearn.effects.checks import added
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import resolve
 
 SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")

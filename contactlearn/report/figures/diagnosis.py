@@ -13,7 +13,6 @@ A dot is a trial.  Impulses are shown in mN s, moments in mN m s, contact points
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
 
@@ -25,12 +24,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE, wrapped
-from contactlearn.data.audit.contradictions import contradictions
-from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.moments import balance, kinetic_energy, torque
-from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.audit.trials import ENERGY_GAIN, gross_outliers, outliers
+from contactlearn.core.numerics import wrapped
+from contactlearn.data.audit.evidence import (
+    AuditEvidence,
+    BalanceEvidence,
+    BalanceSide,
+    DuplicateEvidence,
+    EnergyEvidence,
+    OrderEvidence,
+    OutlierEvidence,
+    OutlineEvidence,
+    ShapeEvidence,
+)
 from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Finding, Record, Region, Remainder, RungKind
 from contactlearn.diagnosis.unexplained.remainder import wrench_columns
@@ -38,9 +43,7 @@ from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
 from contactlearn.inference.evaluation.metrics import METRICS, Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
-from contactlearn.mechanics.bodies import contact_points, shapes_among
-from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import matvec, rotate
+from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
@@ -52,7 +55,6 @@ _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
 _SYMBOLS = 2  # columns of panels, at most
-_OF_MODELS = ("measurement_drift", "model_outliers")  # findings about residuals, which the impacts alone do not show
 _ROW = "Trial, in the order read (–)"
 _QUESTIONS = {
     "moment": "moments do not balance",
@@ -68,16 +70,18 @@ _QUESTIONS = {
 _VECTOR = 5000  # dots that a PDF draws one by one
 
 
-def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
+def drawn(found: Diagnosis) -> dict[str, Figure]:
     """Draw every figure of a diagnosis.
 
     They are `audit_<finding>`, `regions`, `residual`, `effect_<name>`, `ladder` and `frontier`.
 
     Args:
-        found: the diagnosis, with its record unless the data were refused.
-        raw: the impacts that were diagnosed, before their corrections.
+        found: the diagnosis with the evidence of its audit, and with its record unless the data were refused.
     """
-    figures, record = _audit_figures(found, raw), found.record
+    figures, record = dict[str, Figure](), found.record
+    for finding in found.findings:
+        if finding.name in found.evidence:
+            figures[f"audit_{finding.name}"] = audit_figure(finding, found.evidence[finding.name])
     if record is not None and found.regions:
         figures["regions"] = regions_figure(found.regions, record)
     if record is not None and found.remainder is not None:
@@ -90,18 +94,6 @@ def drawn(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
         figures["ladder"] = ladder_figure(found)
     if found.frontier:
         figures["frontier"] = frontier_figure(found)
-    return figures
-
-
-def _audit_figures(found: Diagnosis, raw: Impacts) -> dict[str, Figure]:
-    """A figure for each finding in the plane; the corrections of those before it are made in both of its sides."""
-    figures, impacts = {}, raw.replace(validate=False)
-    shown = (one for one in found.findings if one.name not in _OF_MODELS)
-    for finding in shown if raw.space is PLANE else ():
-        names = [finding.correction] if finding.correction else finding.hypothesis
-        after = correct(impacts, names)
-        figures[f"audit_{finding.name}"] = audit_figure(finding, impacts, after)
-        impacts = after
     return figures
 
 
@@ -330,44 +322,53 @@ def _draw_means(axes: Axes, x: Float[Tensor, " n"], values: Float[Tensor, " n"])
 
 
 @st.look()
-def audit_figure(
-    finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds = AuditThresholds()
-) -> Figure:
+def audit_figure(finding: Finding, evidence: AuditEvidence) -> Figure:
     """Draw the evidence for a finding, under its sentence.
 
     A finding about units, axes or inertia shows both sides of the moment balance and how much the trials contradict
     themselves, without its correction and with it, the outermost percent of the moments left out; the others mark the
     trials that they are about.
-
-    Args:
-        finding: of the audit.
-        before, after: impacts without and with its correction, the corrections of earlier findings made in both.
-        thresholds: with which it was found; the same limits are drawn.
     """
-    draw, width, height = _EVIDENCE.get(finding.name, (_frame, st.PAGE, 2.85))
+    width, height = _SIZES[type(evidence)]
     lines = wrap(sentence(finding.sentence), 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
     figure = st.new_figure(width, height + st.ROW * len(lines))
     figure.suptitle("\n".join(st.plain(line, 120) for line in lines))
-    draw(figure, finding, before, after, thresholds)
+    match evidence:
+        case BalanceEvidence():
+            _balance(figure, finding, evidence)
+        case OutlierEvidence():
+            _outliers(figure, evidence)
+        case EnergyEvidence():
+            _energy(figure, evidence)
+        case ShapeEvidence():
+            _shape(figure, evidence)
+        case OutlineEvidence():
+            _outline(figure, evidence)
+        case DuplicateEvidence():
+            _duplicates(figure, evidence)
+        case OrderEvidence():
+            _order(figure, evidence)
+        case _:
+            raise TypeError(f"no figure shows {evidence!r}")
     return figure
 
 
-def _frame(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+def _balance(figure: Figure, finding: Finding, evidence: BalanceEvidence) -> None:
     """The moment balance, and how much the trials contradict themselves, without and with a correction."""
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
-    shown = dict(zip(titles, (before, after)[: 1 if after is before else 2], strict=False))
+    sides = (evidence.before,) if evidence.after is None else (evidence.before, evidence.after)
+    shown = dict(zip(titles, sides, strict=False))
     *panels, axes = figure.subplots(1, len(shown) + 1, width_ratios=(*(1 for _ in shown), 0.8))
-    for panel, (title, impacts) in zip(panels, shown.items(), strict=True):
-        _draw_balance(panel, title, impacts)
-    _draw_contradictions(axes, shown, thresholds)
+    for panel, (title, side) in zip(panels, shown.items(), strict=True):
+        _draw_balance(panel, title, side)
+    _draw_contradictions(axes, shown)
     legend_below(figure, panels[0], axes)
 
 
-def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
+def _draw_balance(axes: Axes, title: str, side: BalanceSide) -> None:
     """I Δω against r_x P_n − r_y P_t, trial by trial, with the two slopes of the fitted balance."""
-    terms, fit = torque(impacts), balance(impacts)
-    moments = impacts.inertia * st.MILLI * torch.stack((terms.normal + terms.tangential, terms.spin))
+    fit, moments = side.fit, st.MILLI * side.moments
     reach = 1.1 * moments.abs().amax(0).quantile(0.99).item() or 1.0  # central impacts have no moments
     power = 0 if 1e-2 < reach < 1e4 else math.floor(math.log10(reach))
     unit = f"$10^{{{power}}}$ mN m s" if power else "mN m s"
@@ -383,11 +384,10 @@ def _draw_balance(axes: Axes, title: str, impacts: Impacts) -> None:
     axes.set_title("\n".join((title, *lines)).replace("-", "−"))
 
 
-def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts], thresholds: AuditThresholds) -> None:
-    """The mean contradiction of each kind, of the impacts by title."""
-    answers = {title: contradictions(impacts) for title, impacts in shown.items()}
-    means = {title: [answer.mean().item() for answer in known.values()] for title, known in answers.items()}
-    questions = [_QUESTIONS[key] for key in next(iter(answers.values()))]
+def _draw_contradictions(axes: Axes, shown: Mapping[str, BalanceSide]) -> None:
+    """The mean contradiction of each kind, of both sides by title."""
+    means = {title: [*side.contradictions.values()] for title, side in shown.items()}
+    questions = [_QUESTIONS[key] for key in next(iter(shown.values())).contradictions]
     places = range(len(questions))
     st.name_axes(axes, "Mean contradiction (–)")
     ends = [*means.values()]
@@ -400,59 +400,41 @@ def _draw_contradictions(axes: Axes, shown: Mapping[str, Impacts], thresholds: A
     axes.invert_yaxis()
 
 
-@dataclass(frozen=True)
-class _Reason:
-    """A quantity [N] that makes trials gross outliers beyond its limits, and its axis label."""
-
-    label: str
-    values: Float[Tensor, " n"]
-    limits: tuple[float, ...]
-
-
-def _reasons(impacts: Impacts, limits: AuditThresholds) -> dict[str, _Reason]:
-    """The quantity behind each reason of `gross_outliers`.
-
-    A moment beyond its limit is gross only where it is a third of its own terms as well.
-    """
-    energy, rebound = kinetic_energy(impacts)
-    residual = torque(impacts).residual.abs()
-    ratios = torch.stack([_of_object(impacts, values) for values in (impacts.mass, impacts.inertia)])
-    furthest = ratios.gather(0, ratios.log().abs().argmax(0)[None])[0]
-    return {
-        "moment": _Reason("|τ|/I (rad/s)", residual, (limits.moment_sigmas * MAD_SCALE * residual.median().item(),)),
-        "energy": _Reason("E_post/E_pre (–)", rebound / energy, (limits.gross_ratio,)),
-        "approach": _Reason("v_n (m/s)", impacts.v_c[:, 1], (0.0,)),
-        "mass": _Reason("m or I, of its\nobject's median (–)", furthest, (1 / limits.gross_ratio, limits.gross_ratio)),
-    }
+_REASONS = {
+    "moment": "|τ|/I (rad/s)",
+    "energy": "E_post/E_pre (–)",
+    "approach": "v_n (m/s)",
+    "mass": "m or I, of its\nobject's median (–)",
+}
+"""Axis label of the quantity behind each reason of a gross outlier."""
 
 
-def _outliers(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+def _outliers(figure: Figure, evidence: OutlierEvidence) -> None:
     """A panel for each reason, in which its outliers are marked and named."""
-    reasons = {name: bad for name, bad in gross_outliers(before, thresholds).items() if bad.any() or name == "moment"}
-    shown = _reasons(before, thresholds)
+    reasons, trials = evidence.reasons, evidence.trials
     panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
     figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
-    rows = torch.arange(1, len(before) + 1)
-    for axes, (name, bad) in zip(panels, reasons.items(), strict=True):
-        reason = shown[name]
-        st.name_axes(axes, y=reason.label)
+    rows = torch.arange(1, len(trials) + 1)
+    for axes, (name, reason) in zip(panels, reasons.items(), strict=True):
+        bad = reason.bad
+        st.name_axes(axes, y=_REASONS[name])
         if name != "approach" and reason.values.max() > 0:  # moments of central impacts are all 0
             st.scale_logarithmically(axes, (1, 2, 5) if reason.values.max() < 300 * reason.values.min() else (1,))
         dots(axes, rows[~bad], reason.values[~bad])
         axes.plot(st.array(rows[bad]), st.array(reason.values[bad]), "x", color=_RED, label="Gross outlier")
         for limit in reason.limits:
             axes.axhline(limit, color=_BLUE, linestyle="--", linewidth=0.9, label="Limit")
-        _name_trials(axes, before, bad, reason.values)
+        _name_trials(axes, trials, bad, reason.values)
         axes.margins(x=0.03, y=0.25)
     panels[-1].set_xlabel(_ROW)
     legend_below(figure, panels[0])
 
 
-def _name_trials(axes: Axes, impacts: Impacts, bad: Bool[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
+def _name_trials(axes: Axes, names: Sequence[str], bad: Bool[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
     """Names beside bad trials, as far as a name overlaps no other."""
-    free, trials = 0.0, len(impacts)  # from which row on a name overlaps no other
+    free, trials = 0.0, len(names)  # from which row on a name overlaps no other
     for row in (bad.nonzero()[:, 0] + 1).tolist():
-        name, turned = st.plain(impacts.trial[row - 1], 14), row > 0.8 * trials
+        name, turned = st.plain(names[row - 1], 14), row > 0.8 * trials
         length = (0.03 + 0.012 * len(name)) * trials
         if row - turned * length >= free:
             side, ha = (-3, "right") if turned else (3, "left")
@@ -461,50 +443,37 @@ def _name_trials(axes: Axes, impacts: Impacts, bad: Bool[Tensor, " n"], values: 
             free = row + (0.02 * trials if turned else length)
 
 
-def _of_object(impacts: Impacts, values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Values relative to the median of the same object's trials."""
-    ratio = torch.empty_like(values)
-    for name in set(impacts.object):
-        same = torch.tensor([other == name for other in impacts.object])
-        ratio[same] = values[same] / values[same].median()
-    return ratio
-
-
-def _energy(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    energy, rebound = kinetic_energy(before[~outliers(before, thresholds)])
+def _energy(figure: Figure, evidence: EnergyEvidence) -> None:
     axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
-    st.draw_histogram(axes, st.array(rebound / energy), 30, _BLUE)
+    st.draw_histogram(axes, st.array(evidence.ratio), 30, _BLUE)
     axes.axvline(1, color=_RED, label="As much as before")
-    axes.axvline(ENERGY_GAIN, color=_RED, linestyle="--", label=f"{ENERGY_GAIN - 1:.0%} more")
+    axes.axvline(evidence.limit, color=_RED, linestyle="--", label=f"{evidence.limit - 1:.0%} more")
     axes.set_xlim(left=0)
     legend_below(figure, axes)
 
 
-def _shape(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    sound = before[~outliers(before, thresholds)]
-    assert sound.shape is not None  # the finding is about it
-    expected = contact_points(sound.shape, sound.body, sound.q[:, 2])
+def _shape(figure: Figure, evidence: ShapeEvidence) -> None:
     panels = figure.subplots(1, 2)
-    for axes, letter, given, own in zip(panels, "xy", sound.r.mT * st.MILLI, expected.mT * st.MILLI, strict=True):
+    points = evidence.measured.mT * st.MILLI, evidence.expected.mT * st.MILLI
+    for axes, letter, given, own in zip(panels, "xy", *points, strict=True):
         st.name_axes(axes, f"r_{letter} of the shape at θ (mm)", f"r_{letter} measured (mm)")
         dots(axes, own, given)
         axes.axline((own.mean().item(),) * 2, slope=1, color=_RED, label="As the shape")
     legend_below(figure, panels[0])
 
 
-def _outline(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
+def _outline(figure: Figure, evidence: OutlineEvidence) -> None:
     axes = st.name_axes(figure.subplots(), "Along the body's x (mm)", "Along the body's y (mm)")
-    dots(axes, *rotate(after.r, -after.q[:, 2]).mT * st.MILLI, label="Contact point")
-    for shape in shapes_among(after.shape).values():
-        axes.plot(*st.array(shape.outline().mT * st.MILLI), color=_RED, linewidth=0.8, label="Outline")
+    dots(axes, *evidence.points.mT * st.MILLI, label="Contact point")
+    for outline in evidence.outlines:
+        axes.plot(*st.array(outline.mT * st.MILLI), color=_RED, linewidth=0.8, label="Outline")
     axes.set_aspect("equal", "datalim")
     legend_below(figure, axes)
 
 
-def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    numbers, first = torch.cat((before.r, before.q, before.v_pre, before.v_post), -1), {}
-    rows = torch.arange(1, len(before) + 1)
-    original = torch.tensor([first.setdefault(tuple(row), k) for k, row in enumerate(numbers.tolist(), 1)])
+def _duplicates(figure: Figure, evidence: DuplicateEvidence) -> None:
+    original = evidence.first
+    rows = torch.arange(1, len(original) + 1)
     again = original < rows
     axes = st.name_axes(figure.subplots(), _ROW, "First trial with these numbers (–)")
     dots(axes, rows[~again], original[~again])
@@ -513,10 +482,8 @@ def _duplicates(figure: Figure, finding: Finding, before: Impacts, after: Impact
     legend_below(figure, axes)
 
 
-def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts, thresholds: AuditThresholds) -> None:
-    assert before.time is not None  # the finding is about it
-    by_order = before.order.argsort(stable=True)
-    order, time = before.order[by_order], before.time[by_order]
+def _order(figure: Figure, evidence: OrderEvidence) -> None:
+    order, time = evidence.order, evidence.time
     back = torch.cat((torch.zeros(1, dtype=torch.bool), time.diff() < 0))
     axes = st.name_axes(figure.subplots(), "Order of the trial (–)", "Time of contact (s)")
     axes.plot(st.array(order), st.array(time), color=st.tint(st.DARK, 0.35), linewidth=0.5, zorder=1)
@@ -525,15 +492,16 @@ def _order(figure: Figure, finding: Finding, before: Impacts, after: Impacts, th
     legend_below(figure, axes)
 
 
-_EVIDENCE = {
-    "gross_outliers": (_outliers, st.PAGE, 2.0),
-    "energy_gained": (_energy, st.COLUMN, 2.5),
-    "contact_point_off_shape": (_shape, st.PAGE, 2.8),
-    "traced_shape": (_outline, st.COLUMN, 2.7),
-    "duplicated_trials": (_duplicates, st.COLUMN, 2.7),
-    "out_of_order": (_order, st.COLUMN, 2.7),
+_SIZES = {
+    BalanceEvidence: (st.PAGE, 2.85),
+    OutlierEvidence: (st.PAGE, 2.0),
+    EnergyEvidence: (st.COLUMN, 2.5),
+    ShapeEvidence: (st.PAGE, 2.8),
+    OutlineEvidence: (st.COLUMN, 2.7),
+    DuplicateEvidence: (st.COLUMN, 2.7),
+    OrderEvidence: (st.COLUMN, 2.7),
 }
-"""By finding, how it is drawn and the figure's width and height in inches without the sentence; others are `_frame`."""
+"""Width and height in inches of the figure of each kind of evidence, without the sentence."""
 
 
 def dots(axes: Axes, x: Real[Tensor, " n"], y: Real[Tensor, " n"], label: str = "Trial") -> None:
