@@ -35,7 +35,7 @@ _WORSE = 0.01  # sum of contradictions that another unit of the shape may add: n
 def constant_notes(impacts: Impacts) -> list[Finding]:
     """Note the columns whose value is the same in all trials, and what they can therefore not show."""
     constant = [
-        (name, values[0, k].item(), unit, shown)
+        (name, values[0, k].item() + 0.0, unit, shown)  # −0 is 0
         for name, field, k, unit, shown in _COLUMNS
         if _same((values := getattr(impacts, field))[:, k], values)
     ]
