@@ -485,7 +485,8 @@ def test_the_ladder_shows_errors_intervals_and_the_bound(found):
 def test_evidence_of_degenerate_impacts_is_drawn(kind, name, drops):
     """Vertical drops have no moments, bounces of an ideal disc one ratio of energies."""
     impacts = kind(drops)
-    audit_figure(Finding(name=name, sentence="", evidence=()), impacts, impacts).draw_without_rendering()
+    finding = Finding(name=name, sentence="", evidence=())
+    audit_figure(finding, evidence_array(finding, impacts, impacts)).draw_without_rendering()
 
 
 def test_an_effect_that_changes_nothing_is_drawn():
