@@ -434,7 +434,7 @@ def _name_trials(axes: Axes, names: Sequence[str], bad: Bool[Tensor, " n"], valu
     """Names beside bad trials, as far as a name overlaps no other."""
     free, trials = 0.0, len(names)  # from which row on a name overlaps no other
     for row in (bad.nonzero()[:, 0] + 1).tolist():
-        name, turned = st.plain(names[row - 1], 14), row > 0.8 * trials
+        name, turned = st.plain(str(names[row - 1]), 14), row > 0.8 * trials
         length = (0.03 + 0.012 * len(name)) * trials
         if row - turned * length >= free:
             side, ha = (-3, "right") if turned else (3, "left")
@@ -492,7 +492,7 @@ def _order(figure: Figure, evidence: OrderEvidence) -> None:
     legend_below(figure, axes)
 
 
-_SIZES = {
+_SIZES: dict[type[AuditEvidence], tuple[float, float]] = {
     BalanceEvidence: (st.PAGE, 2.85),
     OutlierEvidence: (st.PAGE, 2.0),
     EnergyEvidence: (st.COLUMN, 2.5),
