@@ -33,6 +33,9 @@ from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.roll_out import RECORDING, RollOut, Until, follow
+from contactlearn.scatter.base import Component
+
+_DRAWS = 200  # of deviations: standard errors of a variance are then a tenth
 
 Metric = Callable[[Impacts, Prediction], Tensor]
 """Error [..., N] of each impact."""
@@ -60,6 +63,7 @@ class ContactModel:
     effects: Mapping[str, Effect] = field(default_factory=dict)
     parameter_covariance: Tensor | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any], compare=False)
+    scatter: Mapping[str, Component] = field(default_factory=dict[str, Component])
 
     def __post_init__(self):
         if not (self.base is None or isinstance(self.base, Law | ContactModel)):
@@ -188,6 +192,24 @@ class ContactModel:
             *(state, shape, until, gravity, drag),
         )
         return replace(found, left_out=tuple(name for name in self.effects if name in RECORDING))
+
+    def scattered(self, impacts: Impacts, generator: torch.Generator, samples: int = 1) -> Float[Tensor, "s n D"]:
+        """Draw outcomes v_post [samples, N, D] of a contact that scatters, without noise of an instrument."""
+        under, shape = self.under, (samples, len(impacts))
+        drawn = [(one, one.draw(shape, impacts.space, generator)) for one in under.scatter.values()]
+        return resolve(under.law, under.effects, State.of(impacts), *under.law.coefficients, drawn).v_post
+
+    def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
+        """Covariance [N, D, D] of v_post by the contact's scatter, about the outcome without it.
+
+        It is that of the full law at draws of the deviations, the same for every call: a linear one would not see that
+        scatter makes sliding impacts stick.
+        """
+        if not self.under.scatter:
+            return impacts.v_pre.new_zeros(len(impacts), *[impacts.space.D] * 2)
+        drawn = self.scattered(impacts, torch.Generator().manual_seed(0), _DRAWS)
+        away = drawn - self.under.base_prediction(impacts).v_post
+        return torch.einsum("sni,snj->nij", away, away) / _DRAWS
 
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""
@@ -367,9 +389,16 @@ class ContactModel:
 
 
 def resolve(
-    law: Law, effects: Mapping[str, Effect], measured: State, mu: Tensor | float, eps: Tensor | float
+    law: Law,
+    effects: Mapping[str, Effect],
+    measured: State,
+    mu: Tensor | float,
+    eps: Tensor | float,
+    deviations: Sequence[tuple[Component, Tensor]] = (),
 ) -> Prediction:
     """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].
+
+    `deviations` are components of the contact's scatter with the deviations [..., N, k] of each impact.
 
     Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
     the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
@@ -380,12 +409,15 @@ def resolve(
     at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
     state = actual_state(effects, measured)
     mu, eps = actual_coefficients(effects, state, mu, eps)
+    for component, u in deviations:
+        state, mu, eps = component.perturb(state, mu, eps, u)
+    moved = bool(at["state"] or at["velocity"] or deviations)
     state = state.replace(mu=mu, eps=eps)
     P = law.at(mu, eps).impulse(state.W, state.approach)
     wrench = pad(P, (0, measured.space.D - measured.space.d))
     for effect in at["wrench"]:
         wrench = effect.wrench(state, wrench)
-    if not at["state"] and not at["velocity"]:
+    if not moved:
         return Prediction(measured.v_after(wrench), wrench)
     v_post = state.as_measured(state.v_after(wrench))
     for effect in at["velocity"]:

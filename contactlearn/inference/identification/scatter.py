@@ -1,0 +1,484 @@
+"""Scatter of the contact: standard deviations of random effects beside the noise of the instrument.
+
+    y_k = f(x_k − δ_k, θ, u_k) + e_k,     u_k ~ N(0, Σ),  δ_k ~ N(0, A_b),  e_k ~ N(0, A_a)
+
+f is a law with effects, u_k the deviations of its contact (`contactlearn.scatter`), δ_k and e_k the instrument's errors
+before and after.  About each impact's most probable deviations û_k, with G = ∂f/∂u, J = ∂f/∂v_pre, X = ∂f/∂θ there,
+
+    r_k = y_k − f(û_k) + G û_k − J δ̂_k,      S_k = A_a + J A_b Jᵀ + G Σ Gᵀ
+
+is a linear mixed model (`variance_components`).  Its θ and Σ give new û_k, and so on.  A linearisation at u = 0 is wrong
+where scatter makes a sliding impact stick: beside a planted normal it finds friction and restitution.
+
+Where no noise is stated the instrument is two components: one standard deviation of all velocities and one of all spins,
+before as after.  Where it is stated, a common factor on it is a rival of the scatter.  The set of components is the one
+of the least BIC; a variance at its bound 0 has half of the probability of a free one there.
+
+Sources: Lindstrom & Bates 1990 (conditional linearisation); Self & Liang 1987 (variances at the bound 0).
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.numerics import measured as written
+from contactlearn.effects import Effect, State
+from contactlearn.inference.identification.joint import assemble, named_parameters
+from contactlearn.inference.identification.problem import effects_at
+from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.variance_components import Mixture, MixedFit, MixedModel
+from contactlearn.laws import Law
+from contactlearn.mechanics.impacts import Impacts, require_impacts
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.models.contact_model import ContactModel, derivative, resolve
+from contactlearn.scatter import COMPONENTS, Component
+
+INSTRUMENT, INSTRUMENT_SPIN = "instrument", "instrument_spin"
+MIN_TRIALS = 40
+"""Trials below which variances are not estimated: their standard errors are then a seventh of a normal sample's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScatterThresholds:
+    """Limits of the statements about scatter."""
+
+    least_gain: float = 5.0
+    """Twice the gain in log likelihood that a component needs, where log N is less: its chance without scatter is
+    P(½ χ²₁ > 5) = 1.3 %, and there are four components."""
+    rival: float = 6.0
+    """Difference in BIC up to which another set is not excluded: a factor of twenty in likelihood."""
+    collinearity: float = 0.95
+    """Correlation of two estimates from which on the data do not tell them apart."""
+
+
+_ROUNDS = 12
+_SETTLED = 1e-2  # nats by which the likelihood changes in a round
+_LENGTHS = (1.0, 0.5, 0.25, 0.0)  # of a step of the deviations that are tried; the best is taken
+_REFITTED = 3  # sets that are linearised on their own, the best ones about the deviations of all components
+_START = 0.2  # of the greatest plausible standard deviation
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandardDeviation:
+    """Standard deviation of a component with its standard error; of a stated instrument the factor on it."""
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        scale, unit = {"rad": (180 / math.pi, "°"), "m": (1e3, "mm")}.get(self.unit, (1.0, self.unit))
+        return written(scale * self.value, scale * self.error, unit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scatter:
+    """Scatter of a contact, as the data want it.
+
+    Args:
+        model: law and effects as estimated beside the scatter, and the components with their standard deviations.
+        deviations: standard deviations of the chosen components, those of the instrument first.
+        correlation: of these estimates.
+        stated: whether the instrument's noise was stated; its first deviation is then a factor.
+        log_likelihood: restricted, in nats; `log_likelihood_without` that of no scatter.
+        bic: of the chosen set less that of none; negative where scatter is wanted.
+        rivals: other sets that the data do not exclude, with their BIC less that of the chosen one.
+        mixture: of ordinary trials, tails and outliers.
+        each: most probable deviations [N, q] of the impacts by component, and their standard errors [N, q].
+        distance: squared distance [N] of each impact from the model in units of instrument and scatter.
+        converged: whether linearisation and deviations agree.
+    """
+
+    model: ContactModel
+    deviations: tuple[StandardDeviation, ...]
+    correlation: Float[Tensor, "c c"]
+    stated: bool
+    log_likelihood: float
+    log_likelihood_without: float
+    bic: float
+    rivals: tuple[tuple[tuple[str, ...], float], ...]
+    mixture: Mixture
+    each: Mapping[str, tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]]
+    distance: Float[Tensor, " n"]
+    converged: bool
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components of the contact, without the instrument."""
+        return tuple(self.model.scatter)
+
+    def __repr__(self) -> str:
+        """Say what scatters, and what cannot be told apart.
+
+        the contact scatters: the normal by 0.65 ± 0.04°, friction by 0.016 ± 0.003
+        the instrument's noise is 1.02 ± 0.03 times as large as stated
+        """
+        values = {one.name: str(one) for one in self.deviations}
+        parts = [component.in_words.format(sigma=values[name]) for name, component in self.model.scatter.items()]
+        lines = ["the contact scatters: " + ", ".join(parts) if parts else "no scatter of the contact is seen"]
+        if not self.stated:
+            spin = f", {values[INSTRUMENT_SPIN]}" if INSTRUMENT_SPIN in values else ""
+            lines.append(f"the instrument's noise is {values[INSTRUMENT]}{spin}")
+        elif INSTRUMENT in values:
+            lines.append(f"the instrument's noise is {values[INSTRUMENT]} times as large as stated")
+        lines += [f"{a} and {b} cannot be told apart: correlation {c:+.2f}" for a, b, c in self.confounded()]
+        lines += [f"not excluded: {', '.join(names) or 'none'} (ΔBIC {gap:+.1f})" for names, gap in self.rivals]
+        _, tails, outliers = self.mixture.shares.tolist()
+        _, wide, far = self.mixture.factors.tolist()
+        lines += [f"{tails:.0%} of the trials are {wide:.1f} times as far off"] if tails > 0.01 else []
+        lines += [f"{outliers:.0%} are outliers, {far:.0f} times as far off"] if outliers > 0.005 else []
+        return "\n".join(lines)
+
+    def confounded(self, limit: float = ScatterThresholds().collinearity) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of components whose estimates are correlated beyond a limit."""
+        names = [one.name for one in self.deviations]
+        pairs = (self.correlation.abs().triu(1) > limit).nonzero().tolist()
+        return tuple((names[j], names[k], self.correlation[j, k].item()) for j, k in pairs)
+
+    def instrument(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
+        """Covariance [N, D, D] that the instrument alone gives v_post − v̂_post; 0 where it is not known.
+
+        It is that of the impacts times the factor, or the estimated one where none was stated.
+        """
+        problem = _Problem.of(self.model, impacts)
+        before, after = problem.instrument(self._factors)
+        theta = torch.stack([x.mean() for x in self.model.values])
+        slope = problem.linearised(theta, *problem.still).slope_before
+        return after + slope @ before @ slope.mT
+
+    @property
+    def _factors(self) -> Float[Tensor, " c"]:
+        """Variances of the instrument, as `_Problem.instrument` takes them."""
+        values = {one.name: one.value for one in self.deviations}
+        if self.stated:
+            return torch.tensor([values.get(INSTRUMENT, 1.0) ** 2 - 1], dtype=torch.float64)
+        return torch.tensor([values[INSTRUMENT] ** 2, values[INSTRUMENT_SPIN] ** 2], dtype=torch.float64)
+
+    def covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
+        """Covariance [N, D, D] of measured v_post: its 95 % ellipsoids hold 95 % of impacts that are no outliers."""
+        scattered = self.model.scatter_covariance(impacts)
+        return self.mixture.inflation(impacts.space.D) * (self.instrument(impacts) + scattered)
+
+    def sample(self, trials: int, impacts: Impacts, generator: torch.Generator) -> dict[str, Float[Tensor, "n k"]]:
+        """Draw deviations [trials, k] of each component, as in the space of the impacts."""
+        return {
+            name: component.draw((trials,), impacts.space, generator) for name, component in self.model.scatter.items()
+        }
+
+
+def estimate_scatter(
+    model: ContactModel,
+    impacts: Impacts,
+    *,
+    components: Iterable[Component] | None = None,
+    thresholds: ScatterThresholds = ScatterThresholds(),
+) -> Scatter:
+    """Estimate the scatter around a law with effects, and both anew beside it.
+
+    Args:
+        model: a law with effects, fitted to these impacts; their values are where the estimate begins.
+        impacts: measurements, with or without covariances of their velocities.
+        components: that may scatter; all that there are if None.
+        thresholds: of the statements.
+
+    Raises:
+        DataError: fewer than `MIN_TRIALS` impacts.
+        ContactLearnError: the model has a learned part, or no law.
+    """
+    require_impacts(impacts)
+    if model.regressor is not None:
+        raise ContactLearnError(f"scatter is estimated around a law with effects, not around {model}")
+    if len(impacts) < MIN_TRIALS:
+        raise DataError(f"{impacts.source}: scatter needs at least {MIN_TRIALS} impacts, got {len(impacts)}")
+    candidates = [kind() for kind in COMPONENTS] if components is None else list(components)
+    problem = _Problem.of(replace(model, scatter={one.name: one for one in candidates}), impacts)
+    theta, every = torch.stack([x.mean() for x in model.values]), torch.ones(len(problem.starts), dtype=torch.bool)
+    whole = _estimate(problem, theta, every)
+    penalty = max(math.log(len(impacts)), thresholds.least_gain)
+    sets = sorted(problem.sets(whole.fit.variances > 0), key=lambda free: whole.criterion(free, penalty))
+    none = next(free for free in sets if not free[problem.first :].any())
+    refitted = [whole.restricted(problem, free) for free in sets[:_REFITTED]]
+    without = whole.restricted(problem, none)
+    best = min((*refitted, without), key=lambda one: one.bic(penalty))
+    rivals = [
+        (problem.names(one.free), one.bic(penalty) - best.bic(penalty))
+        for one in refitted
+        if one is not best and one.bic(penalty) - best.bic(penalty) < thresholds.rival and not (one.free & best.free).equal(best.free)
+    ]
+    return _described(problem, best, without, tuple(rivals), penalty)
+
+
+class _Linearised(NamedTuple):
+    """Outcome [N, D] about some deviations, and its derivatives in θ, in the deviations and in v_pre."""
+
+    residual: Tensor
+    slope: Tensor
+    slope_deviations: Tensor
+    slope_before: Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Problem:
+    """Impacts with a law, effects and candidate components."""
+
+    model: ContactModel
+    impacts: Impacts
+    state: State
+    before: Tensor | None
+    after: Tensor | None
+    low: Tensor
+    high: Tensor
+
+    @classmethod
+    def of(cls, model: ContactModel, impacts: Impacts) -> "_Problem":
+        """Covariances of one side serve for both."""
+        parameters = named_parameters(model.effects, Box(), impacts)
+        limits = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64)
+        sides = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
+        before, after = (sides[0], sides[-1]) if sides else (None, None)
+        return cls(
+            model=model,
+            impacts=impacts,
+            state=State.of(impacts),
+            before=before,
+            after=after,
+            low=limits[:, 0],
+            high=limits[:, 1],
+        )
+
+    @property
+    def components(self) -> tuple[Component, ...]:
+        return tuple(self.model.scatter.values())
+
+    @property
+    def sizes(self) -> list[int]:
+        """Number of deviations of each component."""
+        return [one.deviations(self.impacts.space) for one in self.components]
+
+    @property
+    def first(self) -> int:
+        """Number of the components that are the instrument's."""
+        return 2 if self.after is None else 1
+
+    @property
+    def still(self) -> tuple[Tensor, Tensor]:
+        """No deviations, and no errors before impact."""
+        n = len(self.impacts)
+        return torch.zeros(n, sum(self.sizes), dtype=torch.float64), torch.zeros_like(self.impacts.v_pre)
+
+    @cached_property
+    def starts(self) -> Tensor:
+        """Variances to begin with, those of the instrument first: a hundredth of the speeds, or what is stated."""
+        d = self.impacts.space.d
+        speeds = (self.impacts.v_pre[:, :d], self.impacts.v_pre[:, d:])
+        instrument = [1e-4 * v.square().mean().item() + 1e-12 for v in speeds] if self.after is None else [0.1]
+        own = [(_START * one.highest) ** 2 for one in self.components]
+        return torch.tensor([*instrument, *own], dtype=torch.float64)
+
+    def sets(self, among: Bool[Tensor, " c"]) -> list[Bool[Tensor, " c"]]:
+        """Every set of some components; an instrument of unknown noise is in all of them."""
+        choices = [(False, True) if one else (False,) for one in among.tolist()]
+        if self.after is None:
+            choices[: self.first] = [(True,)] * self.first
+        return [torch.tensor(one) for one in product(*choices)]
+
+    def names(self, free: Tensor) -> tuple[str, ...]:
+        """Names of the contact's components of a set, and of the factor on a stated instrument."""
+        own = [INSTRUMENT, INSTRUMENT_SPIN][: self.first] + [one.name for one in self.components]
+        chosen = [name for name, is_free in zip(own, free.tolist(), strict=True) if is_free]
+        return tuple(name for name in chosen if self.after is not None or name in self.model.scatter)
+
+    def outcome(self, theta: Tensor, u: Tensor, delta: Tensor) -> Tensor:
+        """v_post [..., N, D] at parameters [..., N or 1, K], deviations [..., N, q] and errors of v_pre."""
+        law, effects = self.model.law, effects_at(self.model.effects, theta)
+        deviations = list(zip(self.components, u.split(self.sizes, -1), strict=True)) if self.components else []
+        state = self.state.replace(v_pre=self.state.v_pre - delta)
+        return resolve(law, effects, state, theta[..., 0], theta[..., 1], deviations).v_post
+
+    def linearised(self, theta: Tensor, u: Tensor, delta: Tensor) -> _Linearised:
+        """Linearise about deviations and errors; the residual is that of u = 0 and δ = 0."""
+        sizes = [len(theta), u.shape[-1], delta.shape[-1]]
+        columns = (*theta[:, None].expand(-1, len(u)), *u.unbind(-1), *delta.unbind(-1))
+        leaves = [x.clone().requires_grad_() for x in columns]
+        with torch.enable_grad():
+            outcome = self.outcome(*(torch.stack(part, -1) if part else u for part in _split(leaves, sizes)))
+            slope, per_u, per_delta = derivative(outcome, leaves).nan_to_num(0.0, 0.0, 0.0).split(sizes, -1)
+        residual = self.impacts.v_post - outcome.detach() + matvec(per_u, u) + matvec(per_delta, delta)
+        return _Linearised(residual, slope, per_u, -per_delta)
+
+    def mixed(self, about: _Linearised) -> MixedModel:
+        """Linear mixed model about a linearisation."""
+        D, d = self.impacts.space.D, self.impacts.space.d
+        if self.before is None or self.after is None:
+            known, kinds = torch.zeros_like(about.slope_before), torch.zeros(2, D, dtype=torch.float64)
+            kinds[0, :d], kinds[1, d:] = 1, 1
+            instrument = [torch.diag(x) + about.slope_before @ torch.diag(x) @ about.slope_before.mT for x in kinds]
+        else:
+            known = self.after + about.slope_before @ self.before @ about.slope_before.mT
+            instrument = [known]
+        own = [g @ g.mT for g in about.slope_deviations.split(self.sizes, -1)] if self.components else []
+        return MixedModel(
+            residual=about.residual, slope=about.slope, known=known, bases=torch.stack([*instrument, *own])
+        )
+
+    def instrument(self, variances: Tensor) -> tuple[Tensor, Tensor]:
+        """Covariances [N, D, D] of the errors before and after, from the variances of all components."""
+        if self.before is not None and self.after is not None:
+            return self.before * (1 + variances[0]), self.after * (1 + variances[0])
+        d, D, n = self.impacts.space.d, self.impacts.space.D, len(self.impacts)
+        both = torch.diag(torch.cat((variances[0].expand(d), variances[1].expand(D - d)))).expand(n, D, D)
+        return both, both
+
+
+def _split(parts: Sequence[Tensor], sizes: Sequence[int]) -> list[Sequence[Tensor]]:
+    """Parts in groups of some sizes."""
+    groups, at = [], 0
+    for size in sizes:
+        groups.append(parts[at : at + size])
+        at += size
+    return groups
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Estimate:
+    """Mixed model about the most probable deviations, its fit, and what it was linearised about."""
+
+    theta: Tensor
+    u: Tensor
+    delta: Tensor
+    free: Tensor
+    model: MixedModel
+    slope_deviations: Tensor
+    fit: MixedFit
+    converged: bool
+
+    def bic(self, penalty: float) -> float:
+        """BIC of the free components."""
+        return -2 * self.fit.log_likelihood + penalty * int(self.free.sum())
+
+    def criterion(self, free: Tensor, penalty: float) -> float:
+        """BIC of fewer components, about the deviations of this estimate."""
+        fit = self.model.fit(self.fit.variances, free, self.fit.mixture)
+        return -2 * fit.log_likelihood + penalty * int(free.sum())
+
+    def restricted(self, problem: _Problem, free: Tensor) -> "_Estimate":
+        """Estimate fewer components on their own."""
+        return self if bool((free == self.free).all()) else _estimate(problem, self.theta, free, self)
+
+
+def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate | None = None) -> _Estimate:
+    """Estimate the variances that are free: linear mixed models and most probable deviations in turn."""
+    u, delta = problem.still
+    variances, mixture = problem.starts, Mixture.initial()
+    if start is not None:  # deviations of what is left out are 0
+        kept = torch.cat([free[problem.first + k].expand(size) for k, size in enumerate(problem.sizes)])
+        u, delta, mixture = start.u * kept, start.delta, start.fit.mixture
+        variances = torch.where(start.fit.variances > 0, start.fit.variances, 0.1 * problem.starts)
+    last, settled = -math.inf, False
+    for left in reversed(range(_ROUNDS)):
+        about = problem.linearised(theta, u, delta)
+        model = problem.mixed(about)
+        fit = model.fit(variances, free, mixture)
+        variances, mixture = fit.variances, fit.mixture
+        moved = (theta + fit.step).clamp(problem.low, problem.high)
+        settled = abs(fit.log_likelihood - last) < _SETTLED
+        if settled or left == 0:
+            break
+        u, delta = _most_probable(problem, about, fit, moved, u, delta)
+        theta, last = moved, fit.log_likelihood
+        # A variance at 0 begins again with a little, since other deviations may show it.
+        variances = torch.where(free & (variances <= 0), 1e-3 * problem.starts, variances)
+    return _Estimate(
+        theta=moved,
+        u=u,
+        delta=delta,
+        free=free,
+        model=model,
+        slope_deviations=about.slope_deviations,
+        fit=fit,
+        converged=settled,
+    )
+
+
+def _prior(problem: _Problem, variances: Tensor) -> Tensor:
+    """Variance [q] of each deviation."""
+    own = variances[problem.first :]
+    return torch.cat([x.expand(size) for x, size in zip(own, problem.sizes, strict=True)]) if len(own) else own
+
+
+def _most_probable(
+    problem: _Problem, about: _Linearised, fit: MixedFit, theta: Tensor, u: Tensor, delta: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Most probable deviations and errors before impact, by a step from the last ones.
+
+    A step is shortened where the full law, whose contacts change their mode, would be less probable after it.
+    """
+    prior, (before, after) = _prior(problem, fit.variances), problem.instrument(fit.variances)
+    new_u = prior * matvec(about.slope_deviations.mT, fit.pull)
+    new_delta = -matvec(before @ about.slope_before.mT, fit.pull)
+    lengths = torch.tensor(_LENGTHS, dtype=torch.float64)[:, None, None]
+    tried_u, tried_delta = u + lengths * (new_u - u), delta + lengths * (new_delta - delta)
+    missed = problem.impacts.v_post - problem.outcome(theta.expand(1, 1, -1), tried_u, tried_delta)
+    away = (tried_u.square() / prior.clamp_min(1e-300)).where(prior > 0, 0.0).sum(-1)
+    for error, covariance in ((missed, after), (tried_delta, before)):
+        away = away + (error * matvec(torch.linalg.pinv(covariance, hermitian=True), error)).sum(-1)
+    best = away.nan_to_num(torch.inf).argmin(0)
+    rows = torch.arange(len(best))
+    return torch.where(prior > 0, tried_u[best, rows], 0.0), tried_delta[best, rows]
+
+
+def _described(
+    problem: _Problem,
+    best: _Estimate,
+    without: _Estimate,
+    rivals: tuple[tuple[tuple[str, ...], float], ...],
+    penalty: float,
+) -> Scatter:
+    """The result, with standard errors by Fisher information."""
+    fit, first, components = best.fit, problem.first, problem.components
+    rows = (best.free & (fit.variances > 0)).nonzero()[:, 0]
+    _, information = best.model.scores(fit)
+    inside = information[rows][:, rows]
+    covariance = torch.linalg.pinv(inside, hermitian=True)
+    spread = covariance.diagonal().clamp_min(0).sqrt()
+    labels = [(INSTRUMENT, "s", "–" if problem.after is not None else "m/s"), (INSTRUMENT_SPIN, "s_ω", "rad/s")][:first]
+    labels += [(one.name, f"σ_{one.symbol}", one.unit) for one in components]
+    deviations: list[StandardDeviation] = []
+    for row, error in zip(rows.tolist(), spread.tolist(), strict=True):
+        name, symbol, unit = labels[row]
+        value = math.sqrt(fit.variances[row].item() + (row < first and problem.after is not None))
+        deviations.append(
+            StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=error / (2 * value))
+        )
+    values = {one.name: one.value for one in deviations}
+    scatter = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
+    inverse = torch.linalg.inv(fit.precision)
+    model = assemble(problem.model.law, problem.model.effects, best.theta, inverse)
+    prior = _prior(problem, fit.variances)
+    known = torch.einsum("nip,nij,njp->np", best.slope_deviations, fit.inverse, best.slope_deviations)
+    errors = (prior - prior.square() * known).clamp_min(0).sqrt()
+    each = zip(components, best.u.split(problem.sizes, -1), errors.split(problem.sizes, -1), strict=True)
+    return Scatter(
+        model=replace(model, scatter=scatter),
+        deviations=tuple(deviations),
+        correlation=covariance / (spread[:, None] * spread),
+        stated=problem.after is not None,
+        log_likelihood=fit.log_likelihood,
+        log_likelihood_without=without.fit.log_likelihood,
+        bic=best.bic(penalty) - without.bic(penalty),
+        rivals=rivals,
+        mixture=fit.mixture,
+        each={one.name: (u, error) for one, u, error in each if one.name in scatter},
+        distance=fit.distance,
+        converged=best.converged,
+    )

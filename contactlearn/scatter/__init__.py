@@ -1,0 +1,18 @@
+"""Scatter of the contact: what no model of the state can predict, named and measured, one component a file.
+
+base           `Component`: how a deviation enters law and state
+
+Every other module is a component.  `COMPONENTS` lists them; `contactlearn.inference.identification.scatter` estimates
+their standard deviations, and decides which of them the data want.
+"""
+
+from contactlearn.scatter.base import Component
+from contactlearn.scatter.contact_point import ContactPoint
+from contactlearn.scatter.friction import Friction
+from contactlearn.scatter.normal import Normal
+from contactlearn.scatter.restitution import Restitution
+
+COMPONENTS: tuple[type[Component], ...] = (Restitution, Friction, Normal, ContactPoint)
+"""All components."""
+
+__all__ = ["COMPONENTS", "Component", "ContactPoint", "Friction", "Normal", "Restitution"]
