@@ -10,8 +10,8 @@ from contactlearn.scatter.base import Component, Perturbed
 class Restitution(Component):
     """ε_k = ε + u_k, within 0 ≤ ε_k ≤ 1.
 
-    It grows with the normal impulse, which noise of the instrument does not.  It is not wear, which follows the sequence
-    (`parameter_drift`), nor a dependence on speed or pose.
+    It grows with the normal impulse, which noise of the instrument does not.  It is not wear, which follows the
+    sequence (`parameter_drift`), nor a dependence on speed or pose.
     """
 
     symbol = "ε"

@@ -7,12 +7,12 @@ before and after.  About each impact's most probable deviations û_k, with G = �
 
     r_k = y_k − f(û_k) + G û_k − J δ̂_k,      S_k = A_a + J A_b Jᵀ + G Σ Gᵀ
 
-is a linear mixed model (`variance_components`).  Its θ and Σ give new û_k, and so on.  A linearisation at u = 0 is wrong
-where scatter makes a sliding impact stick: beside a planted normal it finds friction and restitution.
+is a linear mixed model (`variance_components`).  Its θ and Σ give new û_k, and so on.  A linearisation at u = 0 is
+wrong where scatter makes a sliding impact stick: beside a planted normal it finds friction and restitution.
 
-Where no noise is stated the instrument is two components: one standard deviation of all velocities and one of all spins,
-before as after.  Where it is stated, a common factor on it is a rival of the scatter.  The set of components is the one
-of the least BIC; a variance at its bound 0 has half of the probability of a free one there.
+The instrument has two components, one standard deviation of all velocities and one of all spins, before as after: all
+of its noise where none is stated (A = 0), else noise beside the stated one, a rival of the scatter.  The set of
+components is the one of the least BIC, found by adding, removing and exchanging one at a time.
 
 Sources: Lindstrom & Bates 1990 (conditional linearisation); Self & Liang 1987 (variances at the bound 0).
 """
@@ -21,7 +21,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import torch
@@ -30,18 +30,18 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import measured as written
-from contactlearn.effects import Effect, State
+from contactlearn.effects import State
 from contactlearn.inference.identification.joint import assemble, named_parameters
 from contactlearn.inference.identification.problem import effects_at
 from contactlearn.inference.identification.shared import Box
-from contactlearn.inference.identification.variance_components import Mixture, MixedFit, MixedModel
-from contactlearn.laws import Law
+from contactlearn.inference.identification.variance_components import MixedFit, MixedModel, Mixture
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.models.contact_model import ContactModel, derivative, resolve
 from contactlearn.scatter import COMPONENTS, Component
 
-INSTRUMENT, INSTRUMENT_SPIN = "instrument", "instrument_spin"
+INSTRUMENT = "instrument", "instrument_spin"
+"""Names of its components, of all velocities in m/s and of all spins in rad/s."""
 MIN_TRIALS = 40
 """Trials below which variances are not estimated: their standard errors are then a seventh of a normal sample's."""
 
@@ -63,12 +63,14 @@ _ROUNDS = 12
 _SETTLED = 1e-2  # nats by which the likelihood changes in a round
 _LENGTHS = (1.0, 0.5, 0.25, 0.0)  # of a step of the deviations that are tried; the best is taken
 _REFITTED = 3  # sets that are linearised on their own, the best ones about the deviations of all components
+_FIRST = len(INSTRUMENT)  # index of the first component of the contact
+_LEVEL = 0.95  # of the ellipsoids
 _START = 0.2  # of the greatest plausible standard deviation
 
 
 @dataclass(frozen=True, kw_only=True)
 class StandardDeviation:
-    """Standard deviation of a component with its standard error; of a stated instrument the factor on it."""
+    """Standard deviation of a component with its standard error."""
 
     name: str
     symbol: str
@@ -89,7 +91,7 @@ class Scatter:
         model: law and effects as estimated beside the scatter, and the components with their standard deviations.
         deviations: standard deviations of the chosen components, those of the instrument first.
         correlation: of these estimates.
-        stated: whether the instrument's noise was stated; its first deviation is then a factor.
+        stated: whether the instrument's noise was stated; its deviations are then those of noise beside it.
         log_likelihood: restricted, in nats; `log_likelihood_without` that of no scatter.
         bic: of the chosen set less that of none; negative where scatter is wanted.
         rivals: other sets that the data do not exclude, with their BIC less that of the chosen one.
@@ -97,6 +99,7 @@ class Scatter:
         each: most probable deviations [N, q] of the impacts by component, and their standard errors [N, q].
         distance: squared distance [N] of each impact from the model in units of instrument and scatter.
         converged: whether linearisation and deviations agree.
+        inflation: factor of `covariance`.
     """
 
     model: ContactModel
@@ -111,6 +114,7 @@ class Scatter:
     each: Mapping[str, tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]]
     distance: Float[Tensor, " n"]
     converged: bool
+    inflation: float = 1.0
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -121,16 +125,14 @@ class Scatter:
         """Say what scatters, and what cannot be told apart.
 
         the contact scatters: the normal by 0.65 ± 0.04°, friction by 0.016 ± 0.003
-        the instrument's noise is 1.02 ± 0.03 times as large as stated
+        the instrument has noise beside the stated: 0.100 ± 0.004 rad/s
         """
         values = {one.name: str(one) for one in self.deviations}
         parts = [component.in_words.format(sigma=values[name]) for name, component in self.model.scatter.items()]
         lines = ["the contact scatters: " + ", ".join(parts) if parts else "no scatter of the contact is seen"]
-        if not self.stated:
-            spin = f", {values[INSTRUMENT_SPIN]}" if INSTRUMENT_SPIN in values else ""
-            lines.append(f"the instrument's noise is {values[INSTRUMENT]}{spin}")
-        elif INSTRUMENT in values:
-            lines.append(f"the instrument's noise is {values[INSTRUMENT]} times as large as stated")
+        noise = ", ".join(values[name] for name in INSTRUMENT if name in values)
+        beside = "has noise beside the stated" if self.stated else "has noise"
+        lines += [f"the instrument {beside}: {noise}"] if noise else []
         lines += [f"{a} and {b} cannot be told apart: correlation {c:+.2f}" for a, b, c in self.confounded()]
         lines += [f"not excluded: {', '.join(names) or 'none'} (ΔBIC {gap:+.1f})" for names, gap in self.rivals]
         _, tails, outliers = self.mixture.shares.tolist()
@@ -148,26 +150,21 @@ class Scatter:
     def instrument(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
         """Covariance [N, D, D] that the instrument alone gives v_post − v̂_post; 0 where it is not known.
 
-        It is that of the impacts times the factor, or the estimated one where none was stated.
+        It is the sum of that of the impacts and of the estimated one.
         """
-        problem = _Problem.of(self.model, impacts)
-        before, after = problem.instrument(self._factors)
+        problem = _Problem.of(replace(self.model, scatter={}), impacts)
+        values = {one.name: one.value**2 for one in self.deviations}
+        before, after = problem.instrument(torch.tensor([values.get(name, 0.0) for name in INSTRUMENT]).double())
         theta = torch.stack([x.mean() for x in self.model.values])
         slope = problem.linearised(theta, *problem.still).slope_before
         return after + slope @ before @ slope.mT
 
-    @property
-    def _factors(self) -> Float[Tensor, " c"]:
-        """Variances of the instrument, as `_Problem.instrument` takes them."""
-        values = {one.name: one.value for one in self.deviations}
-        if self.stated:
-            return torch.tensor([values.get(INSTRUMENT, 1.0) ** 2 - 1], dtype=torch.float64)
-        return torch.tensor([values[INSTRUMENT] ** 2, values[INSTRUMENT_SPIN] ** 2], dtype=torch.float64)
-
     def covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
-        """Covariance [N, D, D] of measured v_post: its 95 % ellipsoids hold 95 % of impacts that are no outliers."""
-        scattered = self.model.scatter_covariance(impacts)
-        return self.mixture.inflation(impacts.space.D) * (self.instrument(impacts) + scattered)
+        """Covariance [N, D, D] of measured v_post, of instrument and scatter.
+
+        It is scaled so that 95 % of the impacts of the estimate, whose tails may be heavy, lie in 95 % ellipsoids.
+        """
+        return self.inflation * (self.instrument(impacts) + self.model.scatter_covariance(impacts))
 
     def sample(self, trials: int, impacts: Impacts, generator: torch.Generator) -> dict[str, Float[Tensor, "n k"]]:
         """Draw deviations [trials, k] of each component, as in the space of the impacts."""
@@ -205,17 +202,39 @@ def estimate_scatter(
     theta, every = torch.stack([x.mean() for x in model.values]), torch.ones(len(problem.starts), dtype=torch.bool)
     whole = _estimate(problem, theta, every)
     penalty = max(math.log(len(impacts)), thresholds.least_gain)
-    sets = sorted(problem.sets(whole.fit.variances > 0), key=lambda free: whole.criterion(free, penalty))
-    none = next(free for free in sets if not free[problem.first :].any())
-    refitted = [whole.restricted(problem, free) for free in sets[:_REFITTED]]
+    sets = _searched(whole, problem.fixed, penalty)
+    none = min((free for free in sets if not any(free[_FIRST:])), key=sets.__getitem__)
+    refitted = [whole.restricted(problem, free) for free in sorted(sets, key=sets.__getitem__)[:_REFITTED]]
     without = whole.restricted(problem, none)
     best = min((*refitted, without), key=lambda one: one.bic(penalty))
     rivals = [
         (problem.names(one.free), one.bic(penalty) - best.bic(penalty))
         for one in refitted
-        if one is not best and one.bic(penalty) - best.bic(penalty) < thresholds.rival and not (one.free & best.free).equal(best.free)
+        if one.bic(penalty) - best.bic(penalty) < thresholds.rival and bool((best.free & ~one.free).any())
     ]
-    return _described(problem, best, without, tuple(rivals), penalty)
+    return _calibrated(_described(problem, best, without, tuple(rivals), penalty), impacts)
+
+
+def _searched(whole: "_Estimate", fixed: Bool[Tensor, " c"], penalty: float) -> dict[tuple[bool, ...], float]:
+    """BIC of the sets on the way from the components that are seen to the best set, and of those without scatter."""
+    seen, bic = (whole.fit.variances > 0) | fixed, dict[tuple[bool, ...], float]()
+
+    def criterion(free: tuple[bool, ...]) -> float:
+        if free not in bic:
+            bic[free] = whole.criterion(torch.tensor(free), penalty)
+        return bic[free]
+
+    best: tuple[bool, ...] | None = None
+    near: Iterable[tuple[bool, ...]] = [tuple(seen.tolist())]
+    while (nearest := min(near, key=criterion)) != best:
+        best = nearest
+        flips = [k for k, can in enumerate((seen & ~fixed).tolist()) if can]
+        changes = [(), *((k,) for k in flips), *((j, k) for j, k in combinations(flips, 2) if best[j] != best[k])]
+        near = [tuple(one != (k in change) for k, one in enumerate(best)) for change in changes]
+    for instrument in product(*[(False, True) if x else (False,) for x in seen[:_FIRST].tolist()]):
+        if bool((torch.tensor(instrument) >= fixed[:_FIRST]).all()):
+            criterion((*instrument, *[False] * (len(seen) - _FIRST)))
+    return bic
 
 
 class _Linearised(NamedTuple):
@@ -234,8 +253,9 @@ class _Problem:
     model: ContactModel
     impacts: Impacts
     state: State
-    before: Tensor | None
-    after: Tensor | None
+    stated: bool
+    before: Tensor
+    after: Tensor
     low: Tensor
     high: Tensor
 
@@ -245,11 +265,13 @@ class _Problem:
         parameters = named_parameters(model.effects, Box(), impacts)
         limits = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64)
         sides = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
-        before, after = (sides[0], sides[-1]) if sides else (None, None)
+        D = impacts.space.D
+        before, after = (sides[0], sides[-1]) if sides else [torch.zeros(len(impacts), D, D, dtype=torch.float64)] * 2
         return cls(
             model=model,
             impacts=impacts,
             state=State.of(impacts),
+            stated=bool(sides),
             before=before,
             after=after,
             low=limits[:, 0],
@@ -266,9 +288,9 @@ class _Problem:
         return [one.deviations(self.impacts.space) for one in self.components]
 
     @property
-    def first(self) -> int:
-        """Number of the components that are the instrument's."""
-        return 2 if self.after is None else 1
+    def fixed(self) -> Bool[Tensor, " c"]:
+        """Components that are in every set: the instrument's where no noise is stated."""
+        return torch.tensor([not self.stated] * _FIRST + [False] * len(self.components))
 
     @property
     def still(self) -> tuple[Tensor, Tensor]:
@@ -278,25 +300,18 @@ class _Problem:
 
     @cached_property
     def starts(self) -> Tensor:
-        """Variances to begin with, those of the instrument first: a hundredth of the speeds, or what is stated."""
+        """Variances to begin with, those of the instrument first: a hundredth of the speeds."""
         d = self.impacts.space.d
         speeds = (self.impacts.v_pre[:, :d], self.impacts.v_pre[:, d:])
-        instrument = [1e-4 * v.square().mean().item() + 1e-12 for v in speeds] if self.after is None else [0.1]
+        instrument = [1e-4 * v.square().mean().item() + 1e-12 for v in speeds]
         own = [(_START * one.highest) ** 2 for one in self.components]
         return torch.tensor([*instrument, *own], dtype=torch.float64)
 
-    def sets(self, among: Bool[Tensor, " c"]) -> list[Bool[Tensor, " c"]]:
-        """Every set of some components; an instrument of unknown noise is in all of them."""
-        choices = [(False, True) if one else (False,) for one in among.tolist()]
-        if self.after is None:
-            choices[: self.first] = [(True,)] * self.first
-        return [torch.tensor(one) for one in product(*choices)]
-
     def names(self, free: Tensor) -> tuple[str, ...]:
-        """Names of the contact's components of a set, and of the factor on a stated instrument."""
-        own = [INSTRUMENT, INSTRUMENT_SPIN][: self.first] + [one.name for one in self.components]
-        chosen = [name for name, is_free in zip(own, free.tolist(), strict=True) if is_free]
-        return tuple(name for name in chosen if self.after is not None or name in self.model.scatter)
+        """Names of the components of a set, the instrument's only where they need not be there."""
+        every = [*INSTRUMENT, *(one.name for one in self.components)]
+        chosen = (free & ~self.fixed).tolist()
+        return tuple(name for name, is_chosen in zip(every, chosen, strict=True) if is_chosen)
 
     def outcome(self, theta: Tensor, u: Tensor, delta: Tensor) -> Tensor:
         """v_post [..., N, D] at parameters [..., N or 1, K], deviations [..., N, q] and errors of v_pre."""
@@ -318,26 +333,24 @@ class _Problem:
 
     def mixed(self, about: _Linearised) -> MixedModel:
         """Linear mixed model about a linearisation."""
-        D, d = self.impacts.space.D, self.impacts.space.d
-        if self.before is None or self.after is None:
-            known, kinds = torch.zeros_like(about.slope_before), torch.zeros(2, D, dtype=torch.float64)
-            kinds[0, :d], kinds[1, d:] = 1, 1
-            instrument = [torch.diag(x) + about.slope_before @ torch.diag(x) @ about.slope_before.mT for x in kinds]
-        else:
-            known = self.after + about.slope_before @ self.before @ about.slope_before.mT
-            instrument = [known]
+        slope, units = about.slope_before, self.units
+        known = self.after + slope @ self.before @ slope.mT
+        instrument = [unit + slope @ unit @ slope.mT for unit in units]
         own = [g @ g.mT for g in about.slope_deviations.split(self.sizes, -1)] if self.components else []
         return MixedModel(
             residual=about.residual, slope=about.slope, known=known, bases=torch.stack([*instrument, *own])
         )
 
     def instrument(self, variances: Tensor) -> tuple[Tensor, Tensor]:
-        """Covariances [N, D, D] of the errors before and after, from the variances of all components."""
-        if self.before is not None and self.after is not None:
-            return self.before * (1 + variances[0]), self.after * (1 + variances[0])
-        d, D, n = self.impacts.space.d, self.impacts.space.D, len(self.impacts)
-        both = torch.diag(torch.cat((variances[0].expand(d), variances[1].expand(D - d)))).expand(n, D, D)
-        return both, both
+        """Covariances [N, D, D] of the errors before and after, from the variances of the components."""
+        beside = torch.einsum("c,cij->ij", variances[:_FIRST], self.units)
+        return self.before + beside, self.after + beside
+
+    @property
+    def units(self) -> Float[Tensor, "2 D D"]:
+        """Covariances of velocities and spins of unit variance."""
+        d, D = self.impacts.space.d, self.impacts.space.D
+        return torch.diag_embed(torch.tensor([[1.0] * d + [0.0] * (D - d), [0.0] * d + [1.0] * (D - d)]).double())
 
 
 def _split(parts: Sequence[Tensor], sizes: Sequence[int]) -> list[Sequence[Tensor]]:
@@ -371,9 +384,9 @@ class _Estimate:
         fit = self.model.fit(self.fit.variances, free, self.fit.mixture)
         return -2 * fit.log_likelihood + penalty * int(free.sum())
 
-    def restricted(self, problem: _Problem, free: Tensor) -> "_Estimate":
+    def restricted(self, problem: _Problem, free: Sequence[bool]) -> "_Estimate":
         """Estimate fewer components on their own."""
-        return self if bool((free == self.free).all()) else _estimate(problem, self.theta, free, self)
+        return _estimate(problem, self.theta, torch.tensor(free), self)
 
 
 def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate | None = None) -> _Estimate:
@@ -381,7 +394,7 @@ def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate |
     u, delta = problem.still
     variances, mixture = problem.starts, Mixture.initial()
     if start is not None:  # deviations of what is left out are 0
-        kept = torch.cat([free[problem.first + k].expand(size) for k, size in enumerate(problem.sizes)])
+        kept = torch.cat([free[_FIRST + k].expand(size) for k, size in enumerate(problem.sizes)])
         u, delta, mixture = start.u * kept, start.delta, start.fit.mixture
         variances = torch.where(start.fit.variances > 0, start.fit.variances, 0.1 * problem.starts)
     last, settled = -math.inf, False
@@ -410,9 +423,19 @@ def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate |
     )
 
 
+def _calibrated(scatter: Scatter, impacts: Impacts) -> Scatter:
+    """Scale the covariance so that its 95 % ellipsoids hold 95 % of the impacts (Vovk et al. 2005)."""
+    from scipy.special import chdtri  # SciPy takes long to load
+
+    error = impacts.v_post - scatter.model.base_prediction(impacts).v_post
+    inverse = torch.linalg.pinv(scatter.covariance(impacts), hermitian=True)
+    distance = (error * matvec(inverse, error)).sum(-1)
+    return replace(scatter, inflation=distance.quantile(_LEVEL).item() / float(chdtri(impacts.space.D, 1 - _LEVEL)))
+
+
 def _prior(problem: _Problem, variances: Tensor) -> Tensor:
     """Variance [q] of each deviation."""
-    own = variances[problem.first :]
+    own = variances[_FIRST:]
     return torch.cat([x.expand(size) for x, size in zip(own, problem.sizes, strict=True)]) if len(own) else own
 
 
@@ -445,18 +468,19 @@ def _described(
     penalty: float,
 ) -> Scatter:
     """The result, with standard errors by Fisher information."""
-    fit, first, components = best.fit, problem.first, problem.components
+    fit, components = best.fit, problem.components
     rows = (best.free & (fit.variances > 0)).nonzero()[:, 0]
     _, information = best.model.scores(fit)
     inside = information[rows][:, rows]
-    covariance = torch.linalg.pinv(inside, hermitian=True)
-    spread = covariance.diagonal().clamp_min(0).sqrt()
-    labels = [(INSTRUMENT, "s", "–" if problem.after is not None else "m/s"), (INSTRUMENT_SPIN, "s_ω", "rad/s")][:first]
+    size = inside.diagonal().sqrt()  # of units that differ
+    covariance = torch.linalg.pinv(inside / (size[:, None] * size), hermitian=True) / (size[:, None] * size)
+    spread = covariance.diagonal().sqrt()
+    labels = [(INSTRUMENT[0], "s_v", "m/s"), (INSTRUMENT[1], "s_ω", "rad/s")]
     labels += [(one.name, f"σ_{one.symbol}", one.unit) for one in components]
     deviations: list[StandardDeviation] = []
     for row, error in zip(rows.tolist(), spread.tolist(), strict=True):
         name, symbol, unit = labels[row]
-        value = math.sqrt(fit.variances[row].item() + (row < first and problem.after is not None))
+        value = math.sqrt(fit.variances[row].item())
         deviations.append(
             StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=error / (2 * value))
         )
@@ -472,7 +496,7 @@ def _described(
         model=replace(model, scatter=scatter),
         deviations=tuple(deviations),
         correlation=covariance / (spread[:, None] * spread),
-        stated=problem.after is not None,
+        stated=problem.stated,
         log_likelihood=fit.log_likelihood,
         log_likelihood_without=without.fit.log_likelihood,
         bic=best.bic(penalty) - without.bic(penalty),

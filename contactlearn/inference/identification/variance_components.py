@@ -3,7 +3,7 @@
     r_k = X_k θ + e_k,      S_k = R_k + Σ_c τ_c B_ck,      e_k ~ Σ_j π_j N(0, c_j² S_k)
 
 R_k is known, B_ck is the covariance of component c at unit variance, τ_c ≥ 0.  The mixture keeps what is not normal out
-of S: ordinary trials (c = 1), tails (c up to 5: Student's t with four degrees of freedom has a tenth at twice the width)
+of S: ordinary trials (c = 1), tails (c up to 5; a fifth of Student's t with four degrees of freedom is twice as wide)
 and gross outliers.  The restricted log likelihood Σ_k log p(r_k) − ½ log |Σ_k w_k Xᵀ S⁻¹ X| is maximised by Fisher
 scoring in τ, generalised least squares in θ, and expectation–maximisation in π and c.
 
@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 _ROUNDS = 15
-_CALM = 1e-5  # nats of a round that brings no more
+_CALM = 1e-3  # nats that a last round brings
 _NOTHING = 1e-6  # share of the variance of the trials below which a component is 0
 _FASTEST = 0.05  # of its last value, to which a variance may fall in one step, so that it does not stick at 0 too early
 _WIDEST = ((1.0, 1.0), (1.5, 5.0), (5.0, 100.0))  # bounds of the factors c of trials, tails, outliers
@@ -53,23 +53,6 @@ class Mixture:
         shares[0] = 1 - shares[1:].sum()
         square = (each * distance[:, None]).sum(0) / (components * each.sum(0).clamp_min(1e-12))
         return replace(self, shares=shares, factors=square.sqrt().clamp(*bounds.mT))
-
-    def inflation(self, components: int, level: float = 0.95) -> float:
-        """Factor on S with which the ellipsoid of a normal distribution holds so much of all trials but outliers."""
-        def held(x: float) -> float:
-            inside = (torch.special.gammainc(half, x / 2 / c**2) for c in self.factors[:2])
-            return ((sum(p * i for p, i in zip(self.shares[:2], inside, strict=True))) / self.shares[:2].sum()).item()
-
-        half = torch.tensor(components / 2, dtype=torch.float64)
-        low, high = 1e-3, 1e4
-        quantile = [0.0, 0.0]
-        for k, at in enumerate((held, lambda x: torch.special.gammainc(half, torch.tensor(x / 2)).item())):
-            a, b = low, high
-            while b - a > 1e-6 * b:
-                middle = math.sqrt(a * b)
-                a, b = (middle, b) if at(middle) < level else (a, middle)
-            quantile[k] = a
-        return quantile[0] / quantile[1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +141,7 @@ class MixedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class MixedFit:
-    """Variances τ [c], `step` θ [K] with its `precision`, S [N, D, D] with its inverse, S⁻¹ e as `pull`, and weights."""
+    """Variances τ [c], `step` θ [K] with its `precision`, S [N, D, D], its inverse, S⁻¹ e as `pull`, and weights."""
 
     variances: Float[Tensor, " c"]
     mixture: Mixture
