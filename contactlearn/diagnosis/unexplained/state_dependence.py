@@ -100,7 +100,7 @@ def screen_state_associations(
     Residuals of so many neighbouring trials, a `block`, may resemble each other: they have one random sign.
     """
     signs = random_signs(math.ceil(len(scores) / block)).repeat_interleave(block, 1)[:, : len(scores)]
-    groups = list(_functions(among))
+    groups = list(screened_functions(among))
     D = scores.residual.shape[-1]
     alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
     kinds = (*Coefficient, *[None] * D)  # that may depend on the state: coefficients, whitened velocities
@@ -121,7 +121,7 @@ def screen_state_associations(
     return chance, tuple(sorted((one for one in found if one.neg_log_p > enough), key=lambda one: -one.neg_log_p))
 
 
-def _functions(
+def screened_functions(
     among: Mapping[str, Float[Tensor, "n c"]],
 ) -> Iterator[tuple[list[dict[str, int]], Float[Tensor, "n k"]]]:
     """Groups of functions of a variable, then of two, and the orders of each."""

@@ -1,0 +1,136 @@
+"""Structure before scatter: do the deviations of single impacts depend on anything that is known of them?
+
+What looks like scatter may be a dependence that nobody models: one that turns over every ten degrees of orientation, a
+wiggle over a velocity, a memory of the last impact.  The estimated deviations û_k of each component (`Scatter.each`) are
+tested like residuals, by random signs of all trials (`sign_flips`):
+
+    state      sums of û_k times cosines over v_n, v_t, ω, x, harmonics of θ, and products of two (`state_dependence`)
+    pose       harmonics of the orientation up to a period of nine degrees; in space of the angles between the normal
+               and the body's axes
+    order      spread of sums over windows of 2, 4, 8 … trials, and the peak of the periodogram
+    history    sums of û_k times quantities of earlier impacts (`serial_dependence`)
+
+û_k is its variance times Gᵀ S⁻¹ r, the score of a component that follows the tested function: an impact that shows
+nothing of a component counts for nothing.  All statistics are compared together, so that the level holds for all.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.diagnosis.sign_flips import (
+    exceedance,
+    gamma_neg_log_p,
+    gumbel_neg_log_p,
+    normal_neg_log_p,
+    random_signs,
+    window_spread,
+)
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.serial_dependence import histories
+from contactlearn.diagnosis.unexplained.state_dependence import screened_functions, state_variables
+from contactlearn.inference.identification.scatter import Scatter
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import rotation
+from contactlearn.mechanics.space import PLANE
+
+_HARMONICS = 40  # of an orientation: a period of nine degrees
+_TRIALS = 1500  # that are tested, at most
+_TOLD = 3  # dependences of each component, the most significant ones
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviationDependence:
+    """A dependence of the deviations of a component of scatter.
+
+    Args:
+        component: name of the component.
+        variable: symbols of the state, `pose`, `order`, `period`, or a quantity of earlier impacts.
+        order: half periods over the range of the variable, harmonic of an orientation, or trials of a window or period.
+        share: of the variance of the deviations, that its strongest function has; that of a window is not known (nan).
+        p_value: of independence, over everything that was tested.
+    """
+
+    component: str
+    variable: str
+    order: float
+    share: float
+    p_value: float
+
+
+def screen_deviations(
+    scatter: Scatter, impacts: Impacts, thresholds: Thresholds = Thresholds()
+) -> tuple[DeviationDependence, ...]:
+    """Find what the deviations of each component depend on, most significant first; nothing is scatter.
+
+    Args:
+        scatter: estimated from these impacts.
+        impacts: measurements.
+        thresholds: the level of the test, `dependence_level`.
+    """
+    rows = impacts.order.argsort(stable=True)[-_TRIALS:]
+    ordered, signs = impacts[rows], random_signs(len(rows))
+    columns = [(name, u[rows, k]) for name, (u, _) in scatter.each.items() for k in range(u.shape[-1])]
+    if not columns:
+        return ()
+    named = list(_tested(ordered, scatter))
+    functions = torch.stack([function - function.mean() for *_, function in named], -1)
+    statistics: list[Tensor] = []
+    labels: list[tuple[str, str, float, float]] = []
+    for component, u in columns:
+        weight = u / u.square().mean().sqrt().clamp_min(1e-300)
+        sums = signs @ (weight[:, None] * functions)
+        shares = sums[0].square() / (weight.square().sum() * functions.square().sum(0)).clamp_min(1e-300)
+        statistics.append(normal_neg_log_p(sums))
+        labels += [(component, n, k, s) for (n, k, _), s in zip(named, shares.tolist(), strict=True)]
+        spread, peak, period = _serial(signs * weight)
+        statistics += [gamma_neg_log_p(spread), gumbel_neg_log_p(peak)]
+        labels += [(component, "order", 2.0 ** (k + 1), math.nan) for k in range(spread.shape[1])]
+        labels.append((component, "period", period, peak[0, 0].item() / len(weight)))
+    every = torch.cat(statistics, 1).nan_to_num(0.0)
+    largest = every.amax(1)
+    enough = largest[1:].quantile(1 - thresholds.dependence_level).item()
+    if (p_value := exceedance(largest)) > thresholds.dependence_level:
+        return ()
+    found = sorted(zip(every[0].tolist(), labels, strict=True), reverse=True, key=lambda one: one[0])
+    best: dict[tuple[str, str], DeviationDependence] = {}
+    for score, (component, variable, order, share) in found:
+        told = sum(one.component == component for one in best.values())
+        if score > enough and told < _TOLD:
+            best.setdefault(
+                (component, variable),
+                DeviationDependence(component=component, variable=variable, order=order, share=share, p_value=p_value),
+            )
+    return tuple(best.values())
+
+
+def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Float[Tensor, " n"]]]:
+    """Variable, order and values of every function that the deviations may follow."""
+    for orders, functions in screened_functions(state_variables(impacts)):
+        for order, function in zip(orders, functions.unbind(-1), strict=True):
+            yield " × ".join(order), max(order.values()), function
+    for angle in _angles(impacts):
+        for k in range(1, _HARMONICS + 1):
+            yield "pose", k, (k * angle).cos()
+            yield "pose", k, (k * angle).sin()
+    for memory, values in histories(impacts, scatter.model.base_prediction(impacts)).items():
+        yield f"{memory.variable} of earlier impacts", memory.trials, values
+
+
+def _angles(impacts: Impacts) -> list[Float[Tensor, " n"]]:
+    """Orientation in rad, in space the angles between the normal and the body's axes."""
+    if impacts.space is PLANE:
+        return [impacts.q[:, 2]]
+    return [up.clamp(-1, 1).acos() for up in rotation(impacts.q[:, 3:])[:, 2].unbind(-1)]
+
+
+def _serial(flipped: Float[Tensor, "flips n"]) -> tuple[Tensor, Tensor, float]:
+    """Spread of windows [flips, widths], peak of the periodogram [flips, 1], and its period in trials."""
+    n = flipped.shape[1]
+    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
+    peak, which = power.max(1, keepdim=True)
+    return window_spread(flipped[..., None])[..., 0], peak, 2 * n / (int(which[0]) + 2)
