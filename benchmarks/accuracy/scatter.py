@@ -57,7 +57,9 @@ def judged(kind: str, seed: int, *, space: bool, trials: int) -> tuple[str, bool
     torch.set_num_threads(1)
     planted = PLANTED[kind]
     generator = torch.Generator().manual_seed(seed)
-    mu, eps, slip = (a + b * torch.rand(1, generator=generator).item() for a, b in ((0.12, 0.2), (0.35, 0.3), (1.0, 1.5)))
+    mu, eps, slip = (
+        a + b * torch.rand(1, generator=generator).item() for a, b in ((0.12, 0.2), (0.35, 0.3), (1.0, 1.5))
+    )
     world = World(space=space, mu=mu, eps=eps, slip=slip * (1.5 if space else 1), seed=seed, **planted)
     stated = seed % 2 == 0
     impacts = simulated(world, trials, stated=stated)

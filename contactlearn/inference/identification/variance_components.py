@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-_ROUNDS = 15
+_ROUNDS = 6
 _CALM = 1e-3  # nats that a last round brings
 _NOTHING = 1e-6  # share of the variance of the trials below which a component is 0
 _FASTEST = 0.05  # of its last value, to which a variance may fall in one step, so that it does not stick at 0 too early
