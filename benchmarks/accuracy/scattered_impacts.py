@@ -1,4 +1,4 @@
-"""Impacts whose contact scatters, simulated in small steps of the normal impulse; it shares no code with laws and scatter.
+"""Impacts whose contact scatters, simulated in small steps of the normal impulse; no code of laws and scatter is used.
 
 A square in the plane or a cube in space falls on one corner.  The floor's normal leans at every impact, the corner
 touches beside the nominal point, and restitution and friction differ.  Routh's path: along dp the contact point gains
@@ -127,7 +127,7 @@ def _impulse(W: Tensor, contact: Tensor, mu: Tensor, eps: Tensor) -> Tensor:
     for phase in (0, 1):
         going = torch.ones_like(mu, dtype=torch.bool)
         size = -velocity[:, -1] / W[:, -1, -1] / STEPS if phase == 0 else eps * compression / STEPS
-        for step in range(8 * STEPS if phase == 0 else STEPS):
+        for _ in range(8 * STEPS if phase == 0 else STEPS):
             dp = size.clamp_min(1e-300)[:, None]
             for _ in range(PROJECTIONS):
                 slip = velocity[:, :-1] / dp + W[:, :-1, -1] + (tangent @ friction[..., None])[..., 0]

@@ -197,7 +197,7 @@ class ContactModel:
         """Draw outcomes v_post [samples, N, D] of a contact that scatters, without noise of an instrument."""
         under, shape = self.under, (samples, len(impacts))
         drawn = [(one, one.draw(shape, impacts.space, generator)) for one in under.scatter.values()]
-        return resolve(under.law, under.effects, State.of(impacts), *under.law.coefficients, drawn).v_post
+        return resolve(under.law, under.effects, State.of(impacts), *under.law.coefficients, deviations=drawn).v_post
 
     def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
         """Covariance [N, D, D] of v_post by the contact's scatter, about the outcome without it.
@@ -394,6 +394,7 @@ def resolve(
     measured: State,
     mu: Tensor | float,
     eps: Tensor | float,
+    *,
     deviations: Sequence[tuple[Component, Tensor]] = (),
 ) -> Prediction:
     """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].

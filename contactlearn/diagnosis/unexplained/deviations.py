@@ -1,8 +1,8 @@
 """Structure before scatter: do the deviations of single impacts depend on anything that is known of them?
 
-What looks like scatter may be a dependence that nobody models: one that turns over every ten degrees of orientation, a
-wiggle over a velocity, a memory of the last impact.  The estimated deviations û_k of each component (`Scatter.each`) are
-tested like residuals, by random signs of all trials (`sign_flips`):
+What looks like scatter may be a dependence that nobody models: one that turns over every ten degrees of orientation,
+a wiggle over a velocity, a memory of the last impact.  The estimated deviations û_k of each component (`Scatter.each`)
+are tested like residuals, by random signs of all trials (`sign_flips`):
 
     state      sums of û_k times cosines over v_n, v_t, ω, x, harmonics of θ, and products of two (`state_dependence`)
     pose       harmonics of the orientation up to a period of nine degrees; in space of the angles between the normal

@@ -327,7 +327,7 @@ class _Problem:
         law, effects = self.model.law, effects_at(self.model.effects, theta)
         deviations = list(zip(self.components, u.split(self.sizes, -1), strict=True)) if self.components else []
         state = self.state.replace(v_pre=self.state.v_pre - delta)
-        return resolve(law, effects, state, theta[..., 0], theta[..., 1], deviations).v_post
+        return resolve(law, effects, state, theta[..., 0], theta[..., 1], deviations=deviations).v_post
 
     def linearised(self, theta: Tensor, u: Tensor, delta: Tensor) -> _Linearised:
         """Linearise about deviations and errors; the residual is that of u = 0 and δ = 0."""
@@ -362,9 +362,9 @@ class _Problem:
         return torch.diag_embed(torch.tensor([[1.0] * d + [0.0] * (D - d), [0.0] * d + [1.0] * (D - d)]).double())
 
 
-def _split(parts: Sequence[Tensor], sizes: Sequence[int]) -> list[Sequence[Tensor]]:
+def _split(parts: list[Tensor], sizes: Sequence[int]) -> list[list[Tensor]]:
     """Parts in groups of some sizes."""
-    groups, at = [], 0
+    groups, at = list[list[Tensor]](), 0
     for size in sizes:
         groups.append(parts[at : at + size])
         at += size
@@ -396,8 +396,9 @@ class _Estimate:
     def seen(self, least: float) -> tuple[bool, ...]:
         """Free components whose mean share of the variance is not less; the instrument's are as they were."""
         whole = torch.einsum("nij,cnji->c", self.fit.inverse, self.model.bases) / self.model.residual.numel()
-        share = self.fit.variances * whole
-        return tuple(free and (k < _FIRST or x >= least) for k, (free, x) in enumerate(zip(self.free.tolist(), share)))
+        large = self.fit.variances * whole >= least
+        large[:_FIRST] = True
+        return tuple((self.free & large).tolist())
 
     def restricted(self, problem: _Problem, free: Sequence[bool]) -> "_Estimate":
         """Estimate fewer components on their own."""
@@ -413,30 +414,30 @@ def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate |
         kept = torch.cat([free[_FIRST + k].expand(size) for k, size in enumerate(problem.sizes)])
         u, delta, mixture = start.u * kept, start.delta, start.fit.mixture
         variances = torch.where(start.fit.variances > 0, start.fit.variances, 0.1 * problem.starts)
-    last, settled = -math.inf, False
+    last = -math.inf
     for left in reversed(range(_ROUNDS)):
         about = problem.linearised(theta, u, delta)
         model = problem.mixed(about)
         fit = model.fit(variances, free, mixture)
         variances, mixture = fit.variances, fit.mixture
-        moved = (theta + fit.step).clamp(problem.low, problem.high)
+        theta = (theta + fit.step).clamp(problem.low, problem.high)
         settled = abs(fit.log_likelihood - last) < _SETTLED
         if settled or left == 0:
-            break
-        u, delta = _most_probable(problem, about, fit, moved, u, delta)
-        theta, last = moved, fit.log_likelihood
+            return _Estimate(
+                theta=theta,
+                u=u,
+                delta=delta,
+                free=free,
+                model=model,
+                slope_deviations=about.slope_deviations,
+                fit=fit,
+                converged=settled,
+            )
+        u, delta = _most_probable(problem, about, fit, theta, u, delta)
+        last = fit.log_likelihood
         # A variance at 0 begins again with a little, since other deviations may show it.
         variances = torch.where(free & (variances <= 0), 1e-3 * problem.starts, variances)
-    return _Estimate(
-        theta=moved,
-        u=u,
-        delta=delta,
-        free=free,
-        model=model,
-        slope_deviations=about.slope_deviations,
-        fit=fit,
-        converged=settled,
-    )
+    raise AssertionError("unreachable: the last round returns")
 
 
 def _calibrated(scatter: Scatter, impacts: Impacts) -> Scatter:

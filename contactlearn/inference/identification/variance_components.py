@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 _ROUNDS = 6
+_REWEIGHTED = 3  # times that trials get new weights at given variances
 _CALM = 1e-3  # nats that a last round brings
 _NOTHING = 1e-6  # share of the variance of the trials below which a component is 0
 _FASTEST = 0.05  # of its last value, to which a variance may fall in one step, so that it does not stick at 0 too early
@@ -74,7 +75,7 @@ class MixedModel:
         volume = 2 * root.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         weight = torch.ones_like(volume) if weight is None else weight
         back = self.slope.mT @ inverse
-        for _ in range(3):
+        for left in reversed(range(_REWEIGHTED)):
             precision = torch.einsum("n,nki,nil->kl", weight, back, self.slope)
             precision = precision + torch.diag(1e-10 * precision.diagonal() + 1e-12)
             step = torch.linalg.solve(precision, torch.einsum("n,nki,ni->k", weight, back, self.residual))
@@ -83,19 +84,21 @@ class MixedModel:
             distance = (error * pull).sum(-1)
             parts = mixture.log_density(distance, D)
             weight = parts.softmax(-1) @ mixture.factors.square().reciprocal()
-        density = parts.logsumexp(-1) - 0.5 * volume
-        return MixedFit(
-            variances=variances,
-            mixture=mixture,
-            step=step,
-            precision=precision,
-            covariance=covariance,
-            inverse=inverse,
-            pull=pull,
-            distance=distance,
-            weight=weight,
-            log_likelihood=density.sum().item() - 0.5 * torch.linalg.slogdet(precision).logabsdet.item(),
-        )
+            if left == 0:
+                density = parts.logsumexp(-1) - 0.5 * volume
+                return MixedFit(
+                    variances=variances,
+                    mixture=mixture,
+                    step=step,
+                    precision=precision,
+                    covariance=covariance,
+                    inverse=inverse,
+                    pull=pull,
+                    distance=distance,
+                    weight=weight,
+                    log_likelihood=density.sum().item() - 0.5 * torch.linalg.slogdet(precision).logabsdet.item(),
+                )
+        raise AssertionError("unreachable: the last round returns")
 
     def scores(self, fit: "MixedFit") -> tuple[Float[Tensor, " c"], Float[Tensor, "c c"]]:
         """Gradient of the restricted log likelihood in the variances, and their Fisher information."""

@@ -1,0 +1,239 @@
+"""Scatter of the contact: components, variances, what is seen of what an independent simulator plants, and structure."""
+
+import math
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+import torch
+from spatial import in_space, tossed, velocities
+
+from contactlearn import laws
+from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.diagnosis.unexplained.deviations import screen_deviations
+from contactlearn.effects import State
+from contactlearn.effects.surface_tilt import SurfaceTiltSeen
+from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.scatter import estimate_scatter
+from contactlearn.inference.identification.variance_components import MixedModel, Mixture
+from contactlearn.models.contact_model import ContactModel, derivative, resolve
+from contactlearn.scatter import COMPONENTS, Component, ContactPoint, Friction, Normal, Restitution
+from contactlearn.simulation import synthetic
+
+sys.path.append(str(Path(__file__).parent.parent / "benchmarks" / "accuracy"))
+from scattered_impacts import World, simulated
+
+EXACT = 1e-12  # of the speeds: the same formulas in another order
+SLOPE = 1e-5  # of the largest derivative: central differences with steps of 1e-6
+WITHIN = 0.2  # of a planted standard deviation: four standard errors of 250 trials
+LAW = laws.find("wang_mason").at(0.2, 0.5)
+ONES = Mixture(
+    shares=torch.tensor((1.0, 0.0, 0.0), dtype=torch.float64), factors=torch.tensor((1.0, 2.0, 10.0)).double()
+)
+
+
+def outcome(impacts, component, u, law=LAW):
+    return resolve(law, {}, State.of(impacts), *law.coefficients, deviations=[(component, u)]).v_post
+
+
+@cache
+def scattered(space=False, stated=True, trials=250, **planted):
+    """Impacts of a world, and their scatter around the law."""
+    impacts = simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials, stated=stated)
+    return impacts, estimate_scatter(identify_jointly("wang_mason", {}, impacts).model, impacts)
+
+
+# --- Components --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("impacts", [synthetic.load(60), tossed(60)], ids=["plane", "space"])
+@pytest.mark.parametrize("kind", COMPONENTS)
+def test_a_component_changes_nothing_where_nothing_deviates(kind, impacts):
+    u = torch.zeros(len(impacts), kind().deviations(impacts.space)).double()
+    still = ContactModel(LAW).predict(impacts).v_post
+    assert (outcome(impacts, kind(), u) - still).abs().max() < EXACT * still.abs().max()
+
+
+@pytest.mark.parametrize("kind", COMPONENTS)
+def test_derivatives_are_those_of_finite_differences(kind):
+    drops, step = synthetic.load(60), 1e-6
+    u = torch.full((len(drops), 1), 0.001, dtype=torch.float64)
+    own = u[:, 0].clone().requires_grad_()
+    slope = derivative(outcome(drops, kind(), own[:, None]), [own])[..., 0]
+    differences = (outcome(drops, kind(), u + step) - outcome(drops, kind(), u - step)) / (2 * step)
+    assert (slope - differences).abs().max() < SLOPE * slope.abs().max()
+
+
+@pytest.mark.parametrize("kind", COMPONENTS)
+def test_the_plane_seen_in_space_deviates_alike(kind):
+    drops = synthetic.load(60)
+    u = torch.linspace(-0.05, 0.05, len(drops), dtype=torch.float64)[:, None] * (0.02 if kind is ContactPoint else 1)
+    planar, spatial = outcome(drops, kind(), u), in_space(drops)
+    across = torch.zeros(len(drops), kind().deviations(spatial.space) - 1).double()
+    seen = outcome(spatial, kind(), torch.cat((u, across), -1), laws.find("whittaker").at(0.2, 0.5))
+    planar = outcome(drops, kind(), u, laws.find("whittaker").at(0.2, 0.5))
+    assert (seen - velocities(planar)).abs().max() < 1e-9
+
+
+def test_deviations_are_those_of_laws_and_effects_with_other_parameters():
+    drops, u = synthetic.load(60), 0.03
+    one = torch.full((len(drops), 1), u, dtype=torch.float64)
+    for component, model in (
+        (Restitution(), ContactModel(LAW.at(0.2, 0.5 + u))),
+        (Friction(), ContactModel(LAW.at(0.2 + u, 0.5))),
+        (Normal(), ContactModel(LAW, effects={"tilt": SurfaceTiltSeen(phi=u)})),
+    ):
+        torch.testing.assert_close(outcome(drops, component, one), model.predict(drops).v_post, rtol=0, atol=1e-12)
+    moved = drops.replace(r=drops.r + torch.tensor((1e-4, 0.0), dtype=torch.float64))
+    near = outcome(drops, ContactPoint(), 1e-4 * torch.ones_like(one))
+    torch.testing.assert_close(near, ContactModel(LAW).predict(moved).v_post, rtol=0, atol=1e-12)
+
+
+def test_a_component_refuses_what_is_no_standard_deviation():
+    with pytest.raises(ContactLearnError, match="restitution: sigma must be a standard deviation in –, got -0.1"):
+        Restitution(sigma=-0.1)
+
+
+# --- Variances of a linear mixed model -----------------------------------------------------------
+
+
+def mixed(n=200, seed=0):
+    """A model with two components of known variances and three parameters."""
+    generator = torch.Generator().manual_seed(seed)
+    X, g, h = (torch.randn(n, 3, k, generator=generator, dtype=torch.float64) for k in (3, 1, 2))
+    u, w, e = (torch.randn(n, k, generator=generator, dtype=torch.float64) for k in (1, 2, 3))
+    residual = 0.5 * (g @ u[..., None])[..., 0] + 0.2 * (h @ w[..., None])[..., 0] + 0.1 * e + X.sum(-1)
+    known = 0.01 * torch.eye(3, dtype=torch.float64).expand(n, 3, 3)
+    return MixedModel(residual=residual, slope=X, known=known, bases=torch.stack((g @ g.mT, h @ h.mT)))
+
+
+def test_scores_are_the_gradient_of_the_restricted_likelihood():
+    model, tau, step = mixed(), torch.tensor((0.2, 0.05), dtype=torch.float64), 1e-5
+    gradient, _ = model.scores(model.at(tau, ONES))
+    for k, unit in enumerate(torch.eye(2, dtype=torch.float64)):
+        up, down = (model.at(tau + sign * step * unit, ONES).log_likelihood for sign in (1, -1))
+        assert gradient[k] == pytest.approx((up - down) / (2 * step), rel=1e-4)
+
+
+def test_variances_are_those_that_made_the_residuals():
+    fits = [mixed(seed=seed).fit(torch.ones(2).double(), torch.ones(2).bool(), Mixture.initial()) for seed in range(5)]
+    mean = torch.stack([fit.variances for fit in fits]).mean(0).sqrt()
+    assert mean.tolist() == pytest.approx([0.5, 0.2], rel=0.06)  # 1000 trials: 2 % and a little for the tails
+    assert all(fit.step.tolist() == pytest.approx([1, 1, 1], abs=0.1) for fit in fits)
+
+
+# --- What is seen of what is planted --------------------------------------------------------------
+
+PLANTED = {
+    "normal": ({"sigma_normal": math.radians(2)}, {"normal": math.radians(2)}),
+    "friction and contact point": (
+        {"sigma_mu": 0.04, "sigma_point": 0.001},
+        {"friction": 0.04, "contact_point": 0.001},
+    ),
+    "restitution, outliers": ({"sigma_eps": 0.05, "outliers": 0.03}, {"restitution": 0.05}),
+}
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
+@pytest.mark.parametrize("case", PLANTED)
+def test_planted_components_are_named_with_their_size(case, stated):
+    """A linearisation at u = 0 finds friction and restitution beside the normal."""
+    world, wanted = PLANTED[case]
+    _, scatter = scattered(stated=stated, **world)
+    assert {*scatter.names} == {*wanted}, scatter
+    for name, sigma in wanted.items():
+        assert scatter.model.scatter[name].sigma == pytest.approx(sigma, rel=WITHIN)
+    assert scatter.bic < -20
+
+
+def test_a_normal_scatters_in_space():
+    _, scatter = scattered(space=True, trials=200, mu=0.15, sigma_normal=math.radians(1.5))
+    assert scatter.names == ("normal",), scatter
+    assert scatter.model.scatter["normal"].sigma == pytest.approx(math.radians(1.5), rel=WITHIN)
+
+
+@pytest.mark.parametrize("world", [{}, {"tails": 4}, {"outliers": 0.03}], ids=["normal", "t(4)", "outliers"])
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
+def test_noise_of_the_instrument_is_no_scatter(world, stated):
+    for seed in range(3):
+        _, scatter = scattered(stated=stated, trials=200, seed=seed, **world)
+        assert scatter.names == (), scatter
+        assert "no scatter of the contact is seen" in repr(scatter)
+
+
+def test_noise_that_was_stated_too_small_is_the_instruments():
+    impacts = simulated(World(), 200)
+    stated = {name: getattr(impacts, name) / 1e6 for name in ("v_pre_cov", "v_post_cov")}
+    impacts = impacts.replace(**stated)
+    scatter = estimate_scatter(identify_jointly("wang_mason", {}, impacts).model, impacts)
+    assert scatter.names == ()
+    assert scatter.deviations[0].value == pytest.approx(World().noise, rel=WITHIN)
+    assert "the instrument has noise beside the stated: 0.00" in repr(scatter)
+
+
+def test_ellipsoids_hold_impacts_that_were_not_fitted():
+    impacts, _ = scattered(trials=500, sigma_normal=math.radians(2))
+    fitted, rest = impacts[:250], impacts[250:]
+    scatter = estimate_scatter(identify_jointly("wang_mason", {}, fitted).model, fitted)
+    error = rest.v_post - scatter.model.predict(rest).v_post
+    distance = (error * torch.linalg.solve(scatter.covariance(rest), error[..., None])[..., 0]).sum(-1)
+    assert (distance < 7.815).double().mean() == pytest.approx(0.95, abs=0.045)  # three standard errors of 250
+    without = (error * torch.linalg.solve(scatter.instrument(rest), error[..., None])[..., 0]).sum(-1)
+    assert (without < 7.815).double().mean() < 0.3
+
+
+def test_draws_have_the_covariance_of_the_scatter():
+    impacts, scatter = scattered(**PLANTED["normal"][0])
+    drawn = scatter.model.scattered(impacts[:20], torch.Generator().manual_seed(1), 2000)
+    away = drawn - ContactModel(scatter.model.law).predict(impacts[:20]).v_post
+    spread, expected = away.square().mean(0), scatter.model.scatter_covariance(impacts[:20])
+    assert (spread.sum(0) / expected.diagonal(dim1=-2, dim2=-1).sum(0)).tolist() == pytest.approx([1] * 3, rel=0.1)
+    deviations = scatter.sample(4000, impacts, torch.Generator().manual_seed(0))["normal"]
+    assert deviations.std() == pytest.approx(scatter.model.scatter["normal"].sigma, rel=0.05)
+
+
+def test_a_component_of_a_users_own_is_five_lines():
+    class SlipScatter(Component):
+        symbol, unit, highest, in_words = "v", "m/s", 0.1, "the floor's speed by {sigma}"
+
+        def perturb(self, state, mu, eps, u):
+            return state.replace(v_pre=state.v_pre - torch.cat((u, 0 * u, 0 * u), -1)), mu, eps
+
+    drops = synthetic.load(200, velocity_noise=0.003, spin_noise=0.1)
+    found = estimate_scatter(ContactModel(LAW), drops, components=[SlipScatter(), Restitution()])
+    assert {*found.names} <= {"slip_scatter", "restitution"}
+    with pytest.raises(TypeError, match="Nameless must state its symbol"):
+        type("Nameless", (Component,), {"perturb": SlipScatter.perturb})
+
+
+def test_what_cannot_be_estimated_is_refused():
+    drops = synthetic.load(60)
+    with pytest.raises(DataError, match="scatter needs at least 40 impacts, got 30"):
+        estimate_scatter(ContactModel(LAW), drops[:30])
+    with pytest.raises(ContactLearnError, match="not on a law"):
+        estimate_scatter(ContactModel(), drops)
+
+
+# --- Structure before scatter ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("structure", "variable"),
+    [("pose", "pose"), ("speed", "vn"), ("memory", "normal_speed of earlier impacts")],
+)
+def test_structure_is_not_scatter(structure, variable):
+    impacts, scatter = scattered(structure=structure, trials=300)
+    first = screen_deviations(scatter, impacts)[0]
+    assert (first.component, first.variable) == ("restitution", variable)
+    assert first.share > 0.5
+    if structure == "pose":
+        assert first.order == 24  # periods over a turn
+
+
+def test_scatter_has_no_structure():
+    for seed in range(4):
+        impacts, scatter = scattered(trials=200, seed=seed, sigma_eps=0.05, sigma_normal=math.radians(1.5))
+        assert screen_deviations(scatter, impacts) == ()
+    assert screen_deviations(replace(scatter, each={}), impacts) == ()
