@@ -49,7 +49,7 @@ NAMES = {
     "normal": "sigma_normal",
     "contact_point": "sigma_point",
 }
-FRESH = 10_000  # seeds of the half that nothing was tuned on
+FRESH = 20_000  # seeds of the half that nothing was tuned on
 
 
 def judged(kind: str, seed: int, *, space: bool, trials: int) -> tuple[str, bool, set[str], dict[str, float], str]:
