@@ -51,7 +51,8 @@ class DeviationDependence:
         component: name of the component.
         variable: symbols of the state, `pose`, `order`, `period`, or a quantity of earlier impacts.
         order: half periods over the range of the variable, harmonic of an orientation, or trials of a window or period.
-        share: of the variance of the deviations, that its strongest function has; that of a window is not known (nan).
+        share: of the variance of the deviations, that all tested functions of the variable explain, adjusted for their
+            number; nan of order and period, whose smooth course is not estimated.
         p_value: of independence, over everything that was tested.
     """
 
@@ -74,38 +75,45 @@ def screen_deviations(
     """
     rows = impacts.order.argsort(stable=True)[-_TRIALS:]
     ordered, signs = impacts[rows], random_signs(len(rows))
-    columns = [(name, u[rows, k]) for name, (u, _) in scatter.each.items() for k in range(u.shape[-1])]
+    columns = [(name, part[rows]) for name, (u, _) in scatter.each.items() for part in u.unbind(-1)]
     if not columns:
         return ()
     named = list(_tested(ordered, scatter))
     functions = torch.stack([function - function.mean() for *_, function in named], -1)
     statistics: list[Tensor] = []
-    labels: list[tuple[str, str, float, float]] = []
-    for component, u in columns:
-        weight = u / u.square().mean().sqrt().clamp_min(1e-300)
-        sums = signs @ (weight[:, None] * functions)
-        shares = sums[0].square() / (weight.square().sum() * functions.square().sum(0)).clamp_min(1e-300)
-        statistics.append(normal_neg_log_p(sums))
-        labels += [(component, n, k, s) for (n, k, _), s in zip(named, shares.tolist(), strict=True)]
-        spread, peak, period = _serial(signs * weight)
+    labels: list[tuple[int, str, float]] = []
+    for column, (_, u) in enumerate(columns):
+        statistics.append(normal_neg_log_p(signs @ (u[:, None] * functions)))
+        labels += [(column, variable, order) for variable, order, _ in named]
+        spread, peak, period = _serial(signs * u)
         statistics += [gamma_neg_log_p(spread), gumbel_neg_log_p(peak)]
-        labels += [(component, "order", 2.0 ** (k + 1), math.nan) for k in range(spread.shape[1])]
-        labels.append((component, "period", period, peak[0, 0].item() / len(weight)))
+        labels += [(column, "order", 2.0 ** (k + 1)) for k in range(spread.shape[1])]
+        labels.append((column, "period", period))
     every = torch.cat(statistics, 1).nan_to_num(0.0)
     largest = every.amax(1)
     enough = largest[1:].quantile(1 - thresholds.dependence_level).item()
     if (p_value := exceedance(largest)) > thresholds.dependence_level:
         return ()
-    found = sorted(zip(every[0].tolist(), labels, strict=True), reverse=True, key=lambda one: one[0])
     best: dict[tuple[str, str], DeviationDependence] = {}
-    for score, (component, variable, order, share) in found:
-        told = sum(one.component == component for one in best.values())
-        if score > enough and told < _TOLD:
-            best.setdefault(
-                (component, variable),
-                DeviationDependence(component=component, variable=variable, order=order, share=share, p_value=p_value),
+    for k in every[0].argsort(descending=True)[: int((every[0] > enough).sum())].tolist():
+        column, variable, order = labels[k]
+        component, u = columns[column]
+        if (component, variable) not in best and sum(one.component == component for one in best.values()) < _TOLD:
+            own = functions[:, [name == variable for name, *_ in named]]
+            best[component, variable] = DeviationDependence(
+                component=component, variable=variable, order=order, share=_explained(u, own), p_value=p_value
             )
     return tuple(best.values())
+
+
+def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float:
+    """Adjusted R² of deviations by least squares on functions; nan of none."""
+    n, k = functions.shape
+    if not 0 < k < n - 1:
+        return math.nan
+    centred = u - u.mean()
+    left = centred - functions @ torch.linalg.lstsq(functions, centred, driver="gelsd").solution
+    return 1 - (left.square().sum() / centred.square().sum()).item() * (n - 1) / (n - k - 1)
 
 
 def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Float[Tensor, " n"]]]:
