@@ -1,4 +1,4 @@
-"""Scatter of the contact: components, variances, what is seen of what an independent simulator plants, and structure."""
+"""Scatter of the contact: components, variances, what is seen of what a simulator plants, and structure."""
 
 import math
 import sys
@@ -11,19 +11,22 @@ import torch
 from spatial import in_space, tossed, velocities
 
 from contactlearn import laws
-from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects import State
 from contactlearn.effects.surface_tilt import SurfaceTiltSeen
-from contactlearn.inference.identification.joint import identify_jointly
-from contactlearn.inference.identification.scatter import estimate_scatter
+from contactlearn.inference.identification.joint import fit
+from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.inference.identification.variance_components import MixedModel, Mixture
+from contactlearn.mechanics.body_state import BodyState
+from contactlearn.mechanics.shapes import Polygon
+from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, derivative, resolve
-from contactlearn.scatter import COMPONENTS, Component, ContactPoint, Friction, Normal, Restitution
+from contactlearn.scatter import COMPONENTS, Component, ContactPoint, Friction, Normal, Restitution, find_component
 from contactlearn.simulation import synthetic
 
-sys.path.append(str(Path(__file__).parent.parent / "benchmarks" / "accuracy"))
-from scattered_impacts import World, simulated
+sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
+from accuracy.scattered_impacts import World, simulated
 
 EXACT = 1e-12  # of the speeds: the same formulas in another order
 SLOPE = 1e-5  # of the largest derivative: central differences with steps of 1e-6
@@ -42,7 +45,7 @@ def outcome(impacts, component, u, law=LAW):
 def scattered(space=False, stated=True, trials=250, **planted):
     """Impacts of a world, and their scatter around the law."""
     impacts = simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials, stated=stated)
-    return impacts, estimate_scatter(identify_jointly("wang_mason", {}, impacts).model, impacts)
+    return impacts, fit_scatter(impacts, fit(impacts, "wang_mason").model)
 
 
 # --- Components --------------------------------------------------------------------------------
@@ -92,7 +95,7 @@ def test_deviations_are_those_of_laws_and_effects_with_other_parameters():
 
 
 def test_a_component_refuses_what_is_no_standard_deviation():
-    with pytest.raises(ContactLearnError, match="restitution: sigma must be a standard deviation in –, got -0.1"):
+    with pytest.raises(ContactLearnError, match=r"restitution: sigma must be a standard deviation in –, got -0\.1"):
         Restitution(sigma=-0.1)
 
 
@@ -167,7 +170,7 @@ def test_noise_that_was_stated_too_small_is_the_instruments():
     impacts = simulated(World(), 200)
     stated = {name: getattr(impacts, name) / 1e6 for name in ("v_pre_cov", "v_post_cov")}
     impacts = impacts.replace(**stated)
-    scatter = estimate_scatter(identify_jointly("wang_mason", {}, impacts).model, impacts)
+    scatter = fit_scatter(impacts, fit(impacts, "wang_mason").model)
     assert scatter.names == ()
     assert scatter.deviations[0].value == pytest.approx(World().noise, rel=WITHIN)
     assert "the instrument has noise beside the stated: 0.00" in repr(scatter)
@@ -176,7 +179,7 @@ def test_noise_that_was_stated_too_small_is_the_instruments():
 def test_ellipsoids_hold_impacts_that_were_not_fitted():
     impacts, _ = scattered(trials=500, sigma_normal=math.radians(2))
     fitted, rest = impacts[:250], impacts[250:]
-    scatter = estimate_scatter(identify_jointly("wang_mason", {}, fitted).model, fitted)
+    scatter = fit_scatter(fitted, fit(fitted, "wang_mason").model)
     error = rest.v_post - scatter.model.predict(rest).v_post
     distance = (error * torch.linalg.solve(scatter.covariance(rest), error[..., None])[..., 0]).sum(-1)
     assert (distance < 7.815).double().mean() == pytest.approx(0.95, abs=0.045)  # three standard errors of 250
@@ -186,12 +189,33 @@ def test_ellipsoids_hold_impacts_that_were_not_fitted():
 
 def test_draws_have_the_covariance_of_the_scatter():
     impacts, scatter = scattered(**PLANTED["normal"][0])
-    drawn = scatter.model.scattered(impacts[:20], torch.Generator().manual_seed(1), 2000)
+    drawn = scatter.model.scattered(impacts[:20], torch.Generator().manual_seed(1), 2000).v_post
     away = drawn - ContactModel(scatter.model.law).predict(impacts[:20]).v_post
     spread, expected = away.square().mean(0), scatter.model.scatter_covariance(impacts[:20])
     assert (spread.sum(0) / expected.diagonal(dim1=-2, dim2=-1).sum(0)).tolist() == pytest.approx([1] * 3, rel=0.1)
+    assert torch.equal(scatter.model.predict(impacts[:20]).covariance, expected)
     deviations = scatter.sample(4000, impacts, torch.Generator().manual_seed(0))["normal"]
     assert deviations.std() == pytest.approx(scatter.model.scatter["normal"].sigma, rel=0.05)
+
+
+def test_fans_of_roll_outs_scatter_at_every_bounce():
+    _, scatter = scattered(**PLANTED["normal"][0])
+    square = Polygon(((-0.03, -0.03), (0.03, -0.03), (0.03, 0.03), (-0.03, 0.03)))
+    state = BodyState(pose=(0, 0.5, 0.3), velocity=(1, 0, 5), mass=0.05, inertia=3e-5)
+    spread = []
+    for model in (scatter.model, replace(scatter.model, scatter={})):
+        fan = model.roll_out(state, square, samples=30, generator=torch.Generator().manual_seed(0))
+        assert fan.times[:, 0].std() < 1e-12
+        spread.append(fan.times[:, 1].std())
+    assert spread[0] > 3 * spread[1]
+
+
+def test_a_checkpoint_keeps_the_scatter(tmp_path):
+    model = ContactModel(LAW, scatter={"normal": Normal(sigma=0.01)})
+    save(model, tmp_path / "model.pt")
+    assert load(tmp_path / "model.pt").scatter["normal"].sigma == 0.01
+    with pytest.raises(UnknownNameError, match=r"component of scatter"):
+        find_component("normall")
 
 
 def test_a_component_of_a_users_own_is_five_lines():
@@ -202,7 +226,7 @@ def test_a_component_of_a_users_own_is_five_lines():
             return state.replace(v_pre=state.v_pre - torch.cat((u, 0 * u, 0 * u), -1)), mu, eps
 
     drops = synthetic.load(200, velocity_noise=0.003, spin_noise=0.1)
-    found = estimate_scatter(ContactModel(LAW), drops, components=[SlipScatter(), Restitution()])
+    found = fit_scatter(drops, ContactModel(LAW), components=[SlipScatter(), Restitution()])
     assert {*found.names} <= {"slip_scatter", "restitution"}
     with pytest.raises(TypeError, match="Nameless must state its symbol"):
         type("Nameless", (Component,), {"perturb": SlipScatter.perturb})
@@ -211,9 +235,9 @@ def test_a_component_of_a_users_own_is_five_lines():
 def test_what_cannot_be_estimated_is_refused():
     drops = synthetic.load(60)
     with pytest.raises(DataError, match="scatter needs at least 40 impacts, got 30"):
-        estimate_scatter(ContactModel(LAW), drops[:30])
+        fit_scatter(drops[:30], ContactModel(LAW))
     with pytest.raises(ContactLearnError, match="not on a law"):
-        estimate_scatter(ContactModel(), drops)
+        fit_scatter(drops, ContactModel())
 
 
 # --- Structure before scatter ---------------------------------------------------------------------

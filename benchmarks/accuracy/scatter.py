@@ -8,6 +8,7 @@ Half of the sets have no stated noise.  The law is fitted first, then the scatte
 
 import argparse
 import math
+import sys
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -15,15 +16,17 @@ from functools import partial
 from pathlib import Path
 
 import torch
-from scattered_impacts import World, simulated
 
 from contactlearn.data import tracks
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects.velocity_dependent_restitution import LinearFallRestitution
-from contactlearn.inference.identification.joint import identify_jointly
-from contactlearn.inference.identification.scatter import Scatter, estimate_scatter
+from contactlearn.inference.identification.joint import fit
+from contactlearn.inference.identification.scatter import Scatter, fit_scatter
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from accuracy.scattered_impacts import World, simulated
 
 PLANTED = {
     "restitution": {"sigma_eps": 0.05},
@@ -64,7 +67,7 @@ def judged(kind: str, seed: int, *, space: bool, trials: int) -> tuple[str, bool
     stated = seed % 2 == 0
     impacts = simulated(world, trials, stated=stated)
     effects = {"velocity_dependent_restitution": LinearFallRestitution()} if world.speed_loss else {}
-    found = estimate_scatter(identify_jointly("wang_mason", effects, impacts).model, impacts)
+    found = fit_scatter(impacts, fit(impacts, "wang_mason", effects).model)
     sizes = {name: found.model.scatter[name].sigma for name in found.names}
     ratios = {name: sizes[name] / getattr(world, NAMES[name]) for name in found.names if getattr(world, NAMES[name])}
     return kind, stated, set(found.names), ratios, repr(found).replace("\n", "; ")
@@ -129,7 +132,7 @@ def measured_sets(folder: Path) -> None:
         number = torch.tensor([int(trial.split("#")[0]) for trial in impacts.trial])
         for half in (0, 1):
             fitted, rest = impacts[number % 2 == half], impacts[number % 2 != half]
-            found = estimate_scatter(identify_jointly(law, {}, fitted).model, fitted)
+            found = fit_scatter(fitted, fit(fitted, law).model)
             none = replace(found, model=replace(found.model, scatter={}))
             print(f"{name}, half {half}, {law}, {len(fitted)} impacts\n{found}\n  {held_out(found, rest)}")
             print(f"  ΔBIC {found.bic:.0f}; instrument alone: {left(none, rest):.2f} of its units are left", flush=True)

@@ -30,6 +30,7 @@ from contactlearn.models.contact_model import RESIDUALS, ContactModel
 from contactlearn.models.process_options import ProcessOptions
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.standardisation import Standardisation
+from contactlearn.scatter import Component, find_component
 
 FORMAT = 3
 """Number of the file format; a file of a higher one is refused.
@@ -136,6 +137,8 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     if isinstance(part, Effect):
         values = _describe(columns(*part.values), f"{name}.values", tensors)
         return {"kind": "effect", "name": part.name, "form": part.form, "options": part.options, "values": values}
+    if isinstance(part, Component):
+        return {"kind": "scatter", "name": part.name, "sigma": _describe(part.sigma, f"{name}.sigma", tensors)}
     if isinstance(part, Law):
         plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
         own = {key: value for key, value in vars(part).items() if key not in plain}
@@ -164,6 +167,9 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return _build_effect(description).at(_build(description["values"], f"{name}.values", tensors))
     if kind == "effects":
         return {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    if kind == "scatter":
+        sigma = _build(description["sigma"], f"{name}.sigma", tensors)
+        return find_component(description["name"])(sigma=sigma.item())
     if kind == "Law":
         return _build_law(description, name, tensors)
     options = description.pop("options", {"prior": False})

@@ -49,6 +49,7 @@ class ContactModel:
 
     In space residual and noise are in the axes of the slip (`Impacts.slip_axes`): what is learnt turns with the impact.
     `parameter_covariance` [..., K, K] is that of the fitted μ, ε and parameters of the effects, in this order.
+    `scatter` are the components of the contact's scatter by name.
     `provenance` is what a checkpoint says of the data and settings that made the model; empty for any other model.
 
     Raises:
@@ -82,7 +83,7 @@ class ContactModel:
         """Post velocity, wrench and, where noise is known, covariance of every impact.
 
         The covariance is that of the processes, carried through the equation of motion (and
-        linearly through the law and its effects), plus the noise.
+        linearly through the law and its effects), plus the noise; that of a law alone is its contact's scatter.
         """
         require_impacts(impacts)
         if self.parameters is not None:
@@ -90,7 +91,8 @@ class ContactModel:
         elif self.residual is not None:
             mean, variance = self.residual.predict(impacts)
         else:
-            return self.base_prediction(impacts)
+            prediction = self.base_prediction(impacts)
+            return replace(prediction, covariance=self.scatter_covariance(impacts)) if self.scatter else prediction
         prediction = self.complete(impacts, mean)
         if self.noise is None:
             return prediction
@@ -155,15 +157,16 @@ class ContactModel:
         """Follow bodies through flights and bounces; see `roll_out.follow`.
 
         With `samples` each body is followed with so many draws of the parameters from their covariance, along a new
-        first axis: a fan of trajectories.  `friction` is that of bodies whose contacts have piled up, by default the
-        law's with its effects.  Effects of the recording, such as a sampling delay, are left out.
+        first axis: a fan of trajectories.  The contact's scatter is then drawn anew at every bounce.  `friction` is
+        that of bodies whose contacts have piled up, by default the law's with its effects.  Effects of the recording,
+        such as a sampling delay, are left out.
 
         Raises:
             ContactLearnError: samples, and the model has no covariance of its parameters.
             DataError: the shape is not known, or a body starts inside the floor.
         """
         effects = {name: effect for name, effect in self.effects.items() if name not in RECORDING}
-        model = replace(self, effects=effects)
+        model = replace(self, effects=effects, scatter={} if samples is None else self.scatter)
         values: list[Tensor] | None = None
         if samples is not None:
             if self.parameter_covariance is None:
@@ -185,19 +188,23 @@ class ContactModel:
             law = own.law if friction is None else own.law.at(friction, own.law.eps)
             return ContactModel(law, effects=acting).predict(impacts)
 
+        def bounced(impacts: Impacts, rows: Tensor) -> Prediction:
+            own = at(rows)
+            return own.scattered(impacts, generator) if own.scatter else own.predict(impacts)
+
         found = follow(
-            lambda impacts, rows: at(rows).predict(impacts),
+            bounced,
             None if self.under.base is None else steady,
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
             *(state, shape, until, gravity, drag),
         )
         return replace(found, left_out=tuple(name for name in self.effects if name in RECORDING))
 
-    def scattered(self, impacts: Impacts, generator: torch.Generator, samples: int = 1) -> Float[Tensor, "s n D"]:
-        """Draw outcomes v_post [samples, N, D] of a contact that scatters, without noise of an instrument."""
-        under, shape = self.under, (samples, len(impacts))
-        drawn = [(one, one.draw(shape, impacts.space, generator)) for one in under.scatter.values()]
-        return resolve(under.law, under.effects, State.of(impacts), *under.law.coefficients, deviations=drawn).v_post
+    def scattered(self, impacts: Impacts, generator: torch.Generator | None, samples: int | None = None) -> Prediction:
+        """Draw the outcomes [samples, N] of a contact that scatters, or [N], without noise of an instrument."""
+        shape = (len(impacts),) if samples is None else (samples, len(impacts))
+        drawn = [(one, one.draw(shape, impacts.space, generator)) for one in self.scatter.values()]
+        return resolve(self.law, self.effects, State.of(impacts), *self.law.coefficients, deviations=drawn)
 
     def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
         """Covariance [N, D, D] of v_post by the contact's scatter, about the outcome without it.
@@ -205,10 +212,10 @@ class ContactModel:
         It is that of the full law at draws of the deviations, the same for every call: a linear one would not see that
         scatter makes sliding impacts stick.
         """
-        if not self.under.scatter:
+        if not self.scatter:
             return impacts.v_pre.new_zeros(len(impacts), *[impacts.space.D] * 2)
         drawn = self.scattered(impacts, torch.Generator().manual_seed(0), _DRAWS)
-        away = drawn - self.under.base_prediction(impacts).v_post
+        away = drawn.v_post - self.base_prediction(impacts).v_post
         return torch.einsum("sni,snj->nij", away, away) / _DRAWS
 
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:

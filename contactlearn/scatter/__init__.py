@@ -6,6 +6,7 @@ Every other module is a component.  `COMPONENTS` lists them; `contactlearn.infer
 their standard deviations, and decides which of them the data want.
 """
 
+from contactlearn.core.errors import UnknownNameError
 from contactlearn.scatter.base import Component
 from contactlearn.scatter.contact_point import ContactPoint
 from contactlearn.scatter.friction import Friction
@@ -15,4 +16,16 @@ from contactlearn.scatter.restitution import Restitution
 COMPONENTS: tuple[type[Component], ...] = (Restitution, Friction, Normal, ContactPoint)
 """All components."""
 
-__all__ = ["COMPONENTS", "Component", "ContactPoint", "Friction", "Normal", "Restitution"]
+__all__ = ["COMPONENTS", "Component", "ContactPoint", "Friction", "Normal", "Restitution", "find_component"]
+
+
+def find_component(name: str) -> type[Component]:
+    """Return the class of a component by name; one of another package is known once that has been imported.
+
+    Raises:
+        UnknownNameError: no such component.
+    """
+    known = {kind.name: kind for kind in Component.__subclasses__()}
+    if name not in known:
+        raise UnknownNameError("component of scatter", name, known)
+    return known[name]

@@ -27,7 +27,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
-from contactlearn.core.numerics import is_number, random
+from contactlearn.core.numerics import is_number
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import Space
 
@@ -79,6 +79,7 @@ class Component(Frozen, ABC):
         """Number of independent deviations of one impact."""
         return 1
 
-    def draw(self, shape: tuple[int, ...], space: Space, generator: torch.Generator) -> Float[Tensor, "... k"]:
+    def draw(self, shape: tuple[int, ...], space: Space, generator: torch.Generator | None) -> Float[Tensor, "... k"]:
         """Draw deviations [*shape, k]."""
-        return self.sigma * random(torch.randn, (*shape, self.deviations(space)), generator)
+        drawn = torch.randn(*shape, self.deviations(space), generator=generator, dtype=torch.float64)
+        return self.sigma * drawn

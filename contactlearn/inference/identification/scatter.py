@@ -180,9 +180,9 @@ class Scatter:
         }
 
 
-def estimate_scatter(
-    model: ContactModel,
+def fit_scatter(
     impacts: Impacts,
+    model: ContactModel,
     *,
     components: Iterable[Component] | None = None,
     thresholds: ScatterThresholds = ScatterThresholds(),
@@ -190,8 +190,8 @@ def estimate_scatter(
     """Estimate the scatter around a law with effects, and both anew beside it.
 
     Args:
-        model: a law with effects, fitted to these impacts; their values are where the estimate begins.
         impacts: measurements, with or without covariances of their velocities.
+        model: a law with effects, fitted to these impacts; their values are where the estimate begins.
         components: that may scatter; all that there are if None.
         thresholds: of the statements.
 
