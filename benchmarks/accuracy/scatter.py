@@ -11,7 +11,6 @@ import math
 import sys
 import warnings
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import torch
 
 from contactlearn.data import tracks
 from contactlearn.data.audit.corrections import correct
+from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects.velocity_dependent_restitution import LinearFallRestitution
 from contactlearn.inference.identification.joint import fit
 from contactlearn.inference.identification.scatter import Scatter, fit_scatter
@@ -125,17 +125,22 @@ def measured_sets(folder: Path) -> None:
     cubes = tracks.load(path=folder / "cube_tosses/tosses.parquet", mass=0.37, shape=cube, inertia=8.1e-4)
     drops = folder / "square_drops/recordings.parquet"
     squares = tracks.load(path=drops, mass=0.0485, shape=square, rate=250, columns=columns)
-    for name, impacts, law in (
-        ("cubes", correct(cubes, ["rig"]), "mirtich"),
-        ("squares", correct(squares, ["rig", "drop_outliers"]), "wang_mason_newton"),
+    cubes, squares = correct(cubes, ["rig"]), correct(squares, ["rig", "drop_outliers"])
+    speed = "velocity_dependent_restitution"
+    for name, impacts, law, effects in (
+        ("cubes", cubes, "mirtich", ()),
+        ("cubes", cubes, "mirtich", (speed, "configuration_dependent_restitution")),
+        ("squares", squares, "wang_mason_newton", ()),
+        ("squares", squares, "wang_mason_newton", (speed, "tangential_restitution")),
     ):
         number = torch.tensor([int(trial.split("#")[0]) for trial in impacts.trial])
         for half in (0, 1):
             fitted, rest = impacts[number % 2 == half], impacts[number % 2 != half]
-            found = fit_scatter(fitted, fit(fitted, law).model)
-            none = replace(found, model=replace(found.model, scatter={}))
-            print(f"{name}, half {half}, {law}, {len(fitted)} impacts\n{found}\n  {held_out(found, rest)}")
-            print(f"  ΔBIC {found.bic:.0f}; instrument alone: {left(none, rest):.2f} of its units are left", flush=True)
+            found = fit_scatter(fitted, fit(fitted, law, effects).model)
+            print(f"{name}, half {half}, {len(fitted)} impacts, {found.model}\n{found}\n  {held_out(found, rest)}")
+            print(f"  ΔBIC {found.bic:.0f}; instrument alone: {left(found, rest):.2f} of its units are left")
+            for one in screen_deviations(found, fitted):
+                print(f"  {one.component} depends on {one.variable}: {one.share:.0%} of its deviations", flush=True)
 
 
 def left(found: Scatter, impacts: Impacts) -> float:
