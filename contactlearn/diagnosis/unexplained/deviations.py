@@ -38,6 +38,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE
 
+_POSE = "pose"
 _HARMONICS = 40  # of an orientation: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
 _TOLD = 3  # dependences of each component, the most significant ones
@@ -51,8 +52,8 @@ class DeviationDependence:
         component: name of the component.
         variable: symbols of the state, `pose`, `order`, `period`, or a quantity of earlier impacts.
         order: half periods over the range of the variable, harmonic of an orientation, or trials of a window or period.
-        share: of the variance of the deviations, that all tested functions of the variable explain, adjusted for their
-            number; nan of order and period, whose smooth course is not estimated.
+        share: of the variance of the deviations that all tested functions of the variable explain (of a pose, those of
+            this order), adjusted for their number; nan of order and period, whose smooth course is not estimated.
         p_value: of independence, over everything that was tested.
     """
 
@@ -99,7 +100,8 @@ def screen_deviations(
         column, variable, order = labels[k]
         component, u = columns[column]
         if (component, variable) not in best and sum(one.component == component for one in best.values()) < _TOLD:
-            own = functions[:, [name == variable for name, *_ in named]]
+            # A pose has more harmonics than there may be trials: its share is that of the strongest one.
+            own = functions[:, [n == variable and (n != _POSE or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(
                 component=component, variable=variable, order=order, share=_explained(u, own), p_value=p_value
             )
@@ -123,8 +125,8 @@ def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Fl
             yield " × ".join(order), max(order.values()), function
     for angle in _angles(impacts):
         for k in range(1, _HARMONICS + 1):
-            yield "pose", k, (k * angle).cos()
-            yield "pose", k, (k * angle).sin()
+            yield _POSE, k, (k * angle).cos()
+            yield _POSE, k, (k * angle).sin()
     for memory, values in histories(impacts, scatter.model.base_prediction(impacts)).items():
         yield f"{memory.variable} of earlier impacts", memory.trials, values
 
