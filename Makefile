@@ -1,10 +1,10 @@
 # make demo       the main job on built-in synthetic drops, no download of data
 # make quick      the inner loop: tests of what changed since the last commit
-# make test       style, types, and the test suite
+# make test       style, types, the test suite, and a fresh install without the lock file
 # make test-all   with the repetitions that `make test` leaves out
 # make bench      every benchmark, one after the other
 # make docs       the site, strictly, into site/
-# make versions   the oldest and the newest supported versions, each in an environment of its own
+# make versions   the oldest and the newest supported versions, and pre-releases, each in an environment of its own
 # make release    the release checklist, up to the upload
 PYTHON ?= python3
 PY := .venv/bin/python
@@ -36,11 +36,13 @@ STYLE := $(PY) -m ruff check . && $(PY) -m ruff format --check . && $(PY) -m pyr
 style: .venv/ready
 	$(STYLE)
 
-# What style says comes after the tests, beside which it runs: pyright keeps one core busy for a minute.
+# What style and a fresh install say comes after the tests, beside which they run: each keeps one core busy for a minute.
 test test-all: .venv/ready browser
-	@said=$$(mktemp); { $(STYLE); } >"$$said" 2>&1 & style=$$!; \
+	@said=$$(mktemp -d); { $(STYLE); } >"$$said/style" 2>&1 & style=$$!; \
+	$(PY) tools/versions.py fresh >"$$said/fresh" 2>&1 & fresh=$$!; \
 	$(SUITE) $(if $(filter test-all,$@),-m ""); tested=$$?; \
-	wait $$style; styled=$$?; cat "$$said"; rm "$$said"; exit $$((tested + styled))
+	wait $$style; styled=$$?; wait $$fresh; installed=$$?; \
+	cat "$$said"/*; rm -r "$$said"; exit $$((tested + styled + installed))
 
 bench: .venv/ready
 	$(PIP) -q -c requirements.lock -c benchmarks/requirements.lock -e '.[test,bench]'

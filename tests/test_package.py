@@ -1,6 +1,7 @@
 """The package as it is installed: sdist and wheel build, hold what they must, and work where no checkout is."""
 
 import contextlib
+import re
 import subprocess
 import sys
 import tarfile
@@ -140,8 +141,14 @@ def versions():
 def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested(versions, monkeypatch):
     assert len(versions.lower_bounds()) == len(PROJECT["dependencies"])
     monkeypatch.setattr(versions, "pythons", lambda: ["python3"])
-    assert versions.asked([]) == (["oldest", "newest"], ["python3"])
+    assert versions.asked([]) == (["oldest", "newest", "pre"], ["python3"])
     assert versions.asked(["oldest", "python3"]) == (["oldest"], ["python3"])
+    assert versions.asked(["fresh"]) == (["fresh"], [sys.executable])
+
+
+def test_a_fresh_install_has_the_torch_of_the_lock_and_the_python_of_the_readme(versions):
+    assert re.fullmatch(r"torch==\d+\.\d+\.\d+", versions.locked("torch"))
+    assert "from contactlearn import diagnose" in versions.snippet()
 
 
 @pytest.mark.parametrize(("words", "message"), [
