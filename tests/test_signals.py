@@ -4,18 +4,13 @@ import contextlib
 import io
 import json
 import os
-import pickle
 import signal
 import subprocess
 import sys
-import time
-from functools import partial
 
 import pytest
-import torch
 from repetitions import repeated
 
-from contactlearn.core import workers
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 
 _AT_WORK = """
@@ -140,101 +135,3 @@ def test_a_step_is_stopped_afterwards():
         done.append("the rest of it")
     assert done
     assert signal.getsignal(signal.SIGINT) is before
-
-
-# --- Calls that two processes share ---------------------------------------------------------------------
-
-
-@pytest.fixture
-def copied(monkeypatch):
-    """A second core, whether there is one or not."""
-    monkeypatch.setattr(workers, "_can_be_copied", lambda: True)
-    with workers.second_core():
-        yield
-
-
-def taken(k, seconds=0.02):
-    time.sleep(seconds)
-    return k, os.getpid()
-
-
-def test_calls_are_shared_by_two_processes_and_their_results_in_order(copied):
-    for _ in range(2):  # by the same copy
-        numbers, processes = zip(*workers.side_by_side([partial(taken, k) for k in range(8)]), strict=True)
-        assert numbers == tuple(range(8))
-        assert len({*processes}) == 2
-        assert os.getpid() in processes
-    each = workers.side_by_side([partial(workers.side_by_side, [partial(taken, k)] * 2) for k in range(4)])
-    assert all(one[1] == two[1] for one, two in each)  # calls within calls have no core of their own
-    with workers.second_core():  # nor is there a third
-        assert len({pid for _, pid in workers.side_by_side([partial(taken, 0)] * 8)}) == 2
-
-
-def test_items_are_taken_a_few_at_a_time(copied):
-    read = []
-    done = workers.one_by_one(partial(taken, seconds=0.01), (read.append(k) or k for k in range(30)))
-    first = next(done)
-    assert len(read) < 30  # not all are in memory
-    numbers, processes = zip(first, *done, strict=True)
-    assert numbers == tuple(range(30))
-    assert len({*processes}) == 2
-
-
-def test_without_a_second_core_this_process_makes_the_calls():
-    assert {pid for _, pid in workers.side_by_side([partial(taken, 0)] * 4)} == {os.getpid()}
-
-
-def test_calls_that_cannot_be_sent_are_made_here(copied):
-    assert workers.side_by_side([lambda: os.getpid()] * 4) == [os.getpid()] * 4
-    assert len({pid for _, pid in workers.side_by_side([partial(taken, 0)] * 8)}) == 2
-
-
-def fails(here, own):
-    time.sleep(0.05)
-    if (os.getpid() == here) is own:
-        raise ZeroDivisionError
-    return os.getpid()
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_a_call_that_fails_in_either_process_says_why(copied, own):
-    here = os.getpid()
-    with pytest.raises(ZeroDivisionError) if own else contextlib.nullcontext():
-        assert workers.side_by_side([partial(fails, here, own)] * 2) == [here] * 2
-    assert {pid for _, pid in workers.side_by_side([partial(taken, 0)] * 4)} == {here}  # the copy is no more
-
-
-def test_tensors_arrive_with_their_layout(copied):
-    whole = torch.arange(24.0, dtype=torch.float64).reshape(2, 3, 4)
-    for x in (whole, whole.mT, whole[:, ::2, 1], whole[0, 0].expand(5, 4), torch.empty(0, 3), torch.tensor(True)):
-        sent = pickle.loads(workers._pickled(x))
-        assert sent.dtype is x.dtype
-        assert sent.stride() == x.stride()
-        assert torch.equal(sent, x)
-
-
-_SHARED = """
-import os, time
-from contactlearn.core import workers
-from contactlearn.core.signals import graceful_exit
-
-def work():
-    os.write(1, f"{os.getpid()}\\n".encode())
-    time.sleep(60)
-
-workers._can_be_copied = lambda: True
-with graceful_exit(), workers.second_core():
-    workers.side_by_side([work, work])
-"""
-
-
-def test_ctrl_c_ends_a_copy_silently():
-    parent = subprocess.Popen(
-        [sys.executable, "-c", _SHARED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
-    assert {int(parent.stdout.readline()) for _ in range(2)} > {parent.pid}
-    os.killpg(parent.pid, signal.SIGINT)
-    _, message = parent.communicate(timeout=20)  # once the copy has closed its pipes
-    assert parent.returncode == 130
-    assert message.count("\n") == 1

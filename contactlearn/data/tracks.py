@@ -28,7 +28,6 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
-from contactlearn.core.workers import one_by_one
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import (
     ANGLES,
@@ -129,7 +128,7 @@ class Tracked:
         chosen = alone if {file.stem for file in alone} == {*names} else files
         search = partial(tracked, frame=self.survey.frame, model=self.survey.model, options=self.options)
         recordings = (one for file in chosen for one in _named(file, names, self.options.layout))
-        return one_by_one(search, (self.searched.get(key(one), one) for one in recordings))
+        return map(search, (self.searched.get(key(one), one) for one in recordings))
 
 
 def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:

@@ -7,13 +7,11 @@ tested on all trials (`sampling`).
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from importlib import import_module
 
 import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.workers import second_core
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.evidence import evidence_arrays
 from contactlearn.data.audit.findings import audit
@@ -76,8 +74,7 @@ def diagnose(
         seconds=options.seconds,
         on_event=on_event,
     )
-    import_module("contactlearn.models.gp.exact")  # before there is a copy, which would take as long again
-    with threadpool_limits(1), second_core():  # tensors here are small: two threads take longer, up to seven times
+    with threadpool_limits(1):  # tensors here are small: two threads take longer, up to seven times
         if len(impacts) <= thresholds.whole and affordable(len(impacts), options.memory):
             found = diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(options.seed))
         else:

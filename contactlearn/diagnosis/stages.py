@@ -18,12 +18,10 @@ All errors are the held-out mass error.  `result` holds the types; docs/diagnosi
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.workers import side_by_side
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.model_checks import averaging_notes, find_model_outliers
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
@@ -129,9 +127,7 @@ def diagnose_audited(
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
     """Compute the held-out error of each law with the given effects, and its coefficients without any."""
     laws = [question.laws[name] for name in fitted_first(question.laws)]
-    return tuple(
-        side_by_side([partial(_law_fit, law, question.given, impacts, folds, question.options) for law in laws])
-    )
+    return tuple(_law_fit(law, question.given, impacts, folds, question.options) for law in laws)
 
 
 def _law_fit(law: Law, given: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: FitOptions) -> LawFit:
@@ -499,8 +495,8 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
         alone = [_fit_alone(question.laws[fit.name], selection.impacts, question.options) for fit in fits]
         fits = [LawFit.of(law, fit.error) for law, fit in zip(alone, fits, strict=True)]
     if missing:
-        errors = side_by_side([partial(selection.error_around, question.laws[fit.name]) for fit in fits])
-        fits = [replace(fit, error_with_effects=error) for fit, error in zip(fits, errors, strict=True)]
+        around = selection.error_around
+        fits = [replace(fit, error_with_effects=around(question.laws[fit.name])) for fit in fits]
     return tuple(fits)
 
 

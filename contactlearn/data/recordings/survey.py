@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.workers import WorkerPool, one_by_one
+from contactlearn.core.workers import WorkerPool
 from contactlearn.data.recordings.contacts import find_contacts, refuse
 from contactlearn.data.recordings.conventions import Conventions
 from contactlearn.data.recordings.flights import FlightModel, FlightOptions
@@ -133,9 +133,9 @@ def survey(
     search = partial(_search, frame=frame, model=model, options=options)
     if len(files) == 1:
         pieces = progress(_pieces(files[0], layout, searched))
-        parts = one_by_one(search, pieces) if workers == 1 else _shared(search, pieces, workers)
+        parts = map(search, pieces) if workers == 1 else _shared(search, pieces, workers)
     elif workers == 1 or len(files) < _MANY:
-        parts = one_by_one(search, (piece for file in progress(files) for piece in _pieces(file, layout, searched)))
+        parts = map(search, (piece for file in progress(files) for piece in _pieces(file, layout, searched)))
     else:
         search = partial(_search_file, frame=frame, model=model, options=options)
         parts = _shared(search, progress(files), workers)
@@ -144,7 +144,7 @@ def survey(
 
 def search_sample(recordings: Sequence[Recording], frame: Frame, model: FlightModel, options: TrackOptions) -> Searched:
     """Search a few recordings."""
-    founds = one_by_one(partial(tracked, frame=frame, model=model, options=options), recordings)
+    founds = map(partial(tracked, frame=frame, model=model, options=options), recordings)
     return {key(recording): found for recording, found in zip(recordings, founds, strict=True)}
 
 

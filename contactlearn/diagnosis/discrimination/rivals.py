@@ -17,14 +17,12 @@ separate them.  Forms of one effect are not reported as rivals of each other.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.effects import Rival
 from contactlearn.diagnosis.search.pool import ScoredFit
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, validated
@@ -72,7 +70,7 @@ def find_rivals(
     residual = selection.impacts.v_post - selection.present.fit.model.predict(selection.impacts).v_post
     scatter = robust_covariance(residual)  # in which all models are compared
     chosen = validated(pool, folds, selection.chosen, scatter)
-    similarities = side_by_side([partial(similarity, selection, effect) for effect in missing])
+    similarities = [similarity(selection, effect) for effect in missing]
     found: dict[EffectId, tuple[FittedRival, ...]] = {}
     for effect, among in progress(list(zip(missing, similarities, strict=True))):
         exchanged = _exchanged(selection, effect)

@@ -16,7 +16,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic, vanishing
 from contactlearn.effects import Effect, EffectId, columns
 from contactlearn.inference.identification import joint
@@ -107,9 +106,8 @@ class Pool:
         options = replace(self.options, starts=_STARTS, tolerance=_TOLERANCE, standard_errors=False)
         fit = partial(joint.fit, self.impacts, options=options)
         new = {spec: start for spec, start in starts.items() if spec not in self.models}
-        calls = [partial(fit, self.laws[spec.law], self.effects(spec), start=start) for spec, start in new.items()]
-        for spec, found in zip(new, side_by_side(calls), strict=True):
-            self.models[spec] = self._scored(spec, found)
+        for spec, start in new.items():
+            self.models[spec] = self._scored(spec, fit(self.laws[spec.law], self.effects(spec), start=start))
         return [self.models[spec] for spec in starts]
 
     def _scored(self, spec: Spec, fit: Fit) -> ScoredFit:
@@ -126,8 +124,8 @@ class Pool:
         """Return models of the pool after fits to the full tolerance, from which standard errors are taken."""
         fit = partial(joint.fit, self.impacts, options=self.options)
         models = [self.models[spec] for spec in specs]
-        calls = [partial(fit, self.laws[one.spec.law], one.effects, start=one.fit.values) for one in models]
-        self.models |= {spec: self._scored(spec, found) for spec, found in zip(specs, side_by_side(calls), strict=True)}
+        fits = [fit(self.laws[one.spec.law], one.effects, start=one.fit.values) for one in models]
+        self.models |= {spec: self._scored(spec, found) for spec, found in zip(specs, fits, strict=True)}
         return [self.models[spec] for spec in specs]
 
     def score(self, spec: Spec, effects: Mapping[str, Effect], loss: float) -> float:
@@ -143,9 +141,10 @@ class Pool:
         """Compute the same of models at several values each, with the mean loss of every so-manyth trial."""
         models = [(spec, self.effects(spec), values) for spec, values in tried.items()]
         impacts = self.impacts[::every]
-        calls = [partial(_losses_at, impacts, self.laws[spec.law], own, values) for spec, own, values in models]
-        losses = zip(models, side_by_side(calls), strict=True)
-        return [[self.score(spec, own, loss) for loss in each] for (spec, own, _), each in losses]
+        return [
+            [self.score(spec, own, loss) for loss in _losses_at(impacts, self.laws[spec.law], own, values)]
+            for spec, own, values in models
+        ]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
         """List each effect of a model with the other forms of its family, and those that refine it."""
@@ -181,7 +180,7 @@ class Pool:
             candidates=self._vanishing,
             options=self.options,
         )
-        return side_by_side([partial(about, self.laws[one.spec.law], one.effects, one.fit) for one in models])
+        return [about(self.laws[one.spec.law], one.effects, one.fit) for one in models]
 
     def start(self, spec: Spec, about: ScoredFit, values: Mapping[EffectId, Float[Tensor, " k"]]) -> Tensor:
         """Return values to fit a model from: those given, else those of another model, else the effects' own."""

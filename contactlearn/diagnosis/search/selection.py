@@ -15,14 +15,12 @@ import math
 import time
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
@@ -224,12 +222,11 @@ def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor,
 
 def predict_held_out(pool: Pool, folds: Folds, models: Iterable[ScoredFit]) -> None:
     """Fit models to the folds, whose predictions `validated` then finds in the pool."""
-    calls = {
-        (folds, model.spec): partial(_folds(pool, folds, model).predicted, model.effects, model.fit)
+    pool.predicted |= {
+        (folds, model.spec): _folds(pool, folds, model).predicted(model.effects, model.fit)
         for model in models
         if (folds, model.spec) not in pool.predicted
     }
-    pool.predicted |= zip(calls, side_by_side(list(calls.values())), strict=True)
 
 
 def _folds(pool: Pool, folds: Folds, model: ScoredFit) -> CrossValidation:

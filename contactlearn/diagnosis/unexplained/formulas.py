@@ -21,7 +21,6 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import NormalDist
 
 import torch
@@ -29,7 +28,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, install_hint
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import wrench_columns
@@ -265,7 +263,7 @@ def formulas(
     single = [*dict.fromkeys((*starts, *((axis, term) for (axis, _), pair in pairs.items() for term in pair)))]
     terms = [*((axis, [term]) for axis, term in single), *((axis, pair) for (axis, _), pair in pairs.items())]
     coefficients = (libraries[axis][0].coefficients(some, libraries[axis][1]) for axis, some in terms)
-    tried = side_by_side([partial(trials.tried, *one, c) for one, c in zip(terms, coefficients, strict=True)])
+    tried = [trials.tried(*one, c) for one, c in zip(terms, coefficients, strict=True)]
     best = _best(tried[: len(single)], tried[len(single) :], before, most, thresholds)
     return tuple(trial.formula(before) for trial in best)
 

@@ -9,9 +9,7 @@ Source: the least complex model within chance of the best, Breiman, Friedman, Ol
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.state_dependence import fit_state_dependence
 from contactlearn.inference.identification.joint import Fit, FitOptions
@@ -40,7 +38,7 @@ def index_without_proxies(
         The index of the model; the last one if no remainder depends on the state.
     """
     level = thresholds.dependence_level
-    found = side_by_side([partial(fit_state_dependence, impacts, fit, options, level, _TRIALS, block) for fit in fits])
+    found = [fit_state_dependence(impacts, fit, options, level, _TRIALS, block) for fit in fits]
     dependent = [(k, one) for k, one in enumerate(found) if one is not None]
     if not dependent:
         return len(fits) - 1

@@ -18,7 +18,6 @@ coefficient does, the measurement drifts (`drift`), and no serial dependence is 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -26,7 +25,6 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Coefficient, LaggedVariable, SerialDependence
 from contactlearn.diagnosis.sign_flips import (
     exceedance,
@@ -265,8 +263,7 @@ def _best(
     order = replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0), coefficient=None)
     asked = {(one.coefficient, one.memory): one for whole in found for one in (whole, replace(whole, coefficient=None))}
     asked = {key: one for key, one in asked.items() if one.coefficient or one.variable is not LaggedVariable.ORDER}
-    calls = [partial(model.dependent, one.coefficient, _inputs(one)[stretch]) for one in (order, *asked.values())]
-    drift, *others = side_by_side(calls)
+    drift, *others = (model.dependent(one.coefficient, _inputs(one)[stretch]) for one in (order, *asked.values()))
     fits = dict(zip(asked, others, strict=True))
     tried: list[tuple[Coefficient | None, Association, VaryingCoefficientFit]] = []
     for one in found:

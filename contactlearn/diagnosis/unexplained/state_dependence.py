@@ -24,7 +24,6 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from contactlearn.core.numerics import wrapped
-from contactlearn.core.workers import side_by_side
 from contactlearn.diagnosis.result.remainder import Coefficient, StateDependence, VariableShare
 from contactlearn.diagnosis.sign_flips import exceedance, gamma_neg_log_p, normal_neg_log_p, random_signs
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -232,7 +231,7 @@ def fit_state_dependence(
     model = VaryingCoefficientModel.of(ordered, fit, scores, rows)
     inputs = {name: columns[rows] for name, columns in among.items()}
     tried = _tried(found)
-    fits = side_by_side([partial(_fit_coefficient, model, one.coefficient, one.orders, inputs) for one in tried])
+    fits = [_fit_coefficient(model, one.coefficient, one.orders, inputs) for one in tried]
     association, best = max(zip(tried, fits, strict=True), key=lambda one: one[1].share.mean)
     return StateDependenceFit(model=model, inputs=inputs, association=association, fit=best, p_value=p_value)
 

@@ -22,7 +22,6 @@ from threadpoolctl import ThreadpoolController
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.workers import side_by_side
 from contactlearn.models.gp.bfgs import Minimum, minimise
 from contactlearn.models.gp.evidence import CHUNK, LogEvidence
 from contactlearn.models.gp.modules import resolved, resolved_optimiser
@@ -113,11 +112,11 @@ class ExactGPs(GaussianProcesses):
         settings = {"most": most, "along_one": along_one, "tolerance": tolerance, "report": report}
         search = partial(_ends, bounds=bounds, prior=prior, **settings)
         size = B if report else max(-(-B // _PARTS), CHUNK // x.shape[-2] ** 2)
-        calls = [
-            partial(search, flat_x[some], flat_y[some], None if flat_weight is None else flat_weight[some], begin)
+        ends = [
+            search(flat_x[some], flat_y[some], None if flat_weight is None else flat_weight[some], begin)
             for some, begin in zip(torch.arange(B).split(size), starts.view(-1, B, D + 2).split(size, 1), strict=True)
         ]
-        return self._take(_joined(side_by_side(calls)))
+        return self._take(_joined(ends))
 
     def fit_folds(self) -> None:
         """Find the hyperparameters for folds of the same data, in random order, which are as good as alike.

@@ -231,7 +231,7 @@ def draw_density(axes: Axes, x: np.ndarray, y: np.ndarray, color: str) -> PolyCo
 
 def draw_histogram(axes: Axes, values: Float[np.ndarray, " n"], bins: int, color: str) -> None:
     """Draw how many values lie in each of some bins."""
-    axes.hist(values, bin_edges(values, bins), color=tint(color, 0.45), edgecolor=color, linewidth=0.4)
+    axes.hist(values, bin_edges(values, bins).tolist(), color=tint(color, 0.45), edgecolor=color, linewidth=0.4)
 
 
 def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:
