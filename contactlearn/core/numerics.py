@@ -151,7 +151,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
         os.replace(part, path)
 
 
-def bin_edges(values: Float[np.ndarray, " n"], bins: int) -> Float[np.ndarray, " bins+1"]:
+def bin_edges(values: Float[np.ndarray, " n"], bins: int) -> Float[np.ndarray, " edges"]:
     """Edges of a histogram; of values that differ by roundings alone, which NumPy refuses, around all of them."""
     low, high = values.min(), values.max()
     margin = 0.0 if high - low > 1e-9 * max(abs(low), abs(high)) else 0.5 * max(abs(high), 1e-9)
