@@ -178,9 +178,7 @@ LAW = laws.find("wang_mason").at(0.12, 0.55)
     diagnose,
 ], ids=["predict", "fit_subsets", "fit", "diagnose"])  # fmt: skip
 def test_non_impacts_are_refused_with_the_way_to_read_a_table(use):
-    with pytest.raises(
-        ContactLearnError, match=r"impacts must be Impacts, got DataFrame; .*Impacts\.from_frame\("
-    ):
+    with pytest.raises(ContactLearnError, match=r"impacts must be Impacts, got DataFrame; .*Impacts\.from_frame\("):
         use(pd.DataFrame({"mass": [1.0]}))
     with pytest.raises(ContactLearnError, match=r"must be Impacts, got str; contactlearn\.read_table\('drops\.csv'"):
         use("drops.csv")
