@@ -70,7 +70,6 @@ BAD_CSV = {
     "missing column": (without("vx"), ["missing column vx", "needed: mass"]),
     "missing columns": (without("mass", "omega_post"), ["missing column mass, omega_post"]),
     "misspelt column": (put(0, "vx_post", "vx_pots"), ["unknown column 'vx_pots'", "did you mean 'vx_post'", "known"]),
-    "capital column": (put(0, "mass", "Mass"), ["unknown column 'Mass'", "did you mean 'mass'"]),
     "duplicated column": (put(0, "vx", "vy"), ["unique", "'vy'"]),
     "text": (put(2, "inertia", "heavy"), ["row 2 (line 3)", "column inertia", "number in kg m²", "'heavy'"]),
     "code": (put(1, "vx", "=1+1"), ["row 1 (line 2)", "column vx", "m/s", "'=1+1'"]),
@@ -90,9 +89,10 @@ BAD_CSV = {
     "empty file": ("", ["empty", "first line", "columns"]),
     "blank file": ("\n\n  \n", ["empty"]),
     "header only": (text(grid(0)), ["header but no impacts", "at least one row"]),
-    "semicolons": (text(grid(), ";"), ["separated by commas", "semicolons", "decimal points"]),
-    "tabs": (text(grid(), "\t"), ["separated by commas", "tabs"]),
-    "german": (text(grid(), ";").replace(".", ","), ["separated by commas", "semicolons", "decimal points"]),
+    "no header": (text(grid()[1:]), ["its first line must name the columns"]),
+    "two readings": (text([["x", "y"], *[["1,234", "5,678"]] * 3], ";"), ["1,234 is 1234, or 1.234"]),
+    "two separators": ("x,y\n" + "1 234,5 678\n" * 3, ["separated by spaces (3 columns) or commas (2 columns)"]),
+    "mixed marks": (text(grid(), ";").replace("0.0364", "0,0364", 1), ["row 1 (line 2)", "mass", "write 0.0364"]),
     "decimal comma": (put(2, "mass", '"0,0364"'), ["row 2 (line 3)", "'0,0364'", "decimal comma", "write 0.0364"]),
     "bare comma": (put(2, "mass", "0,0364"), ["row 2 (line 3)", "16 cells", "header has 15", "decimal comma"]),
     "short row": (text([*grid(), ["4", "body", "0.0364"]]),
@@ -103,8 +103,7 @@ BAD_CSV = {
     "bad time": (extra(["time"], "noon"), ["row 1 (line 2)", "column time", "number in s;", "'noon'"]),
     "blank lines": (put(2, "mass", "x").replace("\n", "\n\n"), ["row 2 (line 5)", "column mass"]),
     "multi-line name": (put(1, "trial", '"a\nb"').replace("1.7e-5", "-1", 2), ["row 1", "column inertia", "line 3"]),
-    "not utf-8": (put(1, "object", "Würfel").encode("latin-1"), ["UTF-8"]),
-    "utf-16": (text(grid()).encode("utf-16"), ["UTF-8"]),
+    "utf-16 without a mark": (text(grid()).encode("utf-16-le"), ["UTF-16", "UTF-8"]),
     "binary": (bytes(range(256)), ["UTF-8"]),
 }  # fmt: skip
 
@@ -127,7 +126,7 @@ def write_parquet(path: Path, **changes) -> Path:
 
 BAD_PARQUET = {
     "missing column": ({"vx": None}, ["missing column vx"]),
-    "unknown column": ({"vx": None, "v_x": [0.5] * 3}, ["unknown column 'v_x'", "did you mean 'vx'"]),
+    "unknown column": ({"vx": None, "vxx": [0.5] * 3}, ["unknown column 'vxx'", "did you mean 'vx'"]),
     "text": ({"mass": ["1", "heavy", "1"]}, ["row 2, column mass", "number in kg;", "'heavy'"]),
     "null": ({"mass": [1.0, 1.0, None]}, ["row 3, column mass", "empty"]),
     "nan": ({"theta": [0.1, float("nan"), 0.1]}, ["row 2, column theta", "finite", "rad", "nan"]),
@@ -163,12 +162,12 @@ def test_broken_parquet_is_refused(tmp_path):
             table.load(path)
 
 
-@pytest.mark.parametrize("name", ["drops.xlsx", "drops", "drops.csv.gz", "drops.pkl"])
+@pytest.mark.parametrize("name", ["drops.xls", "drops", "drops.csv.gz", "drops.pkl"])
 def test_other_suffixes_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_text(text(grid()))
     for call in (lambda: table.load(path), lambda: table.save(synthetic.load(size=2), path)):
-        with pytest.raises(DataError, match=rf"{name}: a table is a \.csv or \.parquet file, got suffix"):
+        with pytest.raises(DataError, match=rf"{name}: a table is a \.csv or .*\.parquet file, got suffix"):
             call()
 
 

@@ -18,7 +18,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import blocks as blocks_module
 from contactlearn.data import table
 from contactlearn.data.blocks import Blocks, joined, sampled
-from contactlearn.data.table.sheet import read_parquet
+from contactlearn.data.table.files import read_parquet
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.laws import find

@@ -23,7 +23,7 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import audit, quick_audit
-from contactlearn.data.table.columns import UNIT_FACTORS
+from contactlearn.data.table.units import UNIT_FACTORS
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point, make_shape
@@ -36,10 +36,10 @@ SHAPE = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 ELLIPSE = f"data.shape={SHAPE}".replace("'", "")
 
 # How many of a unit make one in SI, by hand.
-LENGTH = {"m": 1, "cm": 100, "mm": 1000, "in": 1 / 0.0254}
-MASS = {"kg": 1, "g": 1000}
-ANGLE = {"rad": 1, "deg": 180 / math.pi}
-TIME = {"s": 1, "ms": 1000}
+LENGTH = {"m": 1, "cm": 100, "mm": 1000, "um": 1e6, "km": 1e-3, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+MASS = {"kg": 1, "g": 1000, "mg": 1e6}
+ANGLE = {"rad": 1, "deg": 180 / math.pi, "rev": 0.5 / math.pi}
+TIME = {"s": 1, "ms": 1000, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
 SENSE = {"counterclockwise": 1, "clockwise": -1}
 
 
@@ -208,15 +208,19 @@ BAD_HEADER = {
     "needs a shape": ({"rx": None, "ry": None}, None, ["missing column rx, ry", "data.shape={kind: …}, from which"]),
     "inertia needs one": ({"inertia": None}, None, ["missing column inertia", "data.shape="]),
     "half a contact point": ({"ry": None}, SHAPE, ["missing column ry"]),
-    "slips": ({"vx": "v_x", "omega": "spin"}, SHAPE,
-        ["'v_x', did you mean 'vx'?", "missing column omega", "not used: 'spin'", "data.columns={vx: v_x, omega: …}"]),
-    "names of their own": ({"mass": "m_g", "x": "pos_x", "y": "pos_y", "rx": None, "ry": None}, None, [
+    "slips": ({"vx": "vx_", "omega": "sipn", "vy": "vvy"}, SHAPE,
+        ["'vvy', did you mean 'vy'?", "missing column omega", "not used: 'sipn'", "data.columns={vy: vvy, omega: …}"]),
+    "names of their own": ({"mass": "weight", "x": "right", "y": "high", "rx": None, "ry": None}, None, [
         "5 columns are missing, or have other names than ours",
-        "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says", "not used: 'm_g', 'pos_x', 'pos_y'",
+        "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says", "not used: 'weight', 'right', 'high'",
         "data.shape={kind: …}, from which rx, ry are computed"]),
-    "two near one": ({"vx": "v_x", "vy": None, "omega_post": "_omega_post", "omega": "omega_b"}, SHAPE,
-        ["data.columns={vx: v_x, omega: omega_b, omega_post: _omega_post, vy: …}'"]),
-    "capitals": ({"trial": "Trial"}, None, ["unknown column 'Trial', did you mean 'trial'?"]),
+    "two near one": ({"vx": "vxx", "vy": None, "omega_post": "omega_pots", "omega": "omega_b"}, SHAPE,
+        ["data.columns={vx: vxx, omega: omega_b, omega_post: omega_pots, vy: …}'"]),
+    "two of one meaning": ({"x": "x_mm", "vx_post": "X [cm]"}, SHAPE,
+        ["column x may be 'x_mm' or 'X [cm]'", "data.columns={x: x_mm}"]),
+    "no spin": ({"omega": None, "omega_post": None}, SHAPE, ["has no spin (omega", "zeros in place of it"]),
+    "units that half of the columns state": ({"x": "x [mm]"}, SHAPE,
+        ["'x [mm]' is in mm", "data.units.length=mm if these are too", "data.units.length=m if they are in m"]),
 }  # fmt: skip
 
 

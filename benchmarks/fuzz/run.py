@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from fuzz.target import CORPUS, replayed
 
-TARGETS = ("tables", "mat", "recordings", "formulas", "overrides", "checkpoints")
+TARGETS = ("tables", "dialects", "mat", "recordings", "formulas", "overrides", "checkpoints")
 MEMORY, HANGS, LENGTH = 3000, 60, 8192
 """MB and seconds at which a run is given up, with the input that did it; bytes of an input."""
 COLLECTED, LONGEST = 60, 1024

@@ -264,7 +264,8 @@ class Impacts:
             frame: a row for each impact, with the columns that `to_frame` writes, or their names in `columns`.
             shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
             columns: names in the frame by ours, such as {"vx": "speed_x"}; None where it has no such column.
-            units: of length, mass, angle and time, and the sense of rotation; those left out are SI.
+            units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
+                columns, such as "vx [mm/s]", or SI.
             mass: of all bodies in kg, for a frame without that column.
             inertia: of all bodies in kg m², for a frame without that column.
             validate: see the class.

@@ -240,8 +240,10 @@ def relative(path: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def show_columns(unused: Sequence[str], computed: Sequence[str]) -> None:
-    """Print the unused columns of a table, and the fields that were computed from the body's shape."""
+def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequence[str] = ()) -> None:
+    """Print how a table was understood, its unused columns, and the fields that the body's shape gave."""
+    if read_as:
+        print_line(f"read as: {'; '.join(read_as)}")
     if unused:
         print_line(
             f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}"

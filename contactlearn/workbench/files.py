@@ -251,7 +251,7 @@ class FileCallbacks:
         Raises:
             DataError: it is no table, or breaks a rule of tables.
         """
-        table.check_suffix(Path(name))
+        table.check_suffix(Path(name), table.SUFFIXES)
         try:
             table_bytes = base64.b64decode(contents.partition(",")[2], validate=True)
         except binascii.Error as error:

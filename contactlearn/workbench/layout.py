@@ -12,6 +12,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn import laws
+from contactlearn.data.table import SUFFIXES
 from contactlearn.effects import catalogue
 from contactlearn.report.text import label, law_label
 from contactlearn.workbench.components import action_button, button, controls, figure, note, run_controls
@@ -90,8 +91,8 @@ def page_layout(largest: int) -> Component:
 
 def _header(largest: int) -> Component:
     upload = dcc.Upload(
-        "Drop a table here (.csv or .parquet), or choose one", id="upload", className="drop", max_size=largest,
-        accept=".csv,.parquet",
+        "Drop a table here, or choose one", id="upload", className="drop", max_size=largest,
+        accept=",".join(SUFFIXES),
     )  # fmt: skip
     words = dcc.Input(
         id="words", type="text", autoComplete="off", spellCheck=False, placeholder="data=mystery data.seed=7"

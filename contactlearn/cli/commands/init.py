@@ -45,6 +45,7 @@ def write_settings(path: Path, name: str | None) -> str:
         raise ContactLearnError(f"{file}: cannot be written: {error}") from error
     missing = [one.name for one in contents.settings if one.value == OPEN]
     lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
+    lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
     lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     lines.append(f"then     contactlearn audit data={own}, and data={own} on every command in this folder")

@@ -97,7 +97,7 @@ def load_data(source: SourceSettings, validate: bool = True) -> Loaded:
     computed, tracked = (), None
     if source.target == _TABLE:
         table: Table = _call(source, "read", _lenient(source, validate=validate))
-        show_columns(table.unused, table.computed)
+        show_columns(table.unused, table.computed, table.read_as)
         impacts, computed = table.impacts, table.computed
     elif source.target in SOURCES:
         tracked = _call(source, "find", {})
@@ -158,7 +158,7 @@ def load_blocks(source: SourceSettings) -> tuple[Blocks, Tracked | None]:
 
     def corrected(one: Table) -> Impacts:
         if not shown:
-            show_columns(one.unused, one.computed)
+            show_columns(one.unused, one.computed, one.read_as)
             shown.append(True)
         return correct(one.impacts, names, computed_contact="r" in one.computed).replace(validate=True)
 

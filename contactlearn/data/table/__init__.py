@@ -1,4 +1,4 @@
-"""Impacts from and to a table file: CSV (UTF-8, comma, decimal point) or Parquet, a row a trial.
+"""Impacts from a table, a row a trial, and to a CSV or Parquet file.
 
     mass, inertia                    kg, kg m²       about the centre of mass; or one number for all, an argument each;
                                                      inertia is optional for a known shape
@@ -15,11 +15,13 @@
     apparatus_slope, … _error …                      standard error: m/s², 1/s, rad, rad, s; in every row the same
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
 
-World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.
-Other names are mapped (`columns`), other units and clockwise rotations are stated (`units`), and other
-columns are not used.  A cell is a number or a name, never code.  The body's shape is not a column but an
-argument, with lengths in m, or a shape for each name in the column object.  `load` reads what `save` writes without any
-loss.  A small table is read into memory; a large one is read in blocks of rows, once for every pass.
+World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.  Names that say the
+same in other words, with units, are understood ("vx' [mm/s]", see `names`); others are mapped (`columns`), other units
+and clockwise rotations are stated (`units`), and other columns are not used.  Text may have any separator and decimal
+mark (`dialect`), spreadsheets are read as they are, and so is a DataFrame; `Table.read_as` says what was understood.
+A cell is a number or a name, never code.  The body's shape is not a column but an argument, with lengths in m, or a
+shape for each name in the column object.  `load` reads what `save` writes without any loss.  A small table is read into
+memory; a large one of text or Parquet is read in blocks of rows, once for every pass.
 """
 
 import math
@@ -36,16 +38,18 @@ from torch import Tensor
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write, finite_number
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
-from contactlearn.data.table import sheet
+from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
     COLUMNS,
-    NAMES,
     REQUIRED,
-    SI,
-    Units,
+    NamedColumns,
     apparatus_of,
     name_columns,
 )
+from contactlearn.data.table.descriptions import described, phase_column
+from contactlearn.data.table.names import NAMES
+from contactlearn.data.table.sheet import Sheet
+from contactlearn.data.table.units import STATED, Units
 from contactlearn.mechanics.bodies import (
     AnyShape,
     Shapes,
@@ -60,17 +64,24 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Shape, require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
-__all__ = [
-    "COLUMNS", "NAMES", "REQUIRED", "Table", "blocks_of", "check_suffix", "header", "is_large", "load", "read",
-    "read_blocks", "save", "table_blocks", "write_columns",
-]  # fmt: skip
-
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+__all__ = [
+    "COLUMNS", "NAMES", "REQUIRED", "SUFFIXES", "Table", "blocks_of", "check_suffix", "is_large", "load", "preview",
+    "read", "read_blocks", "save", "table_blocks", "write_columns",
+]  # fmt: skip
+
+_PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quaternion are seen
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
-_READERS = {".csv": sheet.read_csv, ".parquet": sheet.read_parquet}
-_WRITERS = {".csv": sheet.write_csv, ".parquet": sheet.write_parquet}
+_READERS = {
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
+    **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
+    ".parquet": files.read_parquet,
+}
+_WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
+SUFFIXES = tuple(_READERS)
+"""Of the files that can be read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,30 +92,33 @@ class Table:
         impacts: the measurements.
         unused: the file's columns that are not used.
         computed: fields of the impacts that the file lacks and the body's shape gives: `inertia`, `r`.
+        read_as: how the file was understood, in words; nothing for one as `save` writes it.
     """
 
     impacts: Impacts
     unused: tuple[str, ...]
     computed: tuple[str, ...]
+    read_as: tuple[str, ...] = ()
 
 
 def load(
     path: "str | os.PathLike[str] | DataFrame",
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
-    units: Mapping[str, str] = SI,
+    units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | None = None,
     *,
     validate: bool = True,
 ) -> Impacts:
-    """Impacts from a table file, or from a DataFrame with the same columns.
+    """Impacts from a table: a file, or a DataFrame with the same columns.
 
     Args:
-        path: a .csv or .parquet file with the columns of the module's table, or a DataFrame.
+        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
         shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
         columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
-        units: of length, mass, angle and time, and the sense of rotation; those left out are SI.
+        units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
+            columns, such as "vx [mm/s]", or SI.
         mass: of all bodies in kg, for a table without that column.
         inertia: of all bodies in kg m², for a table without that column.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
@@ -121,23 +135,23 @@ def read(
     *,
     shape: Mapping[str, Any] | Shape | None = None,
     columns: Mapping[str, str | None] | None = None,
-    units: Mapping[str, str] = SI,
+    units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | None = None,
     validate: bool = True,
     drop_incomplete: bool = False,
 ) -> Table:
-    """Impacts from the table file `path`, with the use of its columns.
+    """Impacts from the table `path`, with the use of its columns.
 
     Args:
-        path: a .csv or .parquet file with the columns of the module's table, or a DataFrame.
+        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
         shape: of all bodies or of each by its name in the column object, for `bodies.make_shapes`, or None where it is
             not known; lengths in m.  Names of bodies that the table has none of are refused, but not of `Shapes`, which
             may be those of a larger table.
         columns: names in the file by those of the module's table, such as {"vx": "speed_x"}; None where the file has
             no such column.
-        units: of length, mass, angle and time, and the sense of rotation, see `columns.UNIT_FACTORS`;
-            those left out are SI.
+        units: of length, mass, angle and time, and the sense of rotation, see `units.UNIT_FACTORS`; those left out are
+            as in names of columns, or SI.  A unit in the name of a column goes first.
         mass: of all bodies in kg, for a table without that column.
         inertia: of all bodies in kg m², for a table without that column.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
@@ -164,7 +178,7 @@ def read_blocks(
     validate: bool = True,
     mass: float | None = None,
     inertia: float | None = None,
-    units: Mapping[str, str] = SI,
+    units: Mapping[str, str | None] = STATED,
     columns: Mapping[str, str | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
@@ -178,7 +192,8 @@ def read_blocks(
     numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
     read, left, bodies = 0, False, dict[str, None]()
     for cells in _sheets(path, rows):
-        named = name_columns(cells, columns, shaped=known_shape is not None, stated=[*numbers])
+        cells = described(cells, known_units, columns, known_shape)
+        named = name_columns(cells, columns, known_units, shaped=known_shape is not None, stated=[*numbers])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
@@ -186,26 +201,39 @@ def read_blocks(
         if len(kept):
             left = True
             values |= {name: torch.full((len(kept),), x, dtype=torch.float64) for name, x in numbers.items()}
-            impacts = _impacts(
-                kept, values, named.computed, known_shape, known_units, space=named.space, validate=validate
-            )
-            yield Table(impacts=impacts, unused=named.unused, computed=named.computed)
+            impacts = _impacts(kept, values, named, known_shape, validate=validate)
+            yield Table(impacts=impacts, unused=named.unused, computed=named.computed, read_as=_read_as(named))
+    source = _source(path)
     if not left:
-        raise DataError(f"{_name(path)}: each of {read} rows has an empty cell, or one that is not a number")
+        raise DataError(f"{source}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
-        check_body_names(known_shape, bodies, str(_name(path)))
+        check_body_names(known_shape, bodies, source)
 
 
-def header(path: Path) -> list[str]:
-    """Return the names of the columns of a table file, which need not be ours.
+def _source(path: "str | os.PathLike[str] | DataFrame") -> str:
+    """The table's name in errors."""
+    return str(path) if isinstance(path, str | os.PathLike) else type(path).__name__
+
+
+def _read_as(named: NamedColumns) -> tuple[str, ...]:
+    """How a table was understood, with the columns that have other names than ours and their units."""
+    renamed = {column: name for column, name in named.cells.written.items() if name != column}
+    words = (f"{column} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
+    return (*named.cells.read_as, *(word.removesuffix(" in ") for word in words))
+
+
+def preview(path: Path) -> Sheet:
+    """Return the first rows of a table file as raw cells, a row an impact, under its own names.
+
+    What only the body's shape can tell is left open.
 
     Raises:
         DataError: see `read`.
     """
-    return next(_sheets(path, 1)).header
+    return described(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False)
 
 
-def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
+def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
     """The names of the bodies of a table that has shapes by name."""
     if "object" not in cells.header:
         raise DataError(
@@ -215,42 +243,38 @@ def _body_names(cells: sheet.Sheet, shapes: Mapping[str, Shape]) -> Sequence[str
     return cells.names("object")
 
 
-def _name(source: "str | os.PathLike[str] | DataFrame") -> Path:
-    """The table's name in errors."""
-    return Path(source) if isinstance(source, str | os.PathLike) else Path(type(source).__name__)
-
-
-def _sheets(source: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Iterator[sheet.Sheet]:
-    """The cells of a file under its own names, `rows` at a time; those of a frame at once."""
-    path = _name(source)
-    if not isinstance(source, str | os.PathLike):
-        yield sheet.of_frame(source, path)
+def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Iterator[Sheet]:
+    """The cells of a table, under its own names, `rows` at a time; two rows an impact are never parted."""
+    if not isinstance(path, str | os.PathLike):
+        yield _filled(files.sheet_of(path))
         return
+    path = Path(path)
     if path.is_dir():
-        raise DataError(f"{path}: is a directory; give the path of a .csv or .parquet file")
-    reader = _READERS[_suffix(path)]
+        raise DataError(f"{path}: is a directory; give the path of a table, such as a .csv file")
+    reader = _READERS[_suffix(path, _READERS)]
     if not path.exists():
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
         for cells in reader(path, rows):
-            if not len(cells):
-                raise DataError(f"{path}: has a header but no impacts; at least one row is needed")
-            yield cells
+            if rows is not None and not cells.first and phase_column(cells):
+                yield from map(_filled, reader(path, None))
+                return
+            yield _filled(cells)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
 
 
+def _filled(cells: Sheet) -> Sheet:
+    if not len(cells):
+        raise DataError(f"{cells.path}: has a header but no impacts; at least one row is needed")
+    return cells
+
+
 def _impacts(
-    cells: sheet.Sheet,
-    values: dict[str, Any],
-    computed: Sequence[str],
-    shape: AnyShape | None,
-    units: Units,
-    *,
-    space: Space,
-    validate: bool,
+    cells: Sheet, values: dict[str, Any], named: NamedColumns, shape: AnyShape | None, *, validate: bool
 ) -> Impacts:
-    """Build impacts from cells under our names and the values that are known already."""
+    """Build impacts from the rows of a named table that are complete, and the values that are known already."""
+    space, units = named.space, named.units
     values |= {name: cells.names(name) for name in NAMES if name in cells.header}
     if space is SPACE and units.factor("theta") < 0:
         raise DataError(
@@ -267,7 +291,7 @@ def _impacts(
         if names[0] in cells.header
     }
     if shape is not None:
-        values |= _computed(cells.path, computed, shape, values)
+        values |= _computed(cells.path, named.computed, shape, values)
     source, apparatus = str(cells.path), apparatus_of(cells)
     try:
         return Impacts(**values, shape=shape, source=source, validate=validate, apparatus=apparatus)
@@ -279,19 +303,19 @@ def _impacts(
         raise DataError(f"{below}{place}", row=below.row) from None
 
 
-def _numbered(cells: sheet.Sheet) -> dict[str, Any]:
+def _numbered(cells: Sheet) -> dict[str, Any]:
     """Names and order of the rows by their numbers, for a table without such columns."""
     rows = range(cells.first + 1, cells.first + len(cells) + 1)
     values = {} if "trial" in cells.header else {"trial": tuple(map(str, rows))}
     return values if "order" in cells.header else values | {"order": torch.tensor(rows, dtype=torch.float64)}
 
 
-def _numbers(cells: sheet.Sheet, column: str, units: Units) -> Tensor:
+def _numbers(cells: Sheet, column: str, units: Units) -> Tensor:
     """The numbers [N] of a column in SI."""
     return torch.from_numpy(cells.numbers(column, units.text(column), units.factor(column)))
 
 
-def _covariance(cells: sheet.Sheet, space: Space, columns: Sequence[str], units: Units) -> Tensor:
+def _covariance(cells: Sheet, space: Space, columns: Sequence[str], units: Units) -> Tensor:
     """The covariances [N, D, D] of their upper halves."""
     halves = [_numbers(cells, column, units) for column in columns]
     whole = torch.zeros(len(halves[0]), space.D, space.D, dtype=torch.float64)
@@ -300,7 +324,9 @@ def _covariance(cells: sheet.Sheet, space: Space, columns: Sequence[str], units:
     return whole
 
 
-def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapping[str, Any]) -> dict[str, Tensor]:
+def _computed(
+    path: Path | str, computed: Sequence[str], shape: AnyShape, values: Mapping[str, Any]
+) -> dict[str, Tensor]:
     """The fields that the shape of each body gives: where it touches the floor, and its inertia at uniform density."""
     found: dict[str, Tensor] = {}
     body = body_codes(values["object"]) if isinstance(shape, Mapping) else None
@@ -321,7 +347,7 @@ def _computed(path: Path, computed: Sequence[str], shape: AnyShape, values: Mapp
     return found
 
 
-def _complete(cells: sheet.Sheet) -> tuple[sheet.Sheet, dict[str, Any]]:
+def _complete(cells: Sheet) -> tuple[Sheet, dict[str, Any]]:
     """The rows in which no number is missing, with their numbers for names and order, and the names of the others."""
     values = _numbered(cells)
     names = values.get("trial") or cells.names("trial")
@@ -344,14 +370,14 @@ def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> 
     return write_columns((block.to_columns() for block in blocks), path)
 
 
-def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str]) -> Path:
+def write_columns(blocks: Iterable[files.Columns], path: str | os.PathLike[str]) -> Path:
     """Write columns of any names to a .csv or .parquet file, whole or not at all; blocks follow each other.
 
     Raises:
         DataError: another suffix, or the file cannot be written.
     """
     path = Path(path)
-    write_blocks = _WRITERS[_suffix(path)]
+    write_blocks = _WRITERS[_suffix(path, _WRITERS)]
     try:
         with atomic_write(path) as part:
             write_blocks(blocks, part)
@@ -360,19 +386,19 @@ def write_columns(blocks: Iterable[sheet.Columns], path: str | os.PathLike[str])
     return path
 
 
-def check_suffix(path: Path) -> None:
-    """Refuse a file that is no table, before any work is done for it.
+def check_suffix(path: Path, suffixes: Iterable[str] = tuple(_WRITERS)) -> None:
+    """Refuse a file to write that is no table, or one to read with suffixes=SUFFIXES, before any work is done for it.
 
     Raises:
-        DataError: another suffix than .csv or .parquet.
+        DataError: another suffix.
     """
-    _suffix(path)
+    _suffix(path, suffixes)
 
 
-def _suffix(path: Path) -> str:
+def _suffix(path: Path, suffixes: Iterable[str]) -> str:
     suffix = path.suffix.lower()
-    if suffix not in _READERS:
-        raise DataError(f"{path}: a table is a .csv or .parquet file, got suffix {suffix!r}; export it as CSV")
+    if suffix not in suffixes:
+        raise DataError(f"{path}: a table is a {' or '.join(suffixes)} file, got suffix {suffix!r}; export it as CSV")
     return suffix
 
 

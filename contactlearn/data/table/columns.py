@@ -1,109 +1,31 @@
-"""Columns of a table: their names, their units, and the estimates of the apparatus.
+"""Columns of a table: their names, and the estimates of the apparatus.
 
     columns={vx: speed_x}       the file's column speed_x is our vx
     columns={inertia: null}     the file has no inertia, whatever its columns are called
 
-`vx_pre, vy_pre, omega_pre` are read as `vx, vy, omega` where the file lacks these.  An unknown column whose name is
-near a missing one is refused as a slip; other unknown columns are not used.  Where the body's shape is known, `rx, ry`
-may be left out, and `inertia` as well.
-
-Four units are stated, and the sense in which θ and ω are positive; all others follow: velocities are lengths a time, an
-inertia is a mass times a squared length, a covariance is the product of its two velocities.  Rotations that are
-positive clockwise are angles with a negative factor.
+Names that say the same in other words are read likewise (`names`), `vx_pre, vy_pre, omega_pre` among them, where no
+column has our name.  An unknown column whose name is near a missing one is refused as a slip; other unknown columns are
+not used.  Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
 
 Estimates of the apparatus are the same numbers in every row, always in SI: a column survives a dropped row, another
 program that saves the table, and CSV.
 """
 
-import math
 import re
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from itertools import product
-from types import MappingProxyType
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
+from contactlearn.data.table.names import NAMES, Recognised, impact_vocabulary, recognise, unit_in
 from contactlearn.data.table.sheet import Sheet
+from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
 from contactlearn.mechanics.impacts import OPTIONAL
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
-
-SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
-"""The stated units of a table as `save` writes it."""
-
-UNIT_FACTORS: dict[str, dict[str, float]] = {
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254},
-    "mass": {"kg": 1.0, "g": 1e-3},
-    "angle": {"rad": 1.0, "deg": math.pi / 180},
-    "time": {"s": 1.0, "ms": 1e-3},
-    "rotation": {"counterclockwise": 1.0, "clockwise": -1.0},
-}
-"""Factors to SI by quantity and unit."""
-
-_LENGTH, _VELOCITY, _SPIN = {"length": 1}, {"length": 1, "time": -1}, {"angle": 1, "time": -1}
-_INERTIA = {"mass": 1, "length": 2}
-POWERS: dict[str, dict[str, int]] = {
-    "mass": {"mass": 1},
-    **dict.fromkeys(("rx", "ry", "rz", "x", "y", "z"), _LENGTH),
-    "theta": {"angle": 1},
-    **dict.fromkeys(("vx", "vy", "vz"), _VELOCITY),
-    **dict.fromkeys(("omega", "wx", "wy", "wz"), _SPIN),
-    "time": {"time": 1},
-    **dict.fromkeys(("inertia", *SPACE.inertia), _INERTIA),
-}
-"""Powers of the quantities in the unit of a column, of which those after contact and covariances follow."""
-
-
-class Units:
-    """The stated units of a table; those that are not stated are SI.
-
-    Raises:
-        DataError: not a mapping of quantities to units.
-        UnknownNameError: a quantity or unit that does not exist.
-    """
-
-    def __init__(self, stated: Mapping[str, str]):
-        if not isinstance(stated, Mapping):
-            raise DataError(f"data.units is given as {{length: mm, angle: deg}}, got {stated!r}")
-        for quantity, unit in stated.items():
-            if quantity not in UNIT_FACTORS:
-                raise UnknownNameError("quantity in data.units:", str(quantity), UNIT_FACTORS)
-            if unit not in UNIT_FACTORS[quantity]:
-                raise UnknownNameError(f"unit in data.units.{quantity}:", str(unit), UNIT_FACTORS[quantity])
-        self._stated = {**SI, **stated}
-
-    def factor(self, column: str) -> float:
-        """Return the factor that takes the numbers of a column to SI."""
-        powers = _powers(column)
-        powers |= {"rotation": powers.get("angle", 0)}
-        return math.prod(UNIT_FACTORS[quantity][self._stated[quantity]] ** power for quantity, power in powers.items())
-
-    def text(self, column: str) -> str:
-        """Return the unit of a column as it is written in the table."""
-        if column == "order":
-            return "trials"
-        over, under = (
-            " ".join(
-                self._stated[quantity] + {1: "", 2: "²"}[abs(power)]
-                for quantity in ("mass", "length", "angle", "time")
-                if (power := _powers(column).get(quantity, 0)) * sign > 0
-            )
-            for sign in (1, -1)
-        )
-        return f"{over}/{under}" if under else over
-
-
-def _powers(column: str) -> dict[str, int]:
-    """Powers of the quantities in the unit of a column; none where it is always the same."""
-    name = column.removesuffix("_post")
-    if not name.startswith("cov_"):
-        return {**POWERS.get(name, {})}
-    first, second = (POWERS[part] for part in name.split("_")[1:])
-    return {quantity: first.get(quantity, 0) + second.get(quantity, 0) for quantity in (*first, *second)}
-
 
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
 """Columns that every table with estimates of the apparatus has."""
@@ -142,9 +64,6 @@ def _one(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> 
     return float(values[0])
 
 
-NAMES = ("trial", "object")
-
-
 def columns_of(space: Space) -> tuple[str, ...]:
     """Return all columns that a table may have."""
     groups = (*space.components.values(), *space.covariances.values(), *PAIRS.values(), [*APPLIED.values()])
@@ -156,6 +75,12 @@ def required_in(space: Space) -> tuple[str, ...]:
     fields = space.components.items()
     return tuple(column for field, columns in fields if field not in OPTIONAL for column in columns)
 
+
+NO_SPIN = (
+    "has no spin ({spin}, before and after contact), without which moments do not balance and friction is not told "
+    "from rolling; such tables are not read yet, and zeros in place of it would be wrong"
+)
+"""Of a table in which all else is there."""
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
 COMPUTED = {space: {"inertia": space.inertia, "r": space.position} for space in BOTH}
@@ -169,38 +94,58 @@ _APART = 0.75  # to a needed name that begins with another letter: m_g is not om
 
 @dataclass(frozen=True, kw_only=True)
 class NamedColumns:
-    """A table under our names, the file's columns that are not used, and the fields that the shape must give."""
+    """A table under our names, its units, the file's columns that are not used, and the fields that the shape gives."""
 
     space: Space
     cells: Sheet
+    units: Units
     unused: tuple[str, ...]
     computed: tuple[str, ...]
 
 
+def recognised_columns(header: Sequence[str], mapped: Collection[str] = ()) -> tuple[Space, Recognised]:
+    """Return the space of a table, and which of its columns are which; quaternions make it one of bodies in space.
+
+    Args:
+        header: names of columns.
+        mapped: our columns for which a setting says which they are.
+    """
+    known = recognise(header, impact_vocabulary(SPACE))
+    if {*SPACE.pose[3:]} & {*known.names, *mapped}:
+        return SPACE, known
+    return PLANE, recognise(header, impact_vocabulary(PLANE))
+
+
 def name_columns(
-    cells: Sheet, mapped: Mapping[str, str | None] | None, *, shaped: bool, stated: Sequence[str] = ()
+    cells: Sheet,
+    mapped: Mapping[str, str | None] | None,
+    units: Units,
+    *,
+    shaped: bool,
+    stated: Sequence[str] = (),
 ) -> NamedColumns:
     """Rename the columns of a table to ours.
 
     Args:
         cells: the table under its own names.
-        mapped: the file's column by ours, None where the file has none; columns that are not mentioned have our names.
+        mapped: the file's column by ours, None where the file has none.
+        units: as settings state them.
         shaped: whether the body's shape is known.
         stated: our columns for which a setting states one number.
 
     Raises:
-        DataError: columns that are missing or stated as well, incomplete groups, a name twice, or one that looks like a
-            slip.
+        DataError: columns that are missing or stated as well, incomplete groups, a name twice, one that looks like a
+            slip, or units that no column has.
         UnknownNameError: a mapping of a column that does not exist.
     """
-    space = SPACE if {*SPACE.pose[3:]} & {*cells.header, *(mapped or ())} else PLANE
+    space, known = recognised_columns(cells.header, [*(mapped or ())])
     every = columns_of(space)
     names = _checked(cells, mapped, every)
     taken = {name for name in names.values() if name is not None}
+    if names:
+        known = recognise([name for name in cells.header if name not in taken], impact_vocabulary(space))
     ours = {name: name for name in cells.header if name in every and name not in names and name not in taken}
-    before = {f"{column}_pre": column for column in space.velocity}
-    before = {column: name for name, column in before.items() if name in cells.header and name not in taken}
-    ours |= {column: name for column, name in before.items() if column not in ours and column not in names}
+    ours |= {column: name for column, name in known.names.items() if column in every and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
     for column in stated:
@@ -220,16 +165,53 @@ def name_columns(
     free = [column for column in every if column not in ours and column not in names and column not in stated]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        raise DataError(f"{cells.path}: {_long(cells, needed) or _missing(space, slips, needed, unused, computed)}")
+        why = _doubtful(known, needed) or _long(cells, needed) or _missing(space, slips, needed, unused, computed)
+        raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
     return NamedColumns(
         space=space,
         cells=replace(cells, header=[*ours], columns=columns, written=ours),
+        units=_with_columns(cells, units, space, ours),
         unused=unused,
         computed=computed,
     )
+
+
+def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, str]) -> Units:
+    """The units of settings, and those that names of columns state."""
+    vocabulary = impact_vocabulary(space)
+    named = {column: unit for column, name in ours.items() if (unit := unit_in(name, column, vocabulary))}
+    for quantity in UNIT_FACTORS:
+        having = [column for column in ours if quantity in powers_of(column)]
+        silent = [column for column in having if quantity not in named.get(column, {})]
+        units_named = {column: named[column][quantity] for column in having if column not in silent}
+        stated = units.stated.get(quantity)
+        if stated and having and not silent and stated not in units_named.values():
+            column, unit = next(iter(units_named.items()))
+            raise DataError(
+                f"{cells.path}: data.units.{quantity}={stated}, but the column {ours[column]!r} says {unit}, and "
+                "no other column is without a unit; leave that setting out, or rename the columns"
+            )
+        telling = [column for column, unit in units_named.items() if unit not in (SI[quantity], *COMPOUND)]
+        if telling and silent and not stated:
+            unit, usual, setting = units_named[telling[0]], SI[quantity], f"data.units.{quantity}"
+            raise DataError(
+                f"{cells.path}: the column {ours[telling[0]]!r} is in {unit}, and {', '.join(ours[one] for one in silent)} "
+                f"do not say: {setting}={unit} if these are too, {setting}={usual} if they are in {usual}"
+            )
+    return Units(units.stated, named)
+
+
+def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
+    """Describe names of which two have the meaning of a needed column."""
+    for column in needed:
+        if column in known.doubtful:
+            names = " or ".join(map(repr, known.doubtful[column]))
+            mapped = shlex.quote(f"data.columns={{{column}: {_quoted(known.doubtful[column][0])}}}")
+            return f"column {column} may be {names}: say which, such as {mapped}"
+    return None
 
 
 def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Sequence[str]) -> dict[str, str | None]:
@@ -280,6 +262,9 @@ def _missing(
 ) -> str:
     """Describe which columns are missing, which look like them, and how to map their names."""
     lacking = [column for column in needed if column not in slips.values()]
+    spin = [column for column in space.velocity if column[0] in "ow"]
+    if {*spin, *(f"{column}_post" for column in spin)} <= {*needed} and not {*space.velocity[:2]} & {*needed}:
+        return NO_SPIN.format(spin=", ".join(spin))
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _FEW or not unused
     other = f"{len(lacking)} columns are missing, or have other names than ours"

@@ -1,0 +1,225 @@
+"""Other descriptions of the same impact, as columns that the reader knows.
+
+    two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
+    speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
+    quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
+
+Heights of drop and rebound, or speeds alone, are refused: they have neither friction nor spin.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.names import OTHERS, Recognised, time_of, words_of
+from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.data.table.units import Units
+from contactlearn.mechanics.bodies import AnyShape, contact_points
+from contactlearn.mechanics.shapes import require_dimension
+from contactlearn.mechanics.space import SPACE
+
+_CLEARLY = 3  # times less spread of the floor, with which a quaternion is read; 2 and 5 decide alike on 20 trials
+_TURNING = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
+_POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
+_VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
+
+
+def described(
+    cells: Sheet,
+    units: Units,
+    mapped: Mapping[str, str | None] | None = None,
+    shape: AnyShape | None = None,
+    *,
+    asked: bool = True,
+) -> Sheet:
+    """Return a table with a row an impact and velocities by components.
+
+    Args:
+        cells: the table as the file has it.
+        units: of settings.
+        mapped: names that settings map, which are left as they are.
+        shape: of the body, where it is known.
+        asked: whether a quaternion that may begin or end with its scalar is refused, or left open.
+
+    Raises:
+        DataError: a trial without its row before or after contact, or a description that has two readings, or that of
+            bounces along the normal alone.
+    """
+    chosen = {str(name) for name in (mapped or {}).values()} if isinstance(mapped, dict) else set[str]()
+    phase = phase_column(cells)
+    cells = cells if phase is None else _paired(cells, phase)
+    return _by_components(_with_quaternion(cells, chosen, shape, units, asked=asked), units, chosen)
+
+
+def phase_column(cells: Sheet) -> str | None:
+    """Return the column that says of each row whether it is before or after contact, if there is one."""
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        if not isinstance(column, list) or not column or not time_of(str(column[0])):
+            continue  # as most columns, which are long
+        if {time_of(cell) for cell in {*map(str, column)}} == {"pre", "post"}:
+            return name
+    return None
+
+
+def _paired(cells: Sheet, phase: str) -> Sheet:
+    """The rows before contact, with velocities and poses of the row after it beside them."""
+    known = recognised_columns(cells.header)[1].names
+    times = [time_of(str(cell)) for cell in cells.columns[cells.header.index(phase)]]
+    name = known.get("trial")
+    trials = cells.names(name) if name else [str(k // 2) for k in range(len(times))]
+    rows: dict[str, dict[str | None, int]] = {}
+    for row, (trial, time) in enumerate(zip(trials, times, strict=True)):
+        pair = rows.setdefault(trial, {})
+        if time in pair:
+            word = f"column {name}: trial {trial!r} has" if name else "without a column of trials, there are"
+            raise DataError(
+                f"{cells.path}: row {row + 1}, {word} two rows {_said(time)} contact in column {phase!r}, a row before "
+                "and a row after are needed",
+                row=row + 1,
+            )
+        pair[time] = row
+    for trial, pair in rows.items():
+        if len(pair) < 2:
+            row = next(iter(pair.values())) + 1
+            lacking = _said(next(time for time in ("pre", "post") if time not in pair))
+            raise DataError(f"{cells.path}: row {row}, trial {trial!r} has no row {lacking} contact", row=row)
+    before, after = ([pair[time] for pair in rows.values()] for time in ("pre", "post"))
+    header, columns = list[str](), list[Cells]()
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        if name != phase:
+            header.append(name)
+            columns.append(_taken(column, before))
+    changing = [name for ours, name in known.items() if ours in _VELOCITIES]
+    poses = [name for ours, name in known.items() if ours in _POSES]
+    column_of = dict(zip(cells.header, cells.columns, strict=True))
+    if any(list(_taken(column_of[name], before)) != list(_taken(column_of[name], after)) for name in poses):
+        changing += poses
+    for name in changing:
+        header.append(f"{name} after")
+        columns.append(_taken(column_of[name], after))
+    lines = None if cells.lines is None else [cells.lines[k] for k in before]
+    read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
+    return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
+
+
+def _said(time: str | None) -> str:
+    return "before" if time == "pre" else "after"
+
+
+def _taken(column: Cells, rows: Sequence[int]) -> Cells:
+    return column[list(rows)] if isinstance(column, np.ndarray) else [column[k] for k in rows]
+
+
+def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, units: Units, *, asked: bool) -> Sheet:
+    """The table with qw, qx, qy, qz in place of four numbered components, if signs or heights tell the scalar."""
+    numbered = {
+        words[1]: name for name in cells.header if len(words := words_of(name)) == 2 and words[0] in _QUATERNIONS
+    }
+    digits = sorted(numbered)
+    if digits not in (list("0123"), list("1234")) or chosen & {*numbered.values()}:
+        return cells
+    names = [numbered[digit] for digit in digits]
+    place, why = _scalar_by_sign(cells, names) or _scalar_by_height(cells, names, shape, units) or ("", "")
+    if not place:
+        first, last = (
+            ", ".join(f"{ours}: {name}" for ours, name in zip(order, names, strict=True)) for order in _ORDERS.values()
+        )
+        if asked:
+            raise DataError(
+                f"{cells.path}: the scalar of the quaternion {names[0]} … {names[3]} may be first, "
+                f"'data.columns={{{first}}}', or last, 'data.columns={{{last}}}': neither signs nor heights over "
+                "the floor, of a body that is no sphere, tell"
+            )
+        why = "its scalar is first or last, which the body's shape may tell"
+    renamed = dict(zip(names, _ORDERS[place or "first"], strict=True))
+    read_as = (*cells.read_as, f"quaternion {names[0]} … {names[3]}: {why}")
+    return replace(cells, header=[renamed.get(name, name) for name in cells.header], read_as=read_as)
+
+
+def _scalar_by_sign(cells: Sheet, names: Sequence[str]) -> tuple[str, str] | None:
+    """Where the scalar is in a quaternion of a tracker that makes the sign unique: its scalar is never negative."""
+    negative = [int((cells.numbers(name, "1") < 0).sum()) for name in (names[0], names[3])]
+    if min(negative) or max(negative) < _TURNING:
+        return None
+    place = "last" if negative[1] == 0 else "first"
+    return place, f"the scalar is {place}, for it is never negative"
+
+
+def _scalar_by_height(
+    cells: Sheet, names: Sequence[str], shape: AnyShape | None, units: Units
+) -> tuple[str, str] | None:
+    """Where the scalar is, by heights: the lowest point of a body in contact lies on the floor."""
+    known = recognised_columns([*cells.header, *_ORDERS["first"]])[1]
+    if shape is None or isinstance(shape, Mapping) or "z" not in known.names:
+        return None
+    require_dimension(str(cells.path), shape, SPACE)
+    z = torch.from_numpy(cells.numbers(known.names["z"], "", Units(units.stated, known.units).factor("z")))
+    components = [torch.from_numpy(cells.numbers(name, "1")) for name in names]
+    spread: dict[str, float] = {}
+    for place, order in _ORDERS.items():
+        quaternion = torch.stack([components[order.index(name)] for name in _ORDERS["first"]], -1)
+        floor = z + contact_points(shape, None, quaternion / quaternion.norm(dim=1, keepdim=True).clamp(min=1e-9))[:, 2]
+        spread[place] = (floor - floor.median()).abs().median().item()
+    place = min(spread, key=lambda one: spread[one])
+    if not spread[place] < max(spread.values()) / _CLEARLY:
+        return None
+    spreads = f"{spread[place]:.2g} m against {max(spread.values()):.2g} m"
+    return place, f"the scalar is {place}, with which the lowest points lie on one floor ({spreads})"
+
+
+_QUATERNIONS = ("q", "quat", "quaternion")
+_ORDERS = {"first": ("qw", "qx", "qy", "qz"), "last": ("qx", "qy", "qz", "qw")}
+
+
+def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
+    """The table with vx and vy in place of speeds and directions."""
+    known = recognised_columns([name for name in cells.header if name not in chosen])[1]
+    if {"vx", "vy", "vx_post", "vy_post"} & {*known.names} or not {"speed", "height"} & {*known.names}:
+        return cells
+    if "speed" not in known.names or "speed_post" not in known.names or not _directed(known):
+        names = [
+            known.names[one]
+            for column in ("height", "speed")
+            for one in (column, f"{column}_post")
+            if one in known.names
+        ]
+        if not {"height_post", "speed_post"} & {*known.names}:
+            return cells
+        raise DataError(
+            f"{cells.path}: {' and '.join(map(repr, names))} describe bounces along the normal alone, without slip and "
+            "spin; such tables are not read yet: vx, vy and omega are needed, before and after contact"
+        )
+    header, columns = [*cells.header], [*cells.columns]
+    sheet_units = Units(units.stated, known.units)
+    for end, sign in (("", -1.0), ("_post", 1.0)):
+        direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
+        if direction is None:
+            name = _directed(known, end)
+            raise DataError(
+                f"{cells.path}: the angle {name!r} may be from the floor or from its normal: name it 'angle from "
+                "floor' or 'angle from normal', with its unit"
+            )
+        speed, angle = known.names[f"speed{end}"], known.names[direction]
+        values = cells.numbers(speed, sheet_units.text(f"speed{end}"))
+        turn = cells.numbers(angle, sheet_units.text(direction), abs(sheet_units.factor(direction)))
+        along, up = (np.sin(turn), np.cos(turn)) if "normal" in direction else (np.cos(turn), np.sin(turn))
+        unit = f" [{sheet_units.text(f'speed{end}')}]" if f"speed{end}" in known.units else ""
+        header += [f"vx{end}{unit}", f"vy{end}{unit}"]
+        columns += [values * along, sign * values * up]
+        for name in (speed, angle):
+            del columns[header.index(name)]
+            header.remove(name)
+    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, "velocities by speed and angle"))
+
+
+def _directed(known: Recognised, end: str = "") -> str | None:
+    """The column that is the direction of a speed, if only by its name "angle", which else is that of the body."""
+    for column in (*OTHERS[2:], "theta"):
+        name = known.names.get(f"{column}{end}")
+        if name is not None and (column != "theta" or "angle" in words_of(name)):
+            return name
+    return None

@@ -1,0 +1,320 @@
+"""How a text file writes a table: its encoding, separator and decimal mark, and where the header stands.
+
+All is read off the first rows.  What they leave open, such as 1,234 in every cell, is refused with both readings.
+"""
+
+import codecs
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.table.names import is_unit, time_of
+
+COMMENT = ("#", "%", "//")
+_SAMPLE = 1 << 20  # bytes of a file that are looked at
+_ROWS = 1000  # of these, at most
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+_BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_MISSING = frozenset(
+    ("nan", "na", "n/a", "<na>", "null", "none", "-", "--", "–", "—", "#n/a", "#na", "#nv", "#valeur!", "#wert!")
+    + tuple(f"#{error}!" for error in ("div/0", "value", "ref", "num", "null", "bezug", "zahl")) + ("#name?",)
+)  # fmt: skip
+"""How instruments and spreadsheets write a number that is missing, in small letters."""
+_GROUPS = re.compile(
+    r"[-+]?\d{1,3}(?:(?P<mark>[ '’.,])\d{3})(?:(?P=mark)\d{3})*(?:(?!(?P=mark))[.,]\d*)?(?:[eE][-+]?\d+)?"
+)
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
+_SPACES = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ") | {0x2212: "-"}
+
+
+def is_missing(cell: Any) -> bool:
+    """Return whether a cell is empty, or says that its number is missing; other text is a mistake."""
+    return cell is None or (isinstance(cell, str) and (not cell.strip() or cell.strip().lower() in _MISSING))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numerals:
+    """How numbers are written.
+
+    Args:
+        decimal: the mark before the decimals.
+        grouped: whether the other mark, or a space, groups thousands in this file.
+    """
+
+    decimal: str = "."
+    grouped: bool = False
+
+    def plain(self, text: str) -> str:
+        """Return a number as Python writes it.
+
+        Raises:
+            ValueError: the number has two readings, as the message says.
+        """
+        text = text.strip().translate(_SPACES)
+        other = "." if self.decimal == "," else ","
+        groups = _GROUPS.fullmatch(text)
+        if groups and (mark := groups["mark"]) != self.decimal and (mark in " '’" or text.count(mark) > 1):
+            text = text.replace(mark, "")  # which cannot be a decimal mark
+        elif groups and groups["mark"] == other and (self.grouped or self.decimal in text):
+            text = text.replace(other, "")
+        elif groups and groups["mark"] == other:
+            whole = text.replace(other, "")
+            raise ValueError(f"got {text!r}, which is {whole}, or {text.replace(other, '.')} with another decimal mark")
+        elif self.decimal == "," and other in text:
+            raise ValueError(f"got {text!r} in a file with decimal commas: write {text.replace(other, ',')}")
+        return text.replace(",", ".") if self.decimal == "," else text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Where the header of a table is.
+
+    Args:
+        names: of the columns.
+        rows: before the first impact, blank ones not counted.
+        read_as: what is remarkable about it, in words.
+    """
+
+    names: list[str]
+    rows: int
+    read_as: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dialect:
+    """How a text file writes a table, with its layout; comments above the header are passed over.
+
+    Args:
+        encoding: by Python's name.
+        separator: of cells.
+        above: lines above the first row.
+        comments: comments among them.
+        numerals: of its numbers.
+        layout: of its rows.
+    """
+
+    encoding: str
+    separator: str
+    above: int
+    comments: int
+    numerals: Numerals
+    layout: Layout
+
+    def read_as(self) -> tuple[str, ...]:
+        """Return what differs from a table as `save` writes it, in words."""
+        parts = [] if self.separator == "," else [_SEPARATORS[self.separator]]
+        parts += ["decimal commas"] if self.numerals.decimal == "," else []
+        parts += ["grouped thousands"] if self.numerals.grouped else []
+        parts += [] if self.encoding.startswith("utf-8") else [{"cp1252": "Windows-1252"}.get(self.encoding, "UTF-16")]
+        parts += (
+            [f"{self.comments} comment {'line' if self.comments == 1 else 'lines'} above the header"]
+            if self.comments
+            else []
+        )
+        return (*parts, *self.layout.read_as)
+
+
+def sniffed(path: Path) -> Dialect:
+    """Read the dialect of a text file off its first rows.
+
+    Raises:
+        DataError: it is empty, no text, or has two readings.
+    """
+    with path.open("rb") as file:
+        head = file.read(_SAMPLE + 1)
+    whole = len(head) <= _SAMPLE
+    encoding = _encoding(path, head)
+    try:
+        text = codecs.getincrementaldecoder(encoding)("strict").decode(head, final=whole)
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: is no {encoding} text, as it begins: {error}; save it as 'CSV UTF-8'") from None
+    lines = [*io.StringIO(text, newline="")]
+    lines = lines if whole else lines[:-1]
+    above = next((k for k, line in enumerate(lines) if not _is_comment(line)), len(lines))
+    comments = [line for line in lines[:above] if line.strip()]
+    body = "".join(lines[above:])
+    separator = _separator(path, body)
+    rows = _rows(body, separator)
+    if not rows:
+        rule = "is not CSV: check its quotes" if body else "the file is empty; its first line must name the columns"
+        raise DataError(f"{path}: {rule}")
+    titled = _rows(comments[-1].strip().lstrip("#%/ "), separator) if comments else []
+    names = [name.strip() for name in titled[0]] if titled else []
+    if len(names) == len(rows[0]) and is_numeric(rows[0]):
+        layout = Layout(names=names, rows=0, read_as=("names in the last comment",))
+    else:
+        layout = layout_of(rows, str(path))
+    return Dialect(
+        encoding=encoding, separator=separator, above=above, comments=len(comments),
+        numerals=_numerals(path, rows[layout.rows :]), layout=layout,
+    )  # fmt: skip
+
+
+def _is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith(COMMENT)
+
+
+def _encoding(path: Path, head: bytes) -> str:
+    """The encoding of a file: that of its byte-order mark, UTF-8, or what Windows writes in Western Europe."""
+    for mark, name in _BYTE_ORDER_MARKS.items():
+        if head.startswith(mark):
+            return name
+    if head.count(0) > len(head) / 8:
+        raise DataError(f"{path}: is not text, or UTF-16 without a byte-order mark; save it as 'CSV UTF-8'")
+    for name in ("utf-8", "cp1252"):
+        try:
+            codecs.getincrementaldecoder(name)("strict").decode(head)
+        except UnicodeDecodeError:
+            continue
+        if name == "utf-8" or b"\0" not in head:
+            return name
+    raise DataError(f"{path}: is neither UTF-8 nor Windows-1252 text; save it as 'CSV UTF-8'")
+
+
+def parsed(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield line and cells of every row that is not blank; csv.Error with the line where quotes are wrong."""
+    reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
+    try:
+        for cells in reader:
+            if any(map(str.strip, cells)):
+                yield reader.line_num, cells[:-1] if separator == " " and not cells[-1] else cells
+    except csv.Error as error:
+        raise csv.Error(reader.line_num, str(error)) from None
+
+
+def _rows(text: str, separator: str) -> list[list[str]]:
+    """The first rows of a text, as far as its quotes are right."""
+    rows: list[list[str]] = []
+    with suppress(csv.Error):
+        rows.extend(cells for _, cells in islice(parsed(io.StringIO(text, newline=""), separator), _ROWS))
+    return rows
+
+
+def _separator(path: Path, text: str) -> str:
+    """The separator that makes a table of numbers; a comma if none does.
+
+    Raises:
+        DataError: two do.
+    """
+    shares: dict[str, float] = {}
+    for separator in _SEPARATORS:
+        rows = _rows(text, separator)
+        widths = [len(cells) for cells in rows]
+        width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+        if width > 1:
+            cells = [cell for row in rows if len(row) == width for cell in row]
+            shares[separator] = sum(map(_is_number, cells)) / sum(map(len, rows))
+    best = sorted(shares, key=lambda one: -shares[one])
+    if not best or not shares[best[0]]:
+        return max(shares, key=lambda one: text.partition("\n")[0].count(one), default=",")
+    if len(best) > 1 and shares[best[1]] > 0.9 * shares[best[0]]:
+        readings = " or ".join(f"{_SEPARATORS[one]} ({len(_rows(text, one)[-1])} columns)" for one in best[:2])
+        raise DataError(f"{path}: columns may be separated by {readings}; write it with one of them only")
+    return best[0]
+
+
+def _is_number(cell: Any) -> bool:
+    if isinstance(cell, str):
+        text = cell.strip().translate(_SPACES)
+        return bool(_NUMBER.fullmatch(text) or _GROUPS.fullmatch(text))
+    return isinstance(cell, int | float) and not isinstance(cell, bool)
+
+
+def is_numeric(cells: Sequence[Any]) -> bool:
+    """Return whether a row is one of numbers, not of names: at least half of its cells that are not missing."""
+    present = [cell for cell in cells if not is_missing(cell)]
+    return bool(present) and 2 * sum(map(_is_number, present)) >= len(present)
+
+
+def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
+    """The decimal mark and the groups of thousands that the numbers show."""
+    marks, grouped, doubtful = set[str](), False, ""
+    for cell in (cell.strip().translate(_SPACES) for row in rows for cell in row):
+        if not ({*".,"} & {*cell} and (_NUMBER.fullmatch(cell) or _GROUPS.fullmatch(cell))):
+            continue
+        mark = max(".,", key=cell.rfind)
+        if re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", cell):
+            doubtful = doubtful or (cell if mark == "," else "")
+            continue
+        if {*".,"} <= {*cell}:
+            grouped = True
+        elif cell.count(mark) > 1:
+            grouped, mark = True, "." if mark == "," else ","
+        marks.add(mark)
+    if doubtful and not marks:
+        raise DataError(
+            f"{path}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a decimal comma, "
+            "and no other number says which; write it with decimal points and without groups of thousands"
+        )
+    return Numerals(decimal="," if marks == {","} else ".", grouped=grouped)
+
+
+def layout_of(rows: Sequence[Sequence[Any]], source: str) -> Layout:
+    """Find the header: the first row that has the width of the table, with names of groups above and units below it.
+
+    Args:
+        rows: the first rows, blank ones left out.
+        source: of the rows, in errors.
+
+    Raises:
+        DataError: there is none.
+    """
+    widths = [len(row) for row in rows]
+    width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+    full = [k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not _blank(cell) for cell in row) > width]
+    first = next((k for k in full if not _is_group(rows[k])), 0)
+    if rows and is_numeric(rows[first]) and first:
+        first = 0  # rows of another width than their header: its reader says so
+    if not rows or is_numeric(rows[first]):
+        seen = f"begins with the numbers {', '.join(str(c).strip() for c in rows[0][:3])} …" if rows else "is empty"
+        raise DataError(f"{source}: {seen}; its first line must name the columns")
+    names, read_as = [_text(cell) for cell in rows[first]], list[str]()
+    titles, last = first, first + 1
+    if first and len(above := rows[first - 1]) <= len(names) and _is_group(above):
+        names, titles = _grouped(names, above), first - 1
+        read_as.append("two rows of names")
+    if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
+        named = zip(names, map(_text, rows[last]), strict=True)
+        names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
+        last += 1
+        read_as.append("a row of units")
+    if titles:
+        read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
+    return Layout(names=names, rows=last, read_as=tuple(read_as))
+
+
+def _text(cell: Any) -> str:
+    return "" if _blank(cell) else str(cell).strip()
+
+
+def _blank(cell: Any) -> bool:
+    return cell is None or cell != cell or not str(cell).strip()  # nan of a spreadsheet is not itself
+
+
+def _is_group(cells: Sequence[Any]) -> bool:
+    """Whether a row says which columns are before and which after contact."""
+    times = [time_of(_text(cell)) for cell in cells if not _blank(cell)]
+    return "post" in times and None not in times
+
+
+def _is_units(cells: Sequence[Any]) -> bool:
+    """Whether a row has units, and at most a few words beside them."""
+    present = [_text(cell) for cell in cells if not _blank(cell)]
+    units = sum(map(is_unit, present))
+    return not any(map(_is_number, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
+
+
+def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:
+    """Names with that of their group, which stands above the first of them."""
+    group, full = "", list[str]()
+    for name, cell in zip(names, [*map(_text, above)] + [""] * (len(names) - len(above)), strict=True):
+        group = cell or group
+        full.append(f"{name} {group}".strip())
+    return full

@@ -1,0 +1,198 @@
+"""Files of tables: text, Parquet and spreadsheets as sheets of raw cells, and columns as CSV and Parquet.
+
+Text goes through the standard library's reader, in strict mode: it knows the line of every row, and neither pads, drops
+nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas.  Text and Parquet come in blocks of rows, so
+that a file need not fit in memory.
+"""
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile, ZipFile
+
+import numpy as np
+
+from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+from contactlearn.data.table.dialect import COMMENT, is_numeric, layout_of, parsed, sniffed
+from contactlearn.data.table.sheet import Cells, Sheet
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
+_HEAD = 50  # rows of a spreadsheet in which its header is looked for
+
+
+def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a text file with a separator; rows that are blank throughout are passed over.
+
+    Args:
+        path: the file.
+        rows: in each sheet; None for one sheet of all of them.
+
+    Raises:
+        DataError: the file is no table, has no header, or rows of another length than that.
+    """
+    dialect = sniffed(path)
+    header, read_as = dialect.layout.names, dialect.read_as()
+    try:
+        with path.open(newline="", encoding=dialect.encoding) as file:
+            for _ in islice(file, dialect.above):
+                pass
+            written = parsed(file, dialect.separator)
+            for _ in islice(written, dialect.layout.rows):
+                pass
+            first = 0
+            while (block := [*islice(written, rows)]) or not first:
+                cells = [_checked(path, header, dialect.above, first + k, *row) for k, row in enumerate(block, 1)]
+                columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
+                lines = [dialect.above + line for line, _ in block]
+                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=read_as)
+                first += len(block)
+                if not block:
+                    return
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: must be UTF-8 text throughout; save it as 'CSV UTF-8'") from None
+    except csv.Error as error:
+        line, why = error.args
+        raise DataError(f"{path}: line {dialect.above + line} is not CSV: {why}; check its quotes") from None
+
+
+def _checked(path: Path, header: Sequence[str], above: int, row: int, line: int, cells: list[str]) -> list[str]:
+    """The cells of a row, which are as many as the header has; more of them may be empty."""
+    if len(cells) == len(header):
+        return cells
+    if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
+        return cells[: len(header)]
+    hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
+    for text, name in ((cells[0], "it"), (header[0], "the first line")):
+        hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
+    seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
+    raise DataError(f"{path}: row {row} (line {above + line}) has {seen}", row=row)
+
+
+def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a Parquet file, in sheets of `rows` or in one; its page checksums are verified where it has them.
+
+    Raises:
+        DataError: the file is not Parquet, or damaged.
+    """
+    from pyarrow import parquet
+
+    first = 0
+    try:
+        # Not read_table: that one also makes columns out of folder names such as mass=1.  A buffer would keep the file.
+        with parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
+            whole = rows is None or file.metadata.num_rows <= rows
+            for block in [file.read()] if whole else file.iter_batches(rows):
+                yield Sheet(path, block.schema.names, [_cells(column) for column in block.columns], first=first)
+                first += len(block)
+    except DataError:
+        raise
+    except Exception as error:  # a damaged file can break the library anywhere
+        raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
+
+
+def _cells(column: Any) -> Cells:
+    """The cells of an Arrow column."""
+    from pyarrow import types
+
+    if (types.is_floating(column.type) or types.is_integer(column.type)) and not column.null_count:
+        return column.to_numpy()
+    return column.to_pylist()
+
+
+def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of the only worksheet of an .xlsx or .ods file that has numbers; formulas are what was saved of them.
+
+    Raises:
+        DataError: the file is damaged, or has no or several such worksheets.
+        ContactLearnError: the library that reads it is not installed.
+    """
+    import pandas as pd
+
+    del rows  # a spreadsheet is read as a whole
+    engine = {".xlsx": "openpyxl", ".ods": "odf"}[path.suffix.lower()]
+    try:
+        with ZipFile(path) as packed:
+            unpacked = sum(entry.file_size for entry in packed.infolist())
+        if unpacked > _UNPACKED:
+            raise DataError(f"{path}: takes {unpacked / 2**30:.1f} GiB unpacked; export it as CSV")
+        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object, engine=engine, na_filter=False)
+    except (DataError, OSError):
+        raise
+    except ImportError:
+        suffix = path.suffix.lower()
+        raise ContactLearnError(f"{path}: {suffix} needs {install_hint('spreadsheets')}; or export it as CSV") from None
+    except BadZipFile as error:
+        raise DataError(f"{path}: is no spreadsheet ({error}); export it as CSV") from None
+    except Exception as error:  # a damaged file can break the library anywhere
+        raise DataError(f"{path}: is not a readable spreadsheet ({error}); export it as CSV") from error
+    sheets = {name: frame for name, frame in frames.items() if len(frame) > 1 and len(frame.columns) > 1}
+    tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
+    if len(tables) != 1:
+        names = ", ".join(map(repr, tables))
+        seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
+        raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
+    ((name, frame),) = tables.items()
+    cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(_is_blank, row))]
+    layout = layout_of([row for _, row in cells[:_HEAD]], str(path))
+    body = cells[layout.rows :]
+    columns: list[Cells] = [
+        [None if _is_blank(row[i]) else row[i] for _, row in body] for i in range(len(layout.names))
+    ]
+    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *layout.read_as)
+    yield Sheet(path, layout.names, columns, [line for line, _ in body], read_as=read_as)
+
+
+def _is_blank(cell: Any) -> bool:
+    return cell is None or cell != cell or cell == ""
+
+
+def sheet_of(frame: "DataFrame") -> Sheet:
+    """Return the cells of a DataFrame; a named index is a column, too, and names in several rows are joined.
+
+    Raises:
+        DataError: something else than a DataFrame, or one without rows.
+    """
+    from pandas import DataFrame  # takes long to load
+
+    if not isinstance(frame, DataFrame):
+        raise DataError(f"a table is the path of a file, such as drops.csv, or a DataFrame; got {type(frame).__name__}")
+    if not len(frame):
+        raise DataError("DataFrame: has no rows; at least one is needed")
+    named = frame.reset_index() if all(frame.index.names) else frame
+    columns: list[Cells] = []
+    for _, values in named.items():
+        plain = values.dtype.kind in "fiu" and not values.hasnans
+        columns.append(values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist())
+    names = [" ".join(map(str, name)).strip() if isinstance(name, tuple) else str(name) for name in named.columns]
+    return Sheet("DataFrame", names, columns)
+
+
+Columns = Mapping[str, Sequence[Any] | np.ndarray]
+
+
+def write_csv(blocks: Iterable[Columns], path: Path) -> None:
+    """Write a new CSV file of blocks of rows; a float is written as its repr, which reads back exactly."""
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        for place, columns in enumerate(blocks):
+            if not place:
+                writer.writerow(columns)
+            plain = [cells.tolist() if isinstance(cells, np.ndarray) else cells for cells in columns.values()]
+            writer.writerows(zip(*plain, strict=True))
+
+
+def write_parquet(blocks: Iterable[Columns], path: Path) -> None:
+    """Write a Parquet file of blocks of rows, with page checksums; there is at least one block."""
+    import pyarrow
+    from pyarrow import parquet
+
+    tables = (pyarrow.table(dict(columns)) for columns in blocks)
+    first = next(tables)
+    with parquet.ParquetWriter(path, first.schema, write_page_checksum=True) as file:
+        for block in chain((first,), tables):
+            file.write_table(block)

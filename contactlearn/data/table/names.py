@@ -1,0 +1,179 @@
+"""Names of columns as people write them: our column, and the unit that the name states.
+
+A name is split into words and, at its end, a unit: "vx [mm/s]", "speed_x_after (mm/s)", "ω' (deg/s)", "massKg".  A
+column is taken for ours if no other has the same words, and its unit is one that the reader knows.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from unicodedata import normalize
+
+from contactlearn.data.table.units import POWERS, UNIT_FACTORS, Units
+from contactlearn.mechanics.space import PLANE, Space
+
+NAMES = ("trial", "object")
+"""Columns of names, not numbers."""
+OTHERS = ("speed", "height", "direction", "direction_normal", "direction_floor")
+"""Other descriptions of a velocity, each also with _post: `descriptions` turns them into components or refuses them."""
+
+_BEFORE = ("pre", "before", "initial", "incoming", "incident", "inbound", "fall", "release")
+_AFTER = ("post", "after", "final", "outgoing", "outbound", "rebound")
+_IMPACT = ("impact", "contact", "collision", "bounce")
+_WORDS = {"velocity": "v", "speed": "v", "vel": "v", "position": "", "pos": "", "pose": "", "of": ""}
+_ALIASES = {
+    "xv": "vx", "xdot": "vx", "yv": "vy", "ydot": "vy", "zv": "vz", "zdot": "vz",
+    "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
+    "spin": "omega", "ω": "omega", "w": "omega", "angularv": "omega", "vangular": "omega", "thetadot": "omega",
+    "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time", "timestamp": "time",
+    **dict.fromkeys(("drop", "take", "toss", "trial"), "recording"),
+    **{name: f"w{axis}" for axis in "xyz" for name in (
+        f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"
+    )},
+    "v": "speed", "vn": "vy", "vt": "vx", "h": "height", "dropheight": "height", "bounceheight": "height_post",
+    "hdrop": "height", "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
+    **{f"{angle}{link}{reference}": f"direction_{kind}"
+       for kind, references in {"normal": ("normal", "vertical"), "floor": ("floor", "surface", "ground", "horizontal")}
+       .items() for reference in references for angle in ("angle", "direction") for link in ("", "from", "to", "with")},
+}  # fmt: skip
+_UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
+_QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
+_SPELLED = {
+    "per": "", "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s",
+    "second": "s", "seconds": "s", "metre": "m", "metres": "m", "meter": "m", "meters": "m", "inch": "in",
+    "inches": "in", "grams": "g", "rpm": "rev.min", "rps": "rev.s", "turn": "rev", "turns": "rev", "revolutions": "rev",
+    "kmh": "km.h", "kph": "km.h", "in": "incoming",  # only [in] and inch are inches
+    "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h", "feet": "ft",
+}  # fmt: skip
+_MARKS = (
+    (r"(?<=[^\W\d])\s*['′’ʹ´`]", " post "),  # vx'
+    (r"(?<=[^\W\d])[_^]*\+(?!\d)", " post "),  # vx+, v_x^+
+    (r"(?<=[^\W\d])[_^]*[-−](?=\s*(?:$|[\[(,/]))", " pre "),  # vx-, vx⁻ [m/s]; not s-1 or x-position
+    (r"(?<=[\[(/])\s*in\b", "inch"),
+)
+
+Stated = Mapping[str, str]
+"""Units by quantity, as the name of a column states them."""
+Vocabulary = Mapping[str, Mapping[str, Stated]]
+"""Units by quantity, by our name of a column and each unit that it may have, written without signs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognised:
+    """Which columns of a file are which.
+
+    Args:
+        names: in the file, by ours.
+        units: that these names state, by our name.
+        others: names of the file that are none of ours.
+        doubtful: names of the file with the same meaning, by ours.
+    """
+
+    names: Mapping[str, str]
+    units: Mapping[str, Stated]
+    others: tuple[str, ...]
+    doubtful: Mapping[str, tuple[str, ...]]
+
+    def stated(self, quantity: str) -> dict[str, list[str]]:
+        """Return the units of a quantity that names state, each with the names."""
+        found: dict[str, list[str]] = {}
+        for column, units in self.units.items():
+            if quantity in units:
+                found.setdefault(units[quantity], []).append(self.names[column])
+        return found
+
+
+@cache
+def impact_vocabulary(space: Space) -> Vocabulary:
+    """Return the columns of a table of impacts and their units."""
+    columns = (*NAMES, *(column for group in space.components.values() for column in group))
+    columns += tuple(f"{column}{end}" for column in OTHERS for end in ("", "_post"))
+    units: dict[str, dict[str, Stated]] = {column: {"": {}} for column in columns}
+    for column in (column for column in columns if column.removesuffix("_post") in POWERS):
+        quantities = POWERS[column.removesuffix("_post")]
+        for choice in product(*(UNIT_FACTORS[quantity] for quantity in quantities)):
+            stated = dict(zip(quantities, choice, strict=True))
+            units[column][_unit(words_of(f"[{Units(stated).text(column)}]"))] = stated
+    return units
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words, numbers and signs of degree in a name, in small letters."""
+    text = normalize("NFKC", name)
+    for mark, word in _MARKS:
+        text = re.sub(mark, word, text)
+    parts = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
+    return re.findall(r"[^\W\d_]+|\d+|°", parts.lower())
+
+
+def time_of(name: str) -> str | None:
+    """Return "pre" or "post" if a name is that and nothing else, such as "after impact"."""
+    words = [word for word in words_of(name) if word not in (*_IMPACT, "the")]
+    if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"}:
+        return None
+    return "post" if {*words} & {*_AFTER, "out"} else "pre"
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a cell is a unit, such as [mm/s]; "-" is that of a name or a number."""
+    word = _unit(words_of(f"[{text.strip().strip('[]()')}]"))
+    return text.strip() == "-" or any(word in units for units in impact_vocabulary(PLANE).values() if word)
+
+
+def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
+    """Match each of our columns with the file's column of that name, or with the only other that names it."""
+    opposite = any("out" in words_of(name) for name in header)
+    matches: dict[str, dict[str, Stated]] = {}
+    for name in header:
+        ours, stated = (name, {}) if name in vocabulary else _match(words_of(name), vocabulary, opposite=opposite)
+        matches.setdefault(ours, {})[name] = stated
+    matches.pop("", None)
+    names: dict[str, str] = {}
+    for ours, candidates in matches.items():
+        if ours in candidates or len(candidates) == 1:
+            names[ours] = ours if ours in candidates else next(iter(candidates))
+    units = {ours: matches[ours][name] for ours, name in names.items() if matches[ours][name]}
+    return Recognised(
+        names=names,
+        units=units,
+        others=tuple(name for name in header if name not in names.values()),
+        doubtful={ours: tuple(candidates) for ours, candidates in matches.items() if ours not in names},
+    )
+
+
+def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:
+    """Return the unit that a name of any words states for one of our columns; none if it states none."""
+    words = words_of(name)
+    for split in range(1, len(words)):
+        if (unit := _unit(words[split:])) and unit in vocabulary.get(column, {}):
+            return vocabulary[column][unit]
+    return {}
+
+
+def _unit(words: Sequence[str]) -> str:
+    """A unit without signs, as a vocabulary has it: "mm.s" of mm/s, which is not "m.ms"."""
+    parts = [part for word in words if (part := _SPELLED.get(word, word))]
+    return re.sub(r"(?<=[sn])\.1$", "", ".".join(parts))  # of s⁻¹
+
+
+def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> tuple[str, Stated]:
+    """Our name of a column with these words, and the units that it states; an empty name if none of ours matches.
+
+    Args:
+        words: of the name.
+        vocabulary: of columns and units.
+        opposite: whether other columns are called "out", to which "in" is the opposite.
+    """
+    before, after = ((*_BEFORE, "in"), (*_AFTER, "out")) if opposite else (_BEFORE, _AFTER)
+    ends = ("_post", "") if any(word in after for word in words) else ("",)
+    timed = len(ends) > 1 or any(word in before for word in words)
+    passed_over = (*before, *after, *_IMPACT) if timed else ()
+    words = [_WORDS.get(word, word) for word in words if word not in passed_over]
+    for split in range(len(words), 0, -1):
+        name, unit = "".join(words[:split]), _unit(words[split:])
+        for ours, end in product((name, _ALIASES.get(name, ""), _QUATERNION.sub(r"q\1", name)), ends):
+            if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
+                return ours + end, vocabulary[ours + end][unit]
+    return "", {}

@@ -1,0 +1,389 @@
+"""Tables as instruments, spreadsheets and colleagues write them: every dialect of one table gives the same impacts."""
+
+import codecs
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from commands import run
+from refusals import refused
+
+from contactlearn.core.errors import DataError
+from contactlearn.data import table
+from contactlearn.data.headers import propose
+from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.units import UNIT_FACTORS, powers_of
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, SPACE
+from contactlearn.simulation import synthetic
+
+SHAPE = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
+BODY = {"shape": SHAPE, "mass": 0.0364}
+COLUMNS = ("x", "y", "theta", "vx", "vy", "omega", "vx_post", "vy_post", "omega_post")
+ROUNDING = 1e-12  # relative; a few float64 roundings of a product of factors
+DIGITS = 6  # significant ones in the texts, of numbers that are rounded to them before
+
+
+@pytest.fixture(scope="module")
+def frame() -> pd.DataFrame:
+    """Drops in SI, rounded as text has them."""
+    drops = synthetic.load(size=30)
+    values = torch.cat((drops.q, drops.v_pre, drops.v_post), 1).numpy()
+    rounded = np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"))(values)
+    return pd.DataFrame(rounded, columns=[*COLUMNS])
+
+
+def numbers(impacts: Impacts) -> np.ndarray:
+    return torch.cat((impacts.q, impacts.v_pre, impacts.v_post), 1).numpy()
+
+
+def text(frame: pd.DataFrame, separator: str = ",", decimal: str = ".", header: list[str] | None = None) -> str:
+    rows = [[repr(x).replace(".", decimal) for x in row] for row in frame.to_numpy().tolist()]
+    return "\n".join(separator.join(row) for row in [header or [*frame.columns], *rows]) + "\n"
+
+
+def group_rows(frame: pd.DataFrame) -> str:
+    lines = text(frame).splitlines()
+    return "\n".join([",,,before,,,after,,", "x,y,theta,vx,vy,omega,vx,vy,omega", *lines[1:]])
+
+
+def unit_row(frame: pd.DataFrame) -> str:
+    lines = text(frame.assign(x=1e3 * frame.x, y=1e3 * frame.y)).splitlines()
+    return "\n".join([lines[0], "mm,(mm),rad,m/s,m/s,rad/s,m/s,m/s,rad/s", *lines[1:]])
+
+
+DIALECTS = {
+    "decimal commas": (".csv", lambda f: text(f, ";", ",").encode(), ("semicolons", "decimal commas")),
+    "a byte-order mark": (".csv", lambda f: codecs.BOM_UTF8 + text(f, ";", ",").encode(), ("decimal commas",)),
+    "tabs": (".tsv", lambda f: text(f, "\t").encode(), ("tabs",)),
+    "tabs and decimal commas": (".txt", lambda f: text(f, "\t", ",").encode(), ("tabs", "decimal commas")),
+    "bars": (".txt", lambda f: text(f, "|").encode(), ("bars",)),
+    "aligned by spaces": (".dat", lambda f: f.to_string(index=False, float_format="{:.15g}".format).encode(),
+        ("spaces",)),
+    "quoted decimal commas": (".csv", lambda f: text(f, '","', ",").replace("\n", '"\n"').join('""').encode()[:-2],
+        ("decimal commas",)),
+    "UTF-16": (".csv", lambda f: text(f, "\t").encode("utf-16"), ("UTF-16", "tabs")),
+    "Windows-1252": (".csv", lambda f: text(f.assign(Prüfer=1.0)).encode("cp1252"), ("Windows-1252",)),
+    "comments": (".csv", lambda f: ("# drops, 3 May\n\n% camera 2\n" + text(f)).encode(), ("2 comment lines above",)),
+    "a header in a comment": (".csv", lambda f: ("# " + text(f)).encode(), ("names in the last comment",)),
+    "a title": (".csv", lambda f: ("Drops of Monday,,,,,,,,\n\n" + text(f)).encode(), ("1 line above the header",)),
+    "two rows of names": (".csv", lambda f: group_rows(f).encode(), ("two rows of names",)),
+    "a row of units": (".csv", lambda f: unit_row(f).encode(), ("a row of units", "x is 'x [mm]' in mm")),
+    "Windows' lines": (".csv", lambda f: text(f, ";", ",").replace("\n", "\r\n").encode(), ("semicolons",)),
+    "Unicode's minus": (".csv", lambda f: text(f, ";", ",").replace("-", "\u2212").encode(), ("decimal commas",)),
+    "empty cells at the end": (".csv", lambda f: text(f).replace("\n", ",,\n").replace("post,,", "post", 1).encode(),
+        ()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("suffix", "content", "said"), DIALECTS.values(), ids=DIALECTS)
+def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said):
+    path = tmp_path / f"drops{suffix}"
+    path.write_bytes(content(frame))
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    for words in said:
+        assert any(words in part for part in found.read_as), found.read_as
+    assert bool(found.read_as) == bool(said)
+    blocks = [*table.read_blocks(path, 7, **BODY)]  # of a large file: as the whole
+    np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".ods"])
+def test_spreadsheets(tmp_path, frame, suffix):
+    pytest.importorskip("openpyxl" if suffix == ".xlsx" else "odf")
+    path = tmp_path / f"drops{suffix}"
+    blank = [None] * len(frame.columns)
+    rows = [["Drops of Monday", *blank], [None, *blank], [*frame.columns, "remark"]]
+    rows += [[*row, "fine"] for row in frame.to_numpy().tolist()]
+    engine = {".xlsx": "openpyxl", ".ods": "odf"}[suffix]
+    with pd.ExcelWriter(path, engine=engine) as writer:
+        pd.DataFrame(rows).to_excel(writer, sheet_name="drops", header=False, index=False)
+        pd.DataFrame([["measured by", "me"], ["on", "Monday"]]).to_excel(
+            writer, sheet_name="notes", header=False, index=False
+        )
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert found.read_as == ("worksheet drops", "1 line above the header")
+    assert propose(path).source == "table"
+    with pd.ExcelWriter(path, engine=engine) as writer:
+        for name in ("monday", "tuesday"):
+            frame.to_excel(writer, sheet_name=name, index=False)
+    with refused(["tables of numbers in its worksheets 'monday', 'tuesday'"]):
+        table.read(path, **BODY)
+    path.write_bytes(path.read_bytes()[:-400])
+    with refused(["export it as CSV"]):
+        table.read(path, **BODY)
+
+
+def test_a_spreadsheet_without_its_library_says_what_to_install(tmp_path, monkeypatch, frame):
+    pytest.importorskip("openpyxl")
+    frame.to_excel(tmp_path / "drops.xlsx", index=False)
+    monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
+    with pytest.raises(ValueError, match=r"needs pip install 'contactlearn\[spreadsheets\]'.*or export it as CSV"):
+        table.read(tmp_path / "drops.xlsx", **BODY)
+
+
+def test_a_frame_is_read_as_its_file(frame):
+    named = frame.rename(columns={"vx_post": "vx'", "omega": "ω [rpm]"}).assign(remark="fine")
+    named["ω [rpm]"] *= 30 / math.pi
+    found = table.read(named, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert (found.impacts.source, found.unused) == ("DataFrame", ("remark",))
+    times = pd.MultiIndex.from_tuples([*((n, "") for n in COLUMNS[:3]), *((n, "before") for n in COLUMNS[3:6]),
+                                       *((n, "after") for n in COLUMNS[3:6])])  # fmt: skip
+    double = pd.DataFrame(frame.to_numpy(), columns=times)
+    np.testing.assert_array_equal(numbers(table.read(double, **BODY).impacts), frame)
+    gap = frame.astype({"vx": object})
+    gap.loc[3, "vx"] = None
+    with refused(["DataFrame: row 4, column vx", "empty"]):
+        table.read(gap, **BODY)
+
+
+NAMES = {
+    "primes": {"vx_post": "vx'", "vy_post": "vy′", "omega_post": "ω'"},
+    "signs": {"vx": "vx-", "vx_post": "vx+", "vy": "v_y⁻", "vy_post": "v_y⁺"},
+    "in and out": {"vx": "vx_in", "vx_post": "vx_out", "vy": "vy_in", "vy_post": "vy_out"},
+    "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
+}
+
+
+@pytest.mark.parametrize("names", NAMES.values(), ids=NAMES)
+def test_names_in_other_words(frame, names):
+    found = table.read(frame.rename(columns=names), **BODY)
+    np.testing.assert_array_equal(numbers(found.impacts), frame)
+    assert found.unused == ()
+
+
+UNITS = {
+    "omega [rpm]": ("omega", 30 / math.pi), "spin (rev/s)": ("omega", 0.5 / math.pi),
+    "ω′ (deg/s)": ("omega_post", 180 / math.pi), "x_mm": ("x", 1e3), "y [in]": ("y", 1 / 0.0254),
+    "vx [km/h]": ("vx", 3.6), "vy' / m s⁻¹": ("vy_post", 1), "θ [°]": ("theta", 180 / math.pi),
+    "vx_post [ft/s]": ("vx_post", 1 / 0.3048), "vy (µm/µs)": ("vy", 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_units_that_names_state_are_converted(frame, name):
+    column, factor = UNITS[name]
+    changed = frame.assign(**{column: factor * frame[column]}).rename(columns={column: name})
+    silent = {"length": "m"} if column in "xy" else {"angle": "rad"} if column in ("theta", "omega_post") else {}
+    silent |= {"length": "m", "time": "s"} if column in ("vx_post", "vy") else {}
+    for columns in (None, {column: name}):  # stated or recognised
+        found = table.read(changed, columns=columns, units=silent, **BODY)
+        np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=1e-15)
+
+
+@pytest.mark.parametrize("space", [PLANE, SPACE], ids=str)
+def test_a_unit_without_signs_has_one_meaning(space):
+    """All products have a text of their own, such as m/ms and mm/s, and are read as it says."""
+    for column, units in impact_vocabulary(space).items():
+        quantities = {*powers_of(column)}
+        assert len(units) == (math.prod(len(UNIT_FACTORS[name]) for name in quantities) + 1 if quantities else 1), (
+            column
+        )
+    for length in UNIT_FACTORS["length"]:
+        for time in UNIT_FACTORS["time"]:
+            known = recognise([f"v_x [{length}/{time}]"], impact_vocabulary(space))
+            assert known.units == {"vx": {"length": length, "time": time}}
+
+
+def test_covariances_have_the_units_of_their_velocities(frame):
+    pairs = {
+        "cov_vx_vx": 1e6,
+        "cov_vx_vy": 1e3,
+        "cov_vx_omega": 1e3,
+        "cov_vy_vy": 1,
+        "cov_vy_omega": 1,
+        "cov_omega_omega": 1,
+    }
+    values = dict(zip(pairs, (4e-4, 1e-5, 1e-4, 5e-4, 2e-4, 9e-2), strict=True))
+    named = frame.assign(vx=1e3 * frame.vx, **{name: pairs[name] * value for name, value in values.items()})
+    found = table.read(named.rename(columns={"vx": "vx [mm/s]"}), units={"length": "m"}, **BODY)
+    expected = torch.tensor([[4e-4, 1e-5, 1e-4], [1e-5, 5e-4, 2e-4], [1e-4, 2e-4, 9e-2]], dtype=torch.float64)
+    torch.testing.assert_close(found.impacts.v_pre_cov[0], expected, rtol=1e-9, atol=0)
+
+
+def test_a_setting_that_no_column_has_is_refused(frame):
+    named = frame.rename(
+        columns={name: f"{name} [{'m' if name in 'xy' else 'm/s'}]" for name in frame if name[0] in "xyv"}
+    )
+    with refused(["data.units.length=mm", "'x [m]' says m"]):
+        table.read(named, units={"length": "mm"}, **BODY)
+
+
+def missing_cases() -> list[str]:
+    return ["", "-", "n/a", "NA", "N/A", "#N/A", "#DIV/0!", "nan", "NaN", "null", "#WERT!"]
+
+
+@pytest.mark.parametrize("cell", missing_cases())
+def test_missing_numbers_are_as_empty_cells(tmp_path, frame, cell):
+    lines = text(frame, ";", ",").splitlines()
+    cells = lines[5].split(";")
+    lines[5] = ";".join([*cells[:3], cell, *cells[4:]])
+    path = tmp_path / "drops.csv"
+    path.write_text("\n".join(lines))
+    with refused(["row 5 (line 6), column vx", "drop_incomplete"]):
+        table.read(path, **BODY)
+    found = table.read(path, drop_incomplete=True, **BODY)
+    assert found.impacts.incomplete == ("5",)
+    np.testing.assert_array_equal(numbers(found.impacts), frame.drop(index=4))
+
+
+GROUPED = {
+    "1.234,5": ("1.234,5", 1234.5), "1,234.5 in tabs": ("1,234.5", 1234.5), "1 234,5": ("1 234,5", 1234.5),
+    "1'234.5": ("1'234.5", 1234.5), "1,234,567": ("1,234,567", 1234567.0), "narrow": ("1\u202f234,5", 1234.5),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("cell", "value"), GROUPED.values(), ids=GROUPED)
+def test_groups_of_thousands(tmp_path, frame, cell, value):
+    decimal = "," if cell.rfind(",") > max(cell.rfind("."), cell.rfind("'")) and cell.count(",") == 1 else "."
+    lines = text(frame, "\t", decimal).splitlines()
+    cells = lines[5].split("\t")
+    lines[5] = "\t".join([cell, *cells[1:]])
+    (tmp_path / "drops.csv").write_text("\n".join(lines), "utf-8")
+    assert table.read(tmp_path / "drops.csv", **BODY).impacts.q[4, 0].item() == value
+
+
+def test_a_group_that_may_be_decimals_is_refused_in_its_row(tmp_path, frame):
+    for cell, decimal, readings in (("1,234", ".", "1234, or 1.234"), ("1.234", ",", "1234, or 1.234")):
+        lines = text(frame, "\t", decimal).splitlines()
+        lines[5] = "\t".join([cell, *lines[5].split("\t")[1:]])
+        (tmp_path / "drops.csv").write_text("\n".join(lines), "utf-8")
+        with refused(["row 5 (line 6), column x", f"'{cell}', which is {readings}"]):
+            table.read(tmp_path / "drops.csv", **BODY)
+
+
+def long(frame: pd.DataFrame) -> pd.DataFrame:
+    """Two rows an impact."""
+    before = frame[["x", "y", "theta", "vx", "vy", "omega"]].assign(trial=[f"d{k}" for k in range(len(frame))])
+    after = before.assign(**{name: frame[f"{name}_post"] for name in ("vx", "vy", "omega")})
+    both = pd.concat([before.assign(phase="before"), after.assign(phase="after")])
+    return both.sort_index(kind="stable")
+
+
+def test_two_rows_an_impact(tmp_path, frame):
+    path = tmp_path / "drops.csv"
+    both = long(frame)
+    both.to_csv(path, index=False)
+    found = table.read(path, **BODY)
+    np.testing.assert_array_equal(numbers(found.impacts), frame)
+    assert found.impacts.trial[:2] == ("d0", "d1")
+    assert found.impacts.q_post is None  # the pose is stated once, not measured twice
+    assert numbers(next(table.read_blocks(path, 7, **BODY)).impacts).shape == (30, 9)
+    np.testing.assert_array_equal(numbers(table.read(both.drop(columns="trial"), **BODY).impacts), frame)
+    settings = {one.name: one.value for one in propose(path).settings}
+    assert settings["columns.vx_post"] == "vx after"
+    for changed, fragments in (
+        (both.iloc[:-1], ["trial 'd29' has no row after contact"]),
+        (both.assign(trial="d1"), ["two rows before contact in column 'phase'"]),
+    ):
+        with refused(fragments):
+            table.read(changed, **BODY)
+
+
+def test_speed_and_angle(frame):
+    polar = frame.drop(columns=["vx", "vy", "vx_post", "vy_post"])
+    for end in ("", "_post"):
+        vx, vy = frame[f"vx{end}"], frame[f"vy{end}"].abs()
+        polar[f"speed{end} [km/h]"] = 3.6 * np.hypot(vx, vy)
+        polar[f"angle from floor{end} [deg]"] = np.degrees(np.arctan2(vy, vx))
+    np.testing.assert_allclose(numbers(table.read(polar, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
+    normal = polar.rename(columns=lambda name: name.replace("floor", "normal"))
+    for end in ("", "_post"):
+        normal[f"angle from normal{end} [deg]"] = 90 - normal[f"angle from normal{end} [deg]"]
+    np.testing.assert_allclose(numbers(table.read(normal, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
+    with refused(["may be from the floor or from its normal", "'angle from floor' or 'angle from normal'"]):
+        table.read(polar.rename(columns=lambda name: name.replace("angle from floor", "direction")), **BODY)
+
+
+@pytest.mark.parametrize("names", [("v_in", "v_out"), ("drop height [m]", "rebound height [m]"), ("h", "h'")], ids=str)
+def test_bounces_along_the_normal_are_refused_in_a_line(tmp_path, names):
+    path = tmp_path / "drops.csv"
+    pd.DataFrame({name: [1.0, 2.0, 3.0] for name in names}).to_csv(path, index=False)
+    for call in (table.read, propose):
+        with refused([f"{names[0]!r}", f"{names[1]!r}", "bounces along the normal alone", "not read yet"]):
+            call(path)
+
+
+def in_space(last: bool, *, positive: bool = False, numbered: bool = True) -> tuple[pd.DataFrame, torch.Tensor]:
+    """Cuboids that touch the floor at their lowest corner, with the quaternion's scalar first or last."""
+    generator = torch.Generator().manual_seed(2)
+    q = torch.nn.functional.normalize(torch.randn(25, 4, generator=generator, dtype=torch.float64), dim=1)
+    q = q * q[:, :1].sign() if positive else q
+    corners = torch.cartesian_prod(*(torch.tensor((-a, a), dtype=torch.float64) for a in (0.05, 0.03, 0.02)))
+    w, v = q[:, :1], q[:, 1:]
+    turned = corners + 2 * torch.linalg.cross(
+        v[:, None].expand(-1, 8, -1),
+        torch.linalg.cross(v[:, None].expand(-1, 8, -1), corners.expand(25, -1, -1)) + w[:, None] * corners,
+    )
+    frame = pd.DataFrame({"x": 0.0, "y": 0.0, "z": (-turned[..., 2].min(1).values).numpy()})
+    order = [1, 2, 3, 0] if last else [0, 1, 2, 3]
+    for k, component in enumerate(order):
+        frame[f"q{k}" if numbered else f"q{'wxyz'[component]}"] = q[:, component].numpy()
+    velocity = torch.randn(25, 6, generator=generator, dtype=torch.float64)
+    velocity[:, 2] = -velocity[:, 2].abs() - 0.1
+    for end, sign in (("", 1), ("_post", -0.5)):
+        for k, name in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
+            frame[name + end] = sign * velocity[:, k].numpy() * (1 if name == "vz" or sign > 0 else -1)
+    return frame, q
+
+
+CUBOID = {"kind": "cuboid", "half": [0.05, 0.03, 0.02]}
+
+
+@pytest.mark.parametrize("last", [False, True], ids=["first", "last"])
+def test_the_scalar_of_a_numbered_quaternion_is_what_signs_or_heights_tell(tmp_path, last):
+    for positive, shape in ((False, CUBOID), (True, {"kind": "sphere", "radius": 0.03})):
+        frame, q = in_space(last, positive=positive)
+        found = table.read(frame, shape=shape, mass=0.1, validate=False)
+        torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+        assert any(f"the scalar is {'last' if last else 'first'}" in part for part in found.read_as)
+    frame, q = in_space(last)
+    with refused(["may be first, 'data.columns={qw: q0, qx: q1", "or last, 'data.columns={qx: q0, qy: q1"]):
+        table.read(frame, shape={"kind": "sphere", "radius": 0.03}, mass=0.1, validate=False)
+    stated = dict(
+        zip(("qx", "qy", "qz", "qw") if last else ("qw", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), strict=True)
+    )
+    found = table.read(frame, columns=stated, shape={"kind": "sphere", "radius": 0.03}, mass=0.1, validate=False)
+    torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    assert any("scalar is first or last" in part for part in propose(tmp_path / "a.csv").read_as)
+
+
+def test_init_knows_a_table_in_space(tmp_path):
+    frame, _ = in_space(last=False, numbered=False)
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    found = propose(tmp_path / "a.csv")
+    assert (found.source, found.unused) == ("table", ())
+    assert [one.name for one in found.settings if one.value == "???"] == ["mass", "shape"]
+
+
+def test_init_to_verdict_in_three_commands(tmp_path, frame, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = [name.replace("_post", "'") + (" [rpm]" if name.startswith("omega") else "") for name in frame]
+    rpm = frame.assign(omega=30 / math.pi * frame.omega, omega_post=30 / math.pi * frame.omega_post)
+    Path("drops.txt").write_text(text(rpm, ";", ",", names), "utf-8")
+    said = run("contactlearn", "init", "drops.txt", "--name", "mydata", cwd=".")
+    assert "read as  semicolons, decimal commas" in said
+    shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
+    printed = run("contactlearn", "audit", "data=mydata", "data.mass=0.0364", shape, cwd=".")
+    assert "30 impacts" in printed
+    assert "wrong" not in printed
+    direct = run("contactlearn", "audit", "drops.txt", "data.mass=0.0364", shape, cwd=".")
+    assert "read as: semicolons; decimal commas; omega is 'omega [rpm]' in rev/min" in direct
+    assert direct.splitlines()[2:] == printed.splitlines()[2:]
+
+
+def test_a_file_of_tum_poses_is_a_recording(tmp_path):
+    path = tmp_path / "take.txt"
+    path.write_text("".join(f"{k / 100} 0 0 1 0 0 0 1\n" for k in range(20)))
+    assert propose(path).source == "tracks"
+    path.write_text("".join(f"{k / 100};0;0\n" for k in range(20)))
+    with pytest.raises(DataError, match="its first line must name the columns"):
+        propose(path)
