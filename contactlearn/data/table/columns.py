@@ -197,9 +197,10 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
         telling = [column for column, unit in units_named.items() if unit not in (SI[quantity], *COMPOUND)]
         if telling and silent and not stated:
             unit, usual, setting = units_named[telling[0]], SI[quantity], f"data.units.{quantity}"
+            others = ", ".join(ours[column] for column in silent)
             raise DataError(
-                f"{cells.path}: the column {ours[telling[0]]!r} is in {unit}, and {', '.join(ours[one] for one in silent)} "
-                f"do not say: {setting}={unit} if these are too, {setting}={usual} if they are in {usual}"
+                f"{cells.path}: the column {ours[telling[0]]!r} is in {unit}, and {others} do not say: {setting}={unit} "
+                f"if these are too, {setting}={usual} if they are in {usual}"
             )
     return Units(units.stated, named)
 

@@ -22,10 +22,10 @@ _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
 _MISSING = frozenset(
-    ("nan", "na", "n/a", "<na>", "null", "none", "-", "--", "–", "—", "#n/a", "#na", "#nv", "#valeur!", "#wert!")
-    + tuple(f"#{error}!" for error in ("div/0", "value", "ref", "num", "null", "bezug", "zahl")) + ("#name?",)
-)  # fmt: skip
+    ("nan", "na", "n/a", "<na>", "null", "none", "-", "--", "–", "—", "#n/a", "#na", "#nv", "#name?")
+) | frozenset(f"#{error}!" for error in _ERRORS)  # fmt: skip
 """How instruments and spreadsheets write a number that is missing, in small letters."""
 _GROUPS = re.compile(
     r"[-+]?\d{1,3}(?:(?P<mark>[ '’.,])\d{3})(?:(?P=mark)\d{3})*(?:(?!(?P=mark))[.,]\d*)?(?:[eE][-+]?\d+)?"
