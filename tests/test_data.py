@@ -91,7 +91,7 @@ BAD_CSV = {
     "header only": (text(grid(0)), ["header but no impacts", "at least one row"]),
     "no header": (text(grid()[1:]), ["its first line must name the columns"]),
     "two readings": (text([["x", "y"], *[["1,234", "5,678"]] * 3], ";"), ["1,234 is 1234, or 1.234"]),
-    "two separators": ("x,y\n" + "1 234,5 678\n" * 3, ["separated by spaces (3 columns) or commas (2 columns)"]),
+    "two separators": ("x,y\n" + "1 234,5 678\n" * 3, ["separated by commas (2 columns) or spaces (3 columns)"]),
     "mixed marks": (text(grid(), ";").replace("0.0364", "0,0364", 1), ["row 1 (line 2)", "mass", "write 0.0364"]),
     "decimal comma": (put(2, "mass", '"0,0364"'), ["row 2 (line 3)", "'0,0364'", "decimal comma", "write 0.0364"]),
     "bare comma": (put(2, "mass", "0,0364"), ["row 2 (line 3)", "16 cells", "header has 15", "decimal comma"]),

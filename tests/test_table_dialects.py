@@ -216,6 +216,12 @@ def test_a_setting_that_no_column_has_is_refused(frame):
         table.read(named, units={"length": "mm"}, **BODY)
 
 
+def test_a_unit_of_another_quantity_is_refused(frame):
+    for columns in (None, {"omega": "omega [mm/s]"}):
+        with refused(["omega [mm/s]"]):
+            table.read(frame.rename(columns={"omega": "omega [mm/s]"}), columns=columns, **BODY)
+
+
 def missing_cases() -> list[str]:
     return ["", "-", "n/a", "NA", "N/A", "#N/A", "#DIV/0!", "nan", "NaN", "null", "#WERT!"]
 

@@ -20,7 +20,7 @@ from difflib import SequenceMatcher
 from itertools import product
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
-from contactlearn.data.table.names import NAMES, Recognised, impact_vocabulary, recognise, unit_in
+from contactlearn.data.table.names import NAMES, Recognised, impact_vocabulary, is_unit, recognise, unit_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
@@ -183,6 +183,12 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
     """The units of settings, and those that names of columns state."""
     vocabulary = impact_vocabulary(space)
     named = {column: unit for column, name in ours.items() if (unit := unit_in(name, column, vocabulary))}
+    for column, name in ours.items():
+        written = re.search(r"[\[(]([^\])]+)[\])]\s*$", name)
+        if written and column not in named and written[1] != "-" and is_unit(written[1]):
+            raise DataError(
+                f"{cells.path}: column {name!r} cannot be {column}, whose unit is {units.text(column) or 'none'}"
+            )
     for quantity in UNIT_FACTORS:
         having = [column for column in ours if quantity in powers_of(column)]
         silent = [column for column in having if quantity not in named.get(column, {})]
@@ -197,9 +203,9 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
         telling = [column for column, unit in units_named.items() if unit not in (SI[quantity], *COMPOUND)]
         if telling and silent and not stated:
             unit, usual, setting = units_named[telling[0]], SI[quantity], f"data.units.{quantity}"
-            others = ", ".join(ours[column] for column in silent)
+            names = ", ".join(ours[column] for column in silent)
             raise DataError(
-                f"{cells.path}: the column {ours[telling[0]]!r} is in {unit}, and {others} do not say: {setting}={unit} "
+                f"{cells.path}: the column {ours[telling[0]]!r} is in {unit}, and {names} do not say: {setting}={unit} "
                 f"if these are too, {setting}={usual} if they are in {usual}"
             )
     return Units(units.stated, named)

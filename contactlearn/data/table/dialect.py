@@ -210,7 +210,8 @@ def _separator(path: Path, text: str) -> str:
         width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
         if width > 1:
             cells = [cell for row in rows if len(row) == width for cell in row]
-            shares[separator] = sum(map(_is_number, cells)) / sum(map(len, rows))
+            of_numbers = sum(len(row) for row in rows if any(map(_is_number, row)))
+            shares[separator] = sum(map(_is_number, cells)) / max(of_numbers, 1)
     best = sorted(shares, key=lambda one: -shares[one])
     if not best or not shares[best[0]]:
         return max(shares, key=lambda one: text.partition("\n")[0].count(one), default=",")
