@@ -15,7 +15,7 @@ from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import is_motive, recording_files
 from contactlearn.data.table.columns import COMPUTED, NO_SPIN, columns_of, recognised_columns, required_in
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, recognise, words_of
+from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -124,7 +124,7 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
     """The columns of numbered markers, such as x1, y1, x2, y2; none if there are fewer than two of one dimension."""
     numbered: dict[str, dict[str, str]] = {}
     for name in header:
-        match = _MARKER.fullmatch("".join(words_of(name)))
+        match = _MARKER.fullmatch("".join(name_words(name)))
         if match and (match[1] or match[3]):
             numbered.setdefault(match[1] or match[3], {})[match[2]] = name
     markers = [[axes[axis] for axis in sorted(axes)] for axes in numbered.values()]

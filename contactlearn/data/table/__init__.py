@@ -46,7 +46,7 @@ from contactlearn.data.table.columns import (
     apparatus_of,
     name_columns,
 )
-from contactlearn.data.table.descriptions import described, phase_column
+from contactlearn.data.table.descriptions import phase_column, restated
 from contactlearn.data.table.names import NAMES
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
@@ -192,7 +192,7 @@ def read_blocks(
     numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
     read, left, bodies = 0, False, dict[str, None]()
     for cells in _sheets(path, rows):
-        cells = described(cells, known_units, columns, known_shape)
+        cells = restated(cells, known_units, columns, known_shape)
         named = name_columns(cells, columns, known_units, shaped=known_shape is not None, stated=[*numbers])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
@@ -230,7 +230,7 @@ def preview(path: Path) -> Sheet:
     Raises:
         DataError: see `read`.
     """
-    return described(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False)
+    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False)
 
 
 def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:

@@ -15,7 +15,7 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
-from contactlearn.data.table.names import OTHERS, Recognised, time_of, words_of
+from contactlearn.data.table.names import OTHERS, Recognised, name_words, time_of
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -23,12 +23,13 @@ from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import SPACE
 
 _CLEARLY = 3  # times less spread of the floor, with which a quaternion is read; 2 and 5 decide alike on 20 trials
+_SEEN = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
 _TURNING = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
-def described(
+def restated(
     cells: Sheet,
     units: Units,
     mapped: Mapping[str, str | None] | None = None,
@@ -117,7 +118,7 @@ def _taken(column: Cells, rows: Sequence[int]) -> Cells:
 def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, units: Units, *, asked: bool) -> Sheet:
     """The table with qw, qx, qy, qz in place of four numbered components, if signs or heights tell the scalar."""
     numbered = {
-        words[1]: name for name in cells.header if len(words := words_of(name)) == 2 and words[0] in _QUATERNIONS
+        words[1]: name for name in cells.header if len(words := name_words(name)) == 2 and words[0] in _QUATERNIONS
     }
     digits = sorted(numbered)
     if digits not in (list("0123"), list("1234")) or chosen & {*numbered.values()}:
@@ -165,7 +166,7 @@ def _scalar_by_height(
         floor = z + contact_points(shape, None, quaternion / quaternion.norm(dim=1, keepdim=True).clamp(min=1e-9))[:, 2]
         spread[place] = (floor - floor.median()).abs().median().item()
     place = min(spread, key=lambda one: spread[one])
-    if not spread[place] < max(spread.values()) / _CLEARLY:
+    if max(spread.values()) < max(_CLEARLY * spread[place], _SEEN * z.abs().median().item()):
         return None
     spreads = f"{spread[place]:.2g} m against {max(spread.values()):.2g} m"
     return place, f"the scalar is {place}, with which the lowest points lie on one floor ({spreads})"
@@ -220,6 +221,6 @@ def _directed(known: Recognised, end: str = "") -> str | None:
     """The column that is the direction of a speed, if only by its name "angle", which else is that of the body."""
     for column in (*OTHERS[2:], "theta"):
         name = known.names.get(f"{column}{end}")
-        if name is not None and (column != "theta" or "angle" in words_of(name)):
+        if name is not None and (column != "theta" or "angle" in name_words(name)):
             return name
     return None

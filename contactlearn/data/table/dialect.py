@@ -73,7 +73,7 @@ class Numerals:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class Header:
     """Where the header of a table is.
 
     Args:
@@ -89,7 +89,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect:
-    """How a text file writes a table, with its layout; comments above the header are passed over.
+    """How a text file writes a table, with its header; comments above the header are passed over.
 
     Args:
         encoding: by Python's name.
@@ -97,7 +97,7 @@ class Dialect:
         above: lines above the first row.
         comments: comments among them.
         numerals: of its numbers.
-        layout: of its rows.
+        header: of its rows.
     """
 
     encoding: str
@@ -105,7 +105,7 @@ class Dialect:
     above: int
     comments: int
     numerals: Numerals
-    layout: Layout
+    header: Header
 
     def read_as(self) -> tuple[str, ...]:
         """Return what differs from a table as `save` writes it, in words."""
@@ -118,7 +118,7 @@ class Dialect:
             if self.comments
             else []
         )
-        return (*parts, *self.layout.read_as)
+        return (*parts, *self.header.read_as)
 
 
 def sniffed(path: Path) -> Dialect:
@@ -148,12 +148,12 @@ def sniffed(path: Path) -> Dialect:
     titled = _rows(comments[-1].strip().lstrip("#%/ "), separator) if comments else []
     names = [name.strip() for name in titled[0]] if titled else []
     if len(names) == len(rows[0]) and is_numeric(rows[0]):
-        layout = Layout(names=names, rows=0, read_as=("names in the last comment",))
+        header = Header(names=names, rows=0, read_as=("names in the last comment",))
     else:
-        layout = layout_of(rows, str(path))
+        header = header_of(rows, str(path))
     return Dialect(
         encoding=encoding, separator=separator, above=above, comments=len(comments),
-        numerals=_numerals(path, rows[layout.rows :]), layout=layout,
+        numerals=_numerals(path, rows[header.rows :]), header=header,
     )  # fmt: skip
 
 
@@ -178,7 +178,7 @@ def _encoding(path: Path, head: bytes) -> str:
     raise DataError(f"{path}: is neither UTF-8 nor Windows-1252 text; save it as 'CSV UTF-8'")
 
 
-def parsed(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line and cells of every row that is not blank; csv.Error with the line where quotes are wrong."""
     reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
     try:
@@ -193,7 +193,7 @@ def _rows(text: str, separator: str) -> list[list[str]]:
     """The first rows of a text, as far as its quotes are right."""
     rows: list[list[str]] = []
     with suppress(csv.Error):
-        rows.extend(cells for _, cells in islice(parsed(io.StringIO(text, newline=""), separator), _ROWS))
+        rows.extend(cells for _, cells in islice(csv_rows(io.StringIO(text, newline=""), separator), _ROWS))
     return rows
 
 
@@ -257,7 +257,7 @@ def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
     return Numerals(decimal="," if marks == {","} else ".", grouped=grouped)
 
 
-def layout_of(rows: Sequence[Sequence[Any]], source: str) -> Layout:
+def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     """Find the header: the first row that has the width of the table, with names of groups above and units below it.
 
     Args:
@@ -288,7 +288,7 @@ def layout_of(rows: Sequence[Sequence[Any]], source: str) -> Layout:
         read_as.append("a row of units")
     if titles:
         read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
-    return Layout(names=names, rows=last, read_as=tuple(read_as))
+    return Header(names=names, rows=last, read_as=tuple(read_as))
 
 
 def _text(cell: Any) -> str:

@@ -15,7 +15,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.table.dialect import COMMENT, is_numeric, layout_of, parsed, sniffed
+from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_numeric, sniffed
 from contactlearn.data.table.sheet import Cells, Sheet
 
 if TYPE_CHECKING:
@@ -36,13 +36,13 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is no table, has no header, or rows of another length than that.
     """
     dialect = sniffed(path)
-    header, read_as = dialect.layout.names, dialect.read_as()
+    header, read_as = dialect.header.names, dialect.read_as()
     try:
         with path.open(newline="", encoding=dialect.encoding) as file:
             for _ in islice(file, dialect.above):
                 pass
-            written = parsed(file, dialect.separator)
-            for _ in islice(written, dialect.layout.rows):
+            written = csv_rows(file, dialect.separator)
+            for _ in islice(written, dialect.header.rows):
                 pass
             first = 0
             while (block := [*islice(written, rows)]) or not first:
@@ -138,13 +138,11 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
     ((name, frame),) = tables.items()
     cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(_is_blank, row))]
-    layout = layout_of([row for _, row in cells[:_HEAD]], str(path))
-    body = cells[layout.rows :]
-    columns: list[Cells] = [
-        [None if _is_blank(row[i]) else row[i] for _, row in body] for i in range(len(layout.names))
-    ]
-    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *layout.read_as)
-    yield Sheet(path, layout.names, columns, [line for line, _ in body], read_as=read_as)
+    top = header_of([row for _, row in cells[:_HEAD]], str(path))
+    body = cells[top.rows :]
+    columns: list[Cells] = [[None if _is_blank(row[i]) else row[i] for _, row in body] for i in range(len(top.names))]
+    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as)
+    yield Sheet(path, top.names, columns, [line for line, _ in body], read_as=read_as)
 
 
 def _is_blank(cell: Any) -> bool:

@@ -95,11 +95,11 @@ def impact_vocabulary(space: Space) -> Vocabulary:
         quantities = POWERS[column.removesuffix("_post")]
         for choice in product(*(UNIT_FACTORS[quantity] for quantity in quantities)):
             stated = dict(zip(quantities, choice, strict=True))
-            units[column][_unit(words_of(f"[{Units(stated).text(column)}]"))] = stated
+            units[column][_unit(name_words(f"[{Units(stated).text(column)}]"))] = stated
     return units
 
 
-def words_of(name: str) -> list[str]:
+def name_words(name: str) -> list[str]:
     """Return the words, numbers and signs of degree in a name, in small letters."""
     text = normalize("NFKC", name)
     for mark, word in _MARKS:
@@ -110,7 +110,7 @@ def words_of(name: str) -> list[str]:
 
 def time_of(name: str) -> str | None:
     """Return "pre" or "post" if a name is that and nothing else, such as "after impact"."""
-    words = [word for word in words_of(name) if word not in (*_IMPACT, "the")]
+    words = [word for word in name_words(name) if word not in (*_IMPACT, "the")]
     if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"}:
         return None
     return "post" if {*words} & {*_AFTER, "out"} else "pre"
@@ -118,16 +118,16 @@ def time_of(name: str) -> str | None:
 
 def is_unit(text: str) -> bool:
     """Return whether a cell is a unit, such as [mm/s]; "-" is that of a name or a number."""
-    word = _unit(words_of(f"[{text.strip().strip('[]()')}]"))
+    word = _unit(name_words(f"[{text.strip().strip('[]()')}]"))
     return text.strip() == "-" or any(word in units for units in impact_vocabulary(PLANE).values() if word)
 
 
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
     """Match each of our columns with the file's column of that name, or with the only other that names it."""
-    opposite = any("out" in words_of(name) for name in header)
+    opposite = any("out" in name_words(name) for name in header)
     matches: dict[str, dict[str, Stated]] = {}
     for name in header:
-        ours, stated = (name, {}) if name in vocabulary else _match(words_of(name), vocabulary, opposite=opposite)
+        ours, stated = (name, {}) if name in vocabulary else _match(name_words(name), vocabulary, opposite=opposite)
         matches.setdefault(ours, {})[name] = stated
     matches.pop("", None)
     names: dict[str, str] = {}
@@ -145,7 +145,7 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
 
 def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:
     """Return the unit that a name of any words states for one of our columns; none if it states none."""
-    words = words_of(name)
+    words = name_words(name)
     for split in range(1, len(words)):
         if (unit := _unit(words[split:])) and unit in vocabulary.get(column, {}):
             return vocabulary[column][unit]
