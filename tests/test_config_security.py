@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from contactlearn.effects.base import parameter
 Path(__file__).with_name("imported").touch()
 def touch(path): Path(path).touch()
 """
+LINE = "is only taken from the command line"
 FOREIGN = {
     "a law": ("law: {{_target_: brought.Law}}", "law._target_=brought.Law comes from a file"),
     "an effect": ("effect: {{mine: {{_target_: brought.Mine}}}}",
@@ -34,13 +36,23 @@ FOREIGN = {
     "within data": ("data: {{shape: {{_target_: os.mkdir, path: {0}}}}}", "comes from a file"),
     "a body": ("transfer: {{sizes: [5], seeds: 1, bodies: {{b: {{_target_: brought.touch, path: {0}}}}}}}",
         "comes from a file"),
-    "a callback": ("hydra: {{callbacks: {{x: {{_target_: os.mkdir, path: {0}}}}}}}", "no plugin of Hydra's"),
+    "a callback": ("hydra: {{callbacks: {{x: {{_target_: os.mkdir, path: {0}}}}}}}", LINE),
     "a launcher": ("hydra: {{launcher: {{_target_: brought.Launcher}}}}", "no plugin of Hydra's"),
-    "a log": ("hydra: {{job_logging: {{handlers: {{x: {{(): os.mkdir, path: {0}}}}}}}}}", "more than a log"),
-    "a log of Hydra's": ("hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}",
-        "more than a log"),
-    "an object": ("hydra: {{job_logging: {{root: {{level: 'ext://brought.touch'}}}}}}", "more than a log"),
-    "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", "only taken from the command line"),
+    "a function beside a launcher": (
+        "hydra: {{launcher: {{_target_: hydra._internal.core_plugins.basic_launcher.configure_log}}}}",
+        "no plugin of Hydra's"),
+    "a launcher by reference": ("hydra: {{launcher: '${{law}}'}}\nlaw: {{_target_: brought.Launcher}}", LINE),
+    "a shell": ("hydra: {{launcher: {{setup: ['touch {0}']}}}}", LINE),
+    "a line of a script": ('hydra: {{launcher: {{partition: "a\\ntouch {0}"}}}}', LINE),
+    "words of jobs": ("hydra: {{sweeper: {{params: {{+hydra.callbacks.x._target_: os.mkdir}}}}}}", LINE),
+    "a class in words of jobs": ("hydra: {{sweeper: {{params: {{law: '{{_target_: brought.Law}}'}}}}}}", LINE),
+    "a log": ("hydra: {{job_logging: {{handlers: {{x: {{(): os.mkdir, path: {0}}}}}}}}}", LINE),
+    "a log of Hydra's": ("hydra: {{hydra_logging: {{handlers: {{x: {{class: brought.touch, path: {0}}}}}}}}}", LINE),
+    "an object": ("hydra: {{job_logging: {{root: {{level: 'ext://brought.touch'}}}}}}", LINE),
+    "an environment": ("hydra: {{job: {{env_set: {{PYTHONPATH: /tmp}}}}}}", LINE),
+    "a package to search": ("hydra: {{searchpath: ['pkg://brought']}}", LINE),
+    "all of Hydra's": ("hydra: '${{law}}'", "hydra holds Hydra's own settings, and cannot be"),
+    "a file in Hydra's place": ("defaults: [/experiment/harmless@hydra.callbacks.x]", "goes into Hydra's settings"),
 }  # fmt: skip
 
 
@@ -48,6 +60,7 @@ FOREIGN = {
 def shared(tmp_path, monkeypatch) -> Path:
     """A folder of somebody else's, with a module that leaves a trace when it is imported, from which Python imports."""
     (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "harmless.yaml").write_text("_target_: os.mkdir\n")
     (tmp_path / "brought.py").write_text(MODULE)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -68,6 +81,55 @@ def test_classes_named_by_a_shared_experiment_are_not_run(text, message, several
     assert message in printed.err
     assert "Traceback" not in printed.err + printed.out
     assert not {"imported", "called"} & {path.name for path in shared.iterdir()}
+
+
+def refused(words, monkeypatch, capsys):
+    """The one line that a command ends with."""
+    monkeypatch.setattr(sys, "argv", ["evaluate.py", *words])
+    with pytest.raises(SystemExit, match="2"):
+        hydra_main.evaluate()
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    return printed.err
+
+
+@pytest.mark.parametrize("flag", ["--config-dir", "--config-path"])
+@pytest.mark.parametrize("package", ["hydra", "hydra.callbacks.x", "_group_"])
+def test_a_file_cannot_be_put_where_hydra_looks_for_classes(flag, package, shared, monkeypatch, capsys):
+    group = "hydra/callbacks" if package == "_group_" else "experiment"
+    (shared / group).mkdir(exist_ok=True, parents=True)
+    content = {"hydra": "callbacks: {x: {_target_: os.mkdir, path: called}}"}.get(package, "_target_: os.mkdir")
+    (shared / group / "theirs.yaml").write_text(f"# @package {package}\n{content}\n")
+    printed = refused([flag, str(shared), f"+{group}=theirs"], monkeypatch, capsys)
+    assert LINE in printed
+    word = "+experiment@hydra.callbacks.x=theirs"
+    assert "would take configuration files unread" in refused([flag, str(shared), word], monkeypatch, capsys)
+
+
+BOMBS = {
+    "aliases": "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9) if k else '1'}]\n" for k in range(12)),
+    "references": "".join(f"a{k}: '{f'${{a{k - 1}}}' * 9 if k else '1'}'\n" for k in range(12)),
+    "itself": "a: &a [*a]\n",
+    "depth": "[" * 20_000,
+    "size": "a: 1 #" + "x" * 2**20,
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+@pytest.mark.parametrize("flag", ["--config-dir=.", "--config-path=.", None])
+def test_files_that_grow_without_a_bound_are_refused_at_once(bomb, flag, shared, monkeypatch, capsys):
+    start = time.monotonic()
+    file = shared / ("experiment/theirs.yaml" if flag else "theirs.yaml")
+    file.write_text(BOMBS[bomb])
+    printed = refused([flag, "experiment=theirs"] if flag else ["data=theirs"], monkeypatch, capsys)
+    assert "theirs.yaml: " in printed
+    assert time.monotonic() - start < 5
+
+
+def test_a_pickled_configuration_is_not_read(shared, monkeypatch, capsys):
+    assert "would unpickle a file" in refused(["--experimental-rerun", "config.pickle"], monkeypatch, capsys)
+    assert "use --config-dir" in refused(["hydra.searchpath=[pkg://brought]"], monkeypatch, capsys)
+    assert not (shared / "imported").exists()
 
 
 @pytest.mark.parametrize("word", [

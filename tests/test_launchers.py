@@ -14,8 +14,7 @@ from commands import run
 from omegaconf import OmegaConf
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli.resource_limits import GIB, jobs_at_a_time
-from contactlearn.cli.sweeps.sweep import _limit
+from contactlearn.cli.resource_limits import jobs_at_a_time
 from contactlearn.core.errors import install_hint
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
@@ -53,7 +52,7 @@ def test_a_launcher_gives_the_results_of_any_other(launcher, undisturbed, tmp_pa
     assert sorted(map(str, content(tmp_path).values())) == sorted(map(str, expected.values()))
     status, printed = ended(started(tmp_path, *JOBS, f"hydra/launcher={launcher}"))
     assert status == 0, printed
-    assert f"{COUNT} jobs, {COUNT // 2} finished before" in printed
+    assert f"{COUNT} finished ({COUNT // 2} before)" in printed
 
 
 @EACH
@@ -67,7 +66,7 @@ def test_failures_on_a_launcher(launcher, tmp_path):
 
 @needs("joblib")
 def test_killed_workers_take_no_job_with_them(undisturbed, tmp_path):
-    """The system kills a process that needs too much memory; the pool breaks, and the sweep goes on."""
+    """The system kills a process that needs too much memory; the pool breaks, and the same command goes on."""
     sweep = started(tmp_path, *JOBS, "hydra/launcher=joblib")
     while not list(tmp_path.glob("*/.hydra")) and sweep.poll() is None:
         time.sleep(0.05)
@@ -75,6 +74,10 @@ def test_killed_workers_take_no_job_with_them(undisturbed, tmp_path):
     assert workers
     os.kill(max(workers), signal.SIGKILL)
     status, printed = ended(sweep)
+    assert status == 1, printed
+    assert re.search(r"^error: the sweep stopped: .*\nThe same command with hydra.sweep.dir=", printed, re.MULTILINE)
+    assert "Traceback" not in printed
+    status, printed = ended(started(tmp_path, *JOBS, "hydra/launcher=joblib"))
     assert status == 0, printed
     assert content(tmp_path) == content(undisturbed)
 
@@ -99,14 +102,6 @@ def test_killed_on_all_cores(undisturbed, tmp_path):
     assert len(finished(tmp_path)) == COUNT
 
 
-@needs("joblib")
-def test_jobs_at_a_time_are_limited_on_all_cores(tmp_path):
-    words = (*JOBS[:-2], "train.size=10,15", "hydra/launcher=joblib")
-    status, printed = ended(started(tmp_path, *words, "hydra.sweeper.gigabytes=100000"))
-    assert status == 0, printed
-    assert "Parallel(n_jobs=1," in printed
-
-
 @needs("submitit_local")
 def test_slurm_on_this_machine_starts_no_more_than_fit(tmp_path):
     """submitit starts all local jobs at once; they are handed to it in portions."""
@@ -120,7 +115,7 @@ def test_slurm_on_this_machine_starts_no_more_than_fit(tmp_path):
 @pytest.mark.parametrize("launcher", ["joblib", "ray", "submitit_local", "submitit_slurm"])
 def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
     """With the words that install it."""
-    with patch("hydra.core.plugins.Plugins.instantiate_launcher", side_effect=RuntimeError("Unknown plugin class")):
+    with patch("contactlearn.cli.sweeps.sweep.find_spec", return_value=None):
         words = ("-m", *JOBS, f"hydra/launcher={launcher}", f"hydra.sweep.dir={tmp_path}")
         printed = run("train.py", *words, status=2)
     extra = launcher if launcher in ("joblib", "ray") else "slurm"
@@ -130,23 +125,20 @@ def test_a_launcher_that_is_not_there_is_named(launcher, tmp_path):
 def test_requests_to_slurm_and_ray():
     """One core, the stated memory, a limit of time, and to be queued again."""
     found = hydra_main.compose(
-        "train", ["hydra/launcher=submitit_slurm", "hydra.sweeper.gigabytes=3"], return_hydra_config=True
+        "train", ["hydra/launcher=submitit_slurm", "hydra.launcher.mem_gb=3"], return_hydra_config=True
     )
     wanted = OmegaConf.to_container(found.hydra.launcher, resolve=False)
     assert (wanted["cpus_per_task"], wanted["timeout_min"], wanted["max_num_timeout"]) == (1, 240, 3)
     assert wanted["additional_parameters"] == {"requeue": True}
     assert found.hydra.launcher.mem_gb == 3
     assert found.threads == 1
-    # On this machine as many jobs as fit; on a cluster the memory of each, where its own settings say nothing else.
-    own = hydra_main.compose("train", ["hydra/launcher=ray"], return_hydra_config=True).hydra.launcher
-    _limit(own, gigabytes=2, jobs=64)
-    assert own.ray.init.num_cpus == jobs_at_a_time(-1, 2)
-    assert "memory" not in own.ray.remote
+    # On this machine as many jobs as fit; a cluster knows its own.
+    for launcher, key in (("ray", "ray.init.num_cpus"), ("joblib", "n_jobs")):
+        own = hydra_main.compose("train", [f"hydra/launcher={launcher}"], return_hydra_config=True).hydra.launcher
+        assert OmegaConf.select(own, key) == jobs_at_a_time(-1, 2)
     words = ["hydra/launcher=ray", "hydra.launcher.ray.init.address=auto"]
     cluster = hydra_main.compose("train", words, return_hydra_config=True).hydra.launcher
-    _limit(cluster, gigabytes=2, jobs=64)
-    assert "num_cpus" not in cluster.ray.init
-    assert cluster.ray.remote.memory == 2 * GIB
+    assert cluster.ray.init.num_cpus is None
 
 
 @needs("submitit_local")

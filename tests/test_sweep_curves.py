@@ -52,7 +52,7 @@ def test_lines_grow_as_jobs_end_in_any_order(sweep, jobs, tmp_path):
     settings = {job: [f"train.size={size}", f"seed={seed}"] for (size, seed), job in jobs.items()}
     waiting = {key: (job / DONE).rename(job / "waiting") for key, job in jobs.items()}
     try:
-        shown, curves = None, SweepCurves(tmp_path / FOLDER, settings)
+        shown, curves = None, SweepCurves(tmp_path / FOLDER, lambda: settings)
         curves.update()
         assert not (tmp_path / FOLDER).exists()
         for key, expected in {(20, 0): [20], (10, 0): [10, 20], (10, 1): [10, 20], (20, 1): [10, 20]}.items():
@@ -80,7 +80,7 @@ def test_an_extended_sweep_logs_what_is_new(jobs, tmp_path, caplog):
 def test_swept_settings_name_lines_of_one_model(sweep, jobs, tmp_path):
     """Those that move no bound stand in no name of a bound."""
     settings = {job: [f"train.size={size}", f"variant={seed}"] for (size, seed), job in jobs.items()}
-    with growing_curves(tmp_path, settings):
+    with growing_curves(tmp_path, lambda: settings):
         pass
     tags = EventAccumulator(str(tmp_path / FOLDER)).Reload().Tags()["scalars"]
     assert {tag.partition("/")[2] for tag in tags if tag.startswith("curve_mass")} == {

@@ -20,14 +20,14 @@ from repetitions import repeated
 
 from contactlearn.cli import hydra_main
 from contactlearn.cli import job as job_module
+from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
-from contactlearn.cli.sweeps.sweep import Job, run_jobs
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
 from contactlearn.results.folder import find_results, read_result
-from contactlearn.results.state import DONE, FAILED, Failed, fail, finish, is_locked, locked, read_done, unfinished
+from contactlearn.results.state import DONE, FAILED, is_locked, locked, read_done, unfinished
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 from speed.sweeps import COUNT, JOBS, content, ended, finished, nothing_half_written, started, survive
@@ -49,14 +49,11 @@ def identity(name, *words):
     return job_identity(cfg, cfg.hydra)
 
 
-def test_finished_jobs_are_skipped_and_not_even_composed(undisturbed):
+def test_finished_jobs_are_skipped(undisturbed):
     before = finished(undisturbed)
-    with (
-        patch.object(job_module, "run_job", side_effect=AssertionError),
-        patch.object(ConfigLoaderImpl, "load_sweep_config", side_effect=AssertionError),
-    ):
+    with patch.object(job_module, "finish", side_effect=AssertionError):
         printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
-    assert f"{COUNT} jobs, {COUNT} finished before" in printed
+    assert f"sweep    {COUNT} finished ({COUNT} before)" in printed
     assert finished(undisturbed) == before
 
 
@@ -64,7 +61,8 @@ def test_a_larger_sweep_reuses_finished_jobs(undisturbed, tmp_path):
     subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
     before = finished(tmp_path)
     more = [word.replace("20", "20,25") if word.startswith("train.size") else word for word in JOBS]
-    assert f"{COUNT + 2} jobs, {COUNT} finished before" in run("train.py", "-m", *more, f"hydra.sweep.dir={tmp_path}")
+    printed = run("train.py", "-m", *more, f"hydra.sweep.dir={tmp_path}")
+    assert f"{COUNT + 2} finished ({COUNT} before)" in printed
     assert finished(tmp_path).items() >= before.items()
     assert len(finished(tmp_path)) == COUNT + 2
 
@@ -72,7 +70,7 @@ def test_a_larger_sweep_reuses_finished_jobs(undisturbed, tmp_path):
 def test_another_spelling_is_the_same_job(undisturbed):
     """The identity is that of the configuration, not of the words."""
     words = [*reversed(JOBS), "threads=1", "seed=0"]
-    assert f"{COUNT} finished before" in run("train.py", "-m", *words, f"hydra.sweep.dir={undisturbed}")
+    assert f"{COUNT} finished ({COUNT} before)" in run("train.py", "-m", *words, f"hydra.sweep.dir={undisturbed}")
 
 
 def test_identity_of_a_job(tmp_path):
@@ -107,7 +105,7 @@ def test_other_data_are_another_job(tmp_path):
     for seed in (1, 2):
         run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", f"data.seed={seed}")
         printed = run("train.py", "-m", *small, "law=mirtich", "hydra.sweep.dir=s", cwd=tmp_path)
-        assert "finished before" not in printed
+        assert "before)" not in printed
     assert len(list(tmp_path.glob("s/*/done.json"))) == 2
 
 
@@ -133,7 +131,7 @@ def test_a_failing_job_stops_no_other(tmp_path):
             reasons.append(str(error))
     assert len(reasons) == 1
     assert reasons[0].startswith("failed: synthetic drops")
-    assert "2 jobs, 1 finished before" in run("train.py", *words, status=1, cwd=cwd)
+    assert "1 finished (1 before), 1 failed" in run("train.py", *words, status=1, cwd=cwd)
     assert finished(tmp_path) == before
 
 
@@ -155,100 +153,6 @@ def test_a_wrong_setting_in_one_job_runs_none(tmp_path):
     printed = run("train.py", "-m", *SMALL, "law=whittaker,mirtisch", f"hydra.sweep.dir={tmp_path / 's'}", status=2)
     assert "did you mean 'mirtich'?" in printed
     assert not (tmp_path / "s").exists()
-
-
-def test_data_that_change_during_a_sweep_fail_the_job(tmp_path):
-    """Its folder is named by the former data."""
-    with patch.object(job_module, "job_identity", return_value=identity("train", "seed=5")):
-        printed = run("train.py", "-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}", status=1)
-    assert printed.count("data, code or configuration changed during the sweep") == 2
-
-
-class Launcher:
-    """Fates of jobs by name: done, failed, silent (began, and left no reason), never (did not begin)."""
-
-    def __init__(self, fates, breaks=False):
-        self.fates, self.breaks, self.batches = fates, breaks, []
-
-    def __call__(self, batch):
-        self.batches.append([job.name for job in batch])
-        broken = False
-        for job in batch:
-            fate = self.fates[job.name]
-            if callable(fate):
-                fate = fate(len(batch))
-            if fate == "never":
-                continue
-            with locked(job.folder):
-                (job.folder / ".hydra").mkdir(exist_ok=True)
-                os.utime(job.folder / ".hydra", ns=(0, len(self.batches)))
-                if fate == "done":
-                    finish(job.folder, identity("train"))
-                elif fate == "failed":
-                    fail(job.folder, Failed(reason="on purpose"))
-            broken |= fate == "silent"
-        if self.breaks and (broken or "never" in map(self.fates.get, self.batches[-1])):
-            raise RuntimeError("a worker was killed")
-        return [None] * len(batch)
-
-
-def run_with(tmp_path, launcher, at_once=None, queues=False):
-    jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in launcher.fates]
-    found = run_jobs(jobs, launcher, at_once, queues)
-    return (
-        [job.name for job in found.finished],
-        {job.name: reason for job, reason in found.failed},
-        [job.name for job in found.queued],
-    )
-
-
-def test_a_killed_job_takes_no_other_with_it(tmp_path):
-    """Where workers share a pool: the rest runs again, those that had begun alone."""
-    alone = lambda jobs: "done" if jobs == 1 else "silent"  # noqa: E731 - a victim of the first
-    launcher = Launcher({"greedy": "silent", "beside": alone, "later": "done", "failing": "failed"}, breaks=True)
-    finished, failed, queued = run_with(tmp_path, launcher)
-    assert sorted(finished) == ["beside", "later"]
-    assert failed == {"failing": "on purpose", "greedy": "ended without a result and without a reason; was it killed?"}
-    assert not queued
-
-
-def test_many_killed_jobs_take_no_other_with_them(tmp_path):
-    """However often the pool breaks: in each round the first two jobs begin, and a greedy one breaks it."""
-    fates = {f"{k}": "silent" if k % 2 == 0 and k < 12 else "done" for k in range(16)}
-    begins = Launcher(fates, breaks=True)
-
-    def launch(batch):
-        begins(batch[:2])
-        if len(batch) > 2:
-            raise RuntimeError("a worker was killed")
-        return [None] * len(batch)
-
-    jobs = [Job(words=(), name=name, folder=tmp_path / name) for name in fates]
-    found = run_jobs(jobs, launch, None, False)
-    assert sorted(job.name for job in found.finished) == sorted(name for name, fate in fates.items() if fate == "done")
-    assert {reason for _, reason in found.failed} == {"ended without a result and without a reason; was it killed?"}
-
-
-def test_jobs_that_never_begin_are_launched_three_times(tmp_path):
-    launcher = Launcher({"a": "never", "b": "never"}, breaks=True)
-    assert run_with(tmp_path, launcher)[1] == dict.fromkeys("ab", "could not be launched: a worker was killed")
-    assert len(launcher.batches) == 1
-    quiet = Launcher({"c": "never"})
-    assert set(run_with(tmp_path, quiet)[1]) == {"c"}
-    assert len(quiet.batches) == 3
-
-
-def test_jobs_in_a_queue_are_left_there(tmp_path):
-    """One killed job breaks the launcher down while others wait in the cluster's queue."""
-    launcher = Launcher({"killed": "silent", "done": "done", "waits": "never"}, breaks=True)
-    assert run_with(tmp_path, launcher, queues=True) == (["done"], {}, ["killed", "waits"])
-    assert len(launcher.batches) == 1
-
-
-def test_jobs_at_once_are_limited(tmp_path):
-    launcher = Launcher(dict.fromkeys("abcde", "done"))
-    run_with(tmp_path, launcher, at_once=2)
-    assert launcher.batches == [["a", "b"], ["c", "d"], ["e"]]
 
 
 @pytest.mark.parametrize("kills", repeated(1, 3))
@@ -283,7 +187,7 @@ def test_a_half_written_marker_is_no_marker(undisturbed, tmp_path):
     folder = sorted(tmp_path.glob("*-*"))[0]
     (folder / DONE).write_text((folder / DONE).read_text()[:20])
     assert read_done(folder) is None
-    assert f"{COUNT - 1} finished before" in run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
+    assert f"{COUNT} finished ({COUNT - 1} before)" in run("train.py", "-m", *JOBS, f"hydra.sweep.dir={tmp_path}")
 
 
 @pytest.mark.parametrize("start", repeated(ForkedSweep, started))
@@ -359,7 +263,7 @@ def test_a_named_folder_is_not_written_over(tmp_path):
     run(*words)
     before = {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
     assert "finished already" in run(*words)
-    assert "holds the result of another run; choose another hydra.run.dir" in run(*words, "seed=1", status=2)
+    assert "holds the result of another run; choose another folder" in run(*words, "seed=1", status=2)
     with locked(tmp_path / "b"):
         printed = run(*words[:-1], f"hydra.run.dir={tmp_path / 'b'}", status=2)
         assert "is in use by another run" in printed
@@ -377,13 +281,47 @@ def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
     assert read_result(path).trained_on == 10
 
 
-def test_other_sweepers_overwrite_nothing(tmp_path):
-    """They number their jobs from 0 in each sweep."""
-    words = ("-m", *SMALL, "train.size=10", "hydra/sweeper=basic", f"hydra.sweep.dir={tmp_path}")
-    for seeds in ("0,1", "2,3"):
-        run("train.py", *words, f"seed={seeds}")
+def test_other_names_of_jobs_overwrite_nothing(tmp_path):
+    """Numbers begin at 0 in each sweep."""
+    words = ("-m", *SMALL, "train.size=10", "hydra.sweep.subdir=${hydra.job.num}", f"hydra.sweep.dir={tmp_path}")
+    run("train.py", *words, "seed=0,1")
+    assert "2 finished (2 before)" in run("train.py", *words, "seed=0,1")
+    assert "holds the result of another run" in run("train.py", *words, "seed=2,3", status=1)
     found = {path.parent.name: read_result(path).provenance.config["seed"] for path in find_results(tmp_path)}
-    assert found == {"0": 0, "1": 1, "0-2": 2, "1-2": 3}
+    assert found == {"0": 0, "1": 1}
+
+
+def test_sweeps_of_one_second_have_a_folder_each(tmp_path):
+    with patch("hydra.core.utils.datetime") as clock:
+        clock.now.return_value.strftime.return_value = "now"
+        for seed in (0, 1):
+            run("train.py", "-m", *SMALL, "train.size=10", f"seed={seed}", cwd=tmp_path)
+    assert sorted(path.parent.parent.name for path in tmp_path.glob("multirun/now/*/*/done.json")) == ["now", "now-2"]
+
+
+def test_the_parameters_of_a_sweep_stand_in_a_file_or_on_the_line(tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        "defaults: [train, _self_]\nhydra: {sweeper: {params: {train.size: '10,15'}}}\n"
+    )
+    words = ("-m", *SMALL, "hydra.sweep.dir=s")
+    assert "2 finished" in run("train.py", "--config-dir=.", "--config-name=mine", *words, cwd=tmp_path)
+    assert sorted(path.name.rpartition("-")[0] for path in tmp_path.glob("s/*-*")) == ["train.size=10", "train.size=15"]
+    line = "+hydra.sweeper.params={train.size: '10,20'}"
+    assert "2 finished" in run("train.py", line, *words, cwd=tmp_path)
+
+
+def test_a_job_returns_what_a_sweeper_minimises(tmp_path):
+    """The held-out error, also of a job that finished before; a failed one is endlessly wrong."""
+    words = [*SMALL, "train.size=10", f"hydra.sweep.dir={tmp_path}"]
+    returned = []
+    run_job = job_module.run_job
+    with patch.object(job_module, "run_job", side_effect=lambda *a: returned.append(run_job(*a))):
+        run("train.py", "-m", *words)
+        run("train.py", "-m", *words)
+        run("train.py", "-m", *words, "train.size=1000", status=1)
+    (path,) = tmp_path.glob("*/results.json")
+    error = read_result(path).errors["wang_mason"].intervals["mass_error"].mean
+    assert returned == [error, error, float("inf")]
 
 
 def test_failed_and_interrupted_runs_leave_nothing(tmp_path):
@@ -470,8 +408,8 @@ def test_a_folder_that_vanishes(tmp_path):
     (ValueError("two\nlines"), "ValueError: two"),
 ])  # fmt: skip
 def test_reasons_are_one_line(error, message):
-    assert job_module.reason(error).startswith(message)
-    assert "\n" not in job_module.reason(error)
+    assert reason(error).startswith(message)
+    assert "\n" not in reason(error)
 
 
 def test_no_more_jobs_than_memory_allows():

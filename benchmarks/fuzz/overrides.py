@@ -13,8 +13,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from contactlearn.cli.command_line import quoted
 from contactlearn.cli.config_files import CONFIGS, check_choices, explain_error, restrict_settings
-from contactlearn.cli.config_security import check_targets, readable_errors
+from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
@@ -39,9 +40,9 @@ def read(content: bytes) -> None:
     first, *words = content.decode("utf-8", "replace").split("\n")
     command = COMMANDS[len(first) % len(COMMANDS)] if first not in COMMANDS else first
     try:
+        words = quoted(words)
         check_choices(words, command)
-        with readable_errors():
-            cfg = composed(command, words)
+        cfg = composed(command, words)
         restrict_settings(cfg, command, words)
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)

@@ -17,15 +17,16 @@ import ast
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
-from yaml import YAMLError
 
+from contactlearn.cli.config_security import read_checked
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
@@ -46,6 +47,25 @@ _COMMANDS = ("train", "evaluate", "diagnose")
 _UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
 """Parts of an experiment that a command has no use for."""
 _REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
+
+
+_user_folders: tuple[str | None, str | None] = (None, None)
+
+
+@contextmanager
+def user_folders(first: str | None, last: str | None) -> Generator[None]:
+    """Let Hydra compose from two more folders of configuration files: before the shipped ones, and behind them."""
+    global _user_folders
+    before, _user_folders = _user_folders, (first, last)
+    try:
+        yield
+    finally:
+        _user_folders = before
+
+
+def added_folders() -> tuple[str | None, str | None]:
+    """Return the folders that `user_folders` adds."""
+    return _user_folders
 
 
 @lru_cache
@@ -143,7 +163,7 @@ def check_choices(words: list[str], command: str) -> None:
         ContactLearnError: an experiment of another command.
         UnknownNameError: with the nearest name.
     """
-    for word in words:
+    for word in words if not any(_user_folders) else ():  # which may hold more choices
         group, _, choice = word.lstrip("+").partition("=")
         if group not in groups(command) or "(" in choice:  # a setting, or a function of Hydra's
             continue
@@ -260,18 +280,6 @@ def _content(path: Path) -> dict[str, Any]:
     return {str(key): value for key, value in found.items()}
 
 
-def leaf_values(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield all that is neither a mapping nor a list, each with the names on the way; a list has no names."""
-    if isinstance(content, Mapping):
-        for name, value in content.items():
-            yield from leaf_values(value, (*path, str(name)))
-    elif isinstance(content, list):
-        for value in content:
-            yield from leaf_values(value, path)
-    else:
-        yield path, content
-
-
 def _keys(content: Any, path: str = "") -> Iterator[str]:
     """Dotted keys of settings and of what holds them; an open part counts as one."""
     for name, value in content.items():
@@ -318,10 +326,7 @@ def choice_settings(group: str, name: str) -> dict[str, Any]:
 
 def _own_settings(file: Path) -> dict[str, Any]:
     """The settings in a file of the user's for `data`, and the shipped values of those that it leaves out."""
-    try:
-        content = OmegaConf.to_container(OmegaConf.load(file))
-    except (OSError, ValueError, YAMLError) as error:
-        raise ContactLearnError(f"{file.name}: cannot be read as YAML: {' '.join(str(error).split())}") from error
+    content = OmegaConf.to_container(read_checked(file, "data"))
     shipped = {one["_target_"]: one for one in map(_content, sorted(Path(CONFIGS, "data").glob("*.yaml")))}
     if not isinstance(content, dict) or content.get("_target_") not in shipped:
         raise ContactLearnError(

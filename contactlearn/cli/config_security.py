@@ -1,4 +1,4 @@
-"""Classes that a configuration may name: a file that somebody shared is data, and must not choose what is run.
+"""What a configuration file may say: a file that somebody shared is data, and must not choose what is run.
 
 A `_target_` may name
 
@@ -7,94 +7,174 @@ A `_target_` may name
     a class that the command line itself names: law._target_=my_module.MyLaw
     under `model`, a class of GPyTorch or an optimiser of PyTorch, which `models.gp.modules` looks up
 
-and nothing else, before anything is imported.  Hydra's launchers and sweepers come from its plugins;
-its callbacks and settings of the environment are only taken from the command line, and its logging may only write logs.
+and nothing else, before anything is imported.  Of Hydra's own settings a file may set folders, the name and the working
+directory of a job, the parameters of a sweep, and values of launchers and sweepers that are installed.  All others,
+such as callbacks and logs, make Hydra call what they name, and are only taken from the command line.
+
+Every file but the shipped ones is read by `read_checked`: through `--config-dir`, as Hydra composes it in whatever
+process, and through `data=NAME`.
 """
 
 import re
-from collections.abc import Generator, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
-from hydra._internal.config_loader_impl import ConfigLoaderImpl  # the one private import, see `restrict_targets`
-from hydra.errors import HydraException
-from hydra.types import RunMode
+import yaml
+from hydra.core.object_type import ObjectType
+from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
-from contactlearn.cli.config_files import leaf_values
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.signals import defer_interrupts
 
 _GROUPS = ("contactlearn.laws", "contactlearn.effects")
-_PLUGINS = ("hydra_plugins.", "hydra._internal.core_plugins.")
-_TYPED_ALONE = ("hydra.callbacks", "hydra.job.env_set")
-_LOGGING = ("hydra.job_logging", "hydra.hydra_logging")
-_FORMATTERS = ("colorlog.ColoredFormatter",)  # of Hydra's plugin of that name
-_STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
+_PLUGIN = re.compile(r"(hydra_plugins|hydra\._internal\.core_plugins)(\.\w+)+\.\w+(Launcher|Sweeper)")
+_HARMLESS = ("run", "sweep", "mode", "verbose", "output_subdir", "help", "sweeper", "launcher")
+_HARMLESS_OF_A_JOB = ("name", "chdir", "config")
+_RUNNING = ("setup", "additional_parameters", "srun_args", "python", "runtime_env", "env_vars")
+"""Settings of launchers that become commands of a shell, or code."""
+_PLAIN = re.compile(r"([\w ./:%@+=,-]|\$\{(hydra\.|oc\.env:|now:)[\w.,:%/-]*\})*")
+"""Text in settings of launchers: a line of Slurm's script, and no reference to what another file says."""
+_LARGEST_FILE, _MOST_VALUES, _MOST_REFERENCES = 1 << 20, 100_000, 32
+"""Bytes, values with every alias written out, and references ${…}, which can multiply like aliases."""
 
 
-@contextmanager
-def restrict_targets() -> Generator[None]:
-    """Check every configuration that `hydra.main` composes, before Hydra itself makes anything of it.
+def read_checked(file: Path, group: str = "") -> DictConfig:
+    """Read a configuration file of somebody's, and refuse what would run code.
 
-    Hydra has no public place for that.  It configures logs, whose settings can name any function to call, and builds
-    callbacks, sweeper and launcher before the first event that a callback or a plugin receives; and a sweep composes
-    each job by itself.  `load_configuration` is where all of these configurations come from.
-
-    Raises:
-        ContactLearnError: see `check_targets`.
-    """
-    load = ConfigLoaderImpl.load_configuration
-
-    def checked(
-        self: ConfigLoaderImpl,
-        config_name: str | None,
-        overrides: list[str],
-        run_mode: RunMode,
-        from_shell: bool = True,
-        validate_sweep_overrides: bool = True,
-    ) -> DictConfig:
-        with defer_interrupts(), readable_errors():
-            cfg = load(self, config_name, overrides, run_mode, from_shell, validate_sweep_overrides)
-        check_targets(cfg, overrides)
-        return cfg
-
-    ConfigLoaderImpl.load_configuration = checked
-    try:
-        yield
-    finally:
-        ConfigLoaderImpl.load_configuration = load
-
-
-@contextmanager
-def readable_errors() -> Generator[None]:
-    """Put into words what Hydra has no error of its own for, such as law=null.
+    Args:
+        file: to read.
+        group: that it is a choice of, such as hydra/launcher.
 
     Raises:
-        ContactLearnError: for a TypeError or ValueError of Hydra while it composes a configuration, or a file that is
-            not YAML.
+        ContactLearnError: it is not YAML, larger than any configuration, or sets what only the command line may.
     """
     try:
-        yield
-    except (HydraException, OmegaConfBaseException, ContactLearnError):
+        text = file.read_text("utf-8") if file.stat().st_size <= _LARGEST_FILE else None
+        size = _LARGEST_FILE if text is None else _values(yaml.compose(text, yaml.SafeLoader), {})
+        if text is None or size > _MOST_VALUES or text.count("${") > _MOST_REFERENCES:
+            raise ContactLearnError(
+                f"{file.name}: is larger than a configuration may be: {_MOST_VALUES} values with every alias written "
+                f"out, {_MOST_REFERENCES} references ${{…}} and 1 MiB"
+            )
+        config = OmegaConf.load(file)
+    except ContactLearnError:
         raise
-    except YAMLError as error:
-        raise ContactLearnError(f"a configuration file is not YAML: {' '.join(str(error).split())}") from error
-    except (TypeError, ValueError) as error:
-        seen = " ".join(str(error).split())
-        raise ContactLearnError(
-            f"a word of the command line cannot be read: {seen}; --help lists all settings"
-        ) from error
+    except (OSError, ValueError, RecursionError, yaml.YAMLError, OmegaConfBaseException) as error:
+        why = "a configuration file is not YAML: " if isinstance(error, yaml.YAMLError) else ""
+        raise ContactLearnError(f"{file.name}: {why}{' '.join(str(error).split())}") from error
+    if not isinstance(config, DictConfig):
+        raise ContactLearnError(f"{file.name}: must hold settings by name, such as seed: 3")
+    stated, own = SharedFolder.header(text).get("package"), group.replace("/", ".")
+    package = own if stated is None else stated.replace("_global_", "").replace("_group_", own).strip(".")
+    content: Any = {str(key): value for key, value in _plain(config).items()}
+    _check_defaults(content.pop("defaults", None) or [], package, stated is not None, file.name)
+    for part in reversed(package.split(".") if package else []):
+        content = {part: content}
+    _check_hydra(content.get("hydra", {}), file.name)
+    return config
+
+
+def _values(node: yaml.Node | None, known: dict[int, float]) -> float:
+    """Number of values below a node with every alias written out; endless for one that holds itself."""
+    if node is None or isinstance(node, yaml.ScalarNode):
+        return 1
+    if id(node) not in known:
+        known[id(node)] = float("inf")  # until it is counted: a node that holds itself has no end
+        parts = [part for pair in node.value for part in (pair if isinstance(pair, tuple) else (pair,))]
+        known[id(node)] = 1 + sum(_values(part, known) for part in parts)
+    return known[id(node)]
+
+
+def _plain(config: DictConfig) -> Mapping[Any, Any]:
+    content = OmegaConf.to_container(config)
+    assert isinstance(content, dict)
+    return content
+
+
+def _check_defaults(entries: Any, package: str, has_header: bool, file: str) -> None:
+    """Refuse a defaults list that puts another file where Hydra's settings are."""
+    for entry in entries if isinstance(entries, list) else [entries]:
+        names = [str(name) for name in entry] if isinstance(entry, Mapping) else [str(entry)]
+        for name in names:
+            place = name.partition("@")[2]
+            into = place and (package.startswith("hydra") or "$" in place or "hydra" in re.split(r"[.:/]", place))
+            if into or (has_header and package.startswith("hydra")):
+                raise ContactLearnError(f"{file}: defaults: {name} goes into Hydra's settings; take it out of the file")
+
+
+def _check_hydra(hydra: Any, file: str) -> None:
+    """Refuse Hydra's settings that make it call what they name, or hand it to a shell."""
+    if not isinstance(hydra, Mapping):
+        raise ContactLearnError(f"{file}: hydra holds Hydra's own settings, and cannot be {hydra!r}")
+    for path, value in leaf_values(hydra, ("hydra",)):
+        key, text = ".".join(path), str(value)
+        harmless = path[1:2] and (
+            path[1] in _HARMLESS or (path[1] == "job" and path[2:3] and path[2] in _HARMLESS_OF_A_JOB)
+        )
+        if not harmless:
+            raise ContactLearnError(f"{file}: {key} is only taken from the command line; take it out of the file")
+        if path[1] not in ("sweeper", "launcher"):
+            continue
+        if path[-1] == "_target_" and not _PLUGIN.fullmatch(text):
+            raise ContactLearnError(f"{file}: {key}={text} is no plugin of Hydra's; take it out of the file")
+        if path[1:3] == ("sweeper", "params"):  # which become words of each job
+            word = f"{'.'.join(path[3:])}={text}"
+            if "_target_" in word or "@" in word or re.match(r"[+~\s'\"]*hydra\b", word):
+                raise ContactLearnError(f"{file}: {key} is only taken from the command line; take it out of the file")
+        elif not _PLAIN.fullmatch(text) or not set(path).isdisjoint(_RUNNING):
+            raise ContactLearnError(f"{file}: {key} is only taken from the command line; take it out of the file")
+
+
+class SharedFolder(ConfigSource):
+    """A folder with a user's configuration files, each of which is checked when Hydra composes it."""
+
+    @staticmethod
+    def scheme() -> str:
+        """Return the scheme of the paths of this source."""
+        return "contactlearn-folder"
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Read and check a file."""
+        file = self._file(config_path)
+        config = read_checked(file, config_path.removesuffix(".yaml").rpartition("/")[0])
+        return ConfigResult(self.provider, self.full_path(), config, self.header(file.read_text("utf-8")))
+
+    @staticmethod
+    def header(text: str) -> dict[str, str | None]:
+        """Return the header of a configuration file, such as its `@package`, as Hydra reads it."""
+        return ConfigSource._get_header_dict(text[:512])
+
+    def available(self) -> bool:
+        """Whether the folder is there."""
+        return self.is_group("")
+
+    def is_group(self, config_path: str) -> bool:
+        """Whether a path is a folder in this one."""
+        return Path(self.path, config_path).is_dir()
+
+    def is_config(self, config_path: str) -> bool:
+        """Whether a path is a file in this folder."""
+        return self._file(config_path).is_file()
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        """Return the names of files and folders in a folder."""
+        found = list[str]()
+        for entry in Path(self.path, config_path).iterdir():
+            self._list_add_result(found, str(Path(config_path, entry.name)), entry.name, results_filter)
+        return sorted(set(found))
+
+    def _file(self, config_path: str) -> Path:
+        return Path(self.path, self._normalize_file_name(config_path))
 
 
 def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
-    """Raise for a class, or a function, that a configuration names and that was not declared.
+    """Raise for a class that a configuration names and that was not declared.
 
     Args:
-        cfg: a composed configuration, with Hydra's part or without.
+        cfg: a composed configuration.
         words: of the command line.
 
     Raises:
@@ -108,23 +188,6 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
                 f"{key}={target} comes from a file; a class of another package is only taken from the command line: "
                 f"add {key}={target} to it, if you trust that class"
             )
-    hydra = OmegaConf.select(cfg, "hydra")
-    if hydra is None:
-        return
-    if not OmegaConf.is_config(hydra):
-        raise ContactLearnError(f"hydra holds Hydra's own settings, and cannot be {hydra!r}; set one, as hydra.run.dir")
-    for key, target in _targets({"hydra": OmegaConf.to_container(hydra, resolve=False)}):
-        if not target.startswith(_PLUGINS) and not _is_typed(target, typed):
-            raise ContactLearnError(f"{key}={target} is no plugin of Hydra's; take it out of the configuration")
-    for key in _TYPED_ALONE:
-        if OmegaConf.select(cfg, key) and not any(word.lstrip("+").startswith(key) for word in typed):
-            raise ContactLearnError(f"{key} comes from a file; it is only taken from the command line")
-    for key in _LOGGING:
-        logs = OmegaConf.select(cfg, key)
-        for path, value in leaf_values({} if logs is None else OmegaConf.to_container(logs), tuple(key.split("."))):
-            if value is not None and not _is_of_a_log(path[-1], str(value)):
-                name = ".".join(path)
-                raise ContactLearnError(f"{name}={value} is more than a log; take it out of the configuration")
 
 
 def _resolved(cfg: DictConfig, name: Any) -> Any:
@@ -146,13 +209,6 @@ def _targets(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     )
 
 
-def _is_of_a_log(name: str, value: str) -> bool:
-    """Whether an entry of a log's settings makes nothing but handlers and formatters of `logging`."""
-    factory = name == "()" or (name == "class" and not value.startswith("logging."))
-    hidden = ("${" in value and name != "filename") or ("://" in value and value not in _STREAMS)
-    return not hidden and (not factory or value in _FORMATTERS)
-
-
 def _is_declared(target: str) -> bool:
     """Whether a class is of this package, or of one that announces laws or effects."""
     root = target.partition(".")[0]
@@ -164,3 +220,15 @@ def _is_typed(target: str, words: Iterable[str]) -> bool:
     """Whether a word of the command line names a class as a `_target_`."""
     exact = re.compile(rf"""_target_['"]?\s*[=:]\s*['"]?{re.escape(target)}(?![\w.])""")
     return any(exact.search(word) for word in words)
+
+
+def leaf_values(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield all that is neither a mapping nor a list, each with the names on the way; a list has no names."""
+    if isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from leaf_values(value, (*path, str(name)))
+    elif isinstance(content, list):
+        for value in content:
+            yield from leaf_values(value, path)
+    else:
+        yield path, content

@@ -5,6 +5,7 @@ Nothing heavy is imported before a configuration is complete, so `--help` is fas
 
 import functools
 import gc
+import json
 import logging
 import os
 import re
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from string import Template
 from textwrap import fill
 from types import ModuleType
+from typing import NoReturn
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -23,6 +25,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from contactlearn.cli.command_line import CommandLine, as_text, one_of_each, parse_command_line, quoted
 from contactlearn.cli.config_files import (
     CONFIGS,
     check_choices,
@@ -31,10 +34,12 @@ from contactlearn.cli.config_files import (
     explain_error,
     groups,
     restrict_settings,
+    user_folders,
     with_diagnosed_model,
     with_pluses,
 )
-from contactlearn.cli.config_security import check_targets, readable_errors, restrict_targets
+from contactlearn.cli.config_security import check_targets
+from contactlearn.cli.sweeps.sweep import jobs_that_fit, register_resolvers, sweep
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.signals import defer_interrupts, graceful_exit, prepare_process
 
@@ -44,12 +49,18 @@ warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated
 logging.raiseExceptions = False  # a message of Hydra's that nobody reads any more
 logging.getLogger("contactlearn").propagate = False  # to Hydra's log of a sweep: it is printed already
 
+register_resolvers()  # also in a launcher's process
+
 _WIDTH = 80  # columns of help
 _FULL = "HYDRA_FULL_ERROR"
 
 
-def _run(command: str, cfg: DictConfig) -> None:
-    """Run a command in its folder; an error that the user can fix is one message and exit status 2."""
+def _run(command: str, cfg: DictConfig) -> float | None:
+    """Run a command in its folder; an error that the user can fix is one message and exit status 2.
+
+    Returns:
+        What a sweeper minimises: the held-out error.
+    """
     import torch
     from threadpoolctl import threadpool_limits
 
@@ -63,13 +74,14 @@ def _run(command: str, cfg: DictConfig) -> None:
     logging.getLogger("fontTools").setLevel(logging.WARNING)  # it reports every glyph that a PDF embeds
     sweeping = HydraConfig.get().mode == RunMode.MULTIRUN
     try:
-        run_job(command, _load_commands().COMMANDS[command], cfg)
+        return run_job(command, _load_commands().COMMANDS[command], cfg)
     except ContactLearnError as error:
-        if sweeping:  # the sweep lists it at its end
+        if sweeping:
             raise
         _end(f"error: {error}", 2)
-    if sweeping:
-        _freeze_loaded()
+    finally:
+        if sweeping:
+            _freeze_loaded()
 
 
 # Collections of garbage, of which joblib makes many, pass over what the first job of a sweep has loaded.  None is made
@@ -88,42 +100,55 @@ def _load_commands() -> ModuleType:
     return commands
 
 
-def _command(job: Callable[[DictConfig], None]) -> Callable[[], None]:
+def _command(job: Callable[[DictConfig], float | None]) -> Callable[[], None]:
     """Make a command of a job: the configuration of its name, from the command line."""
-    run: Callable[[], None] = hydra.main(version_base="1.3", config_path=CONFIGS, config_name=job.__name__)(job)
+    name = job.__name__
+    run: Callable[[], None] = hydra.main(version_base="1.3", config_path=CONFIGS, config_name=name)(job)
 
     @functools.wraps(job)
     def run_command() -> None:
-        with graceful_exit(), _one_message(job.__name__):
-            words = sys.argv[1:] = _completed(sys.argv[1:], job.__name__)
-            flags = {word.partition("=")[0] for word in words if word.startswith("-")}
-            if not flags & {"--config-dir", "-cd"}:
-                check_choices(words, job.__name__)
-            if flags and flags <= {"--help", "-h"}:
-                print(_help(job.__name__, [word for word in words if word not in flags]))
-            else:
-                if job.__name__ != "diagnose":
-                    _refuse_default_data(words, flags)
-                with restrict_targets():
+        with graceful_exit(), _one_message(name):
+            line = parse_command_line(sys.argv[1:])
+            with user_folders(*line.folders):
+                words = completed(line.words, name, several=line.several or bool(line.flags))
+                if line.flags == ("--help",):
+                    print(_help(name, words))
+                    return
+                if name != "diagnose":
+                    _refuse_default_data(words, line)
+                sys.argv[1:] = [*line.flags, *words]
+                if {"--help", "--hydra-help", "--shell-completion"} & {*line.flags}:
+                    run()
+                elif line.several:
+                    _sweep(run, name, words, line)
+                else:
+                    _composed(line.config_name or name, words, check=name)
                     run()
 
     return run_command
 
 
-def _completed(words: Sequence[str], command: str) -> list[str]:
-    """The words of a command as Hydra takes them: those of a run for model=RUN, `verbose=true` for `--verbose`.
+def _sweep(run: Callable[[], None], command: str, words: list[str], line: CommandLine) -> None:
+    """Run the jobs of a sweep, unless a word is wrong in any of them."""
+    swept, first, others = one_of_each(words)
+    cfg = _composed(line.config_name or command, first, check=command)
+    for other in others:
+        _composed(line.config_name or command, other, check=command)
+    params = OmegaConf.select(cfg, "hydra.sweeper.params") or {}
+    keys = [*swept, *map(str, params)]
+    with sweep(cfg.hydra, keys) as folder:
+        sys.argv += [f"hydra.sweep.dir={as_text(str(folder))}"]
+        if "contactlearn.job" in str(OmegaConf.to_container(cfg.hydra.sweep, resolve=False)):
+            named = ",".join(json.dumps(key) for key in keys)
+            sys.argv += [f"hydra.sweep.subdir='${{contactlearn.job:{named}}}'"]
+        if str(cfg.hydra.launcher._target_).endswith("LocalLauncher") and "max_batch_size" in cfg.hydra.sweeper:
+            sys.argv += [f"hydra.sweeper.max_batch_size={jobs_that_fit(cfg.hydra.launcher.mem_gb)}"]  # it starts all
+        run()
 
-    With a checkpoint no model of the configuration is trained, unless words name one.
-    """
-    words = ["verbose=true" if word == "--verbose" else word for word in with_diagnosed_model(words, command)]
-    keys = _given(words)
-    trains = command != "diagnose" and "model" not in keys
-    return with_pluses([*words, "model=[]"] if "checkpoint" in keys and trains else words)
 
-
-def _refuse_default_data(words: list[str], flags: set[str]) -> None:
+def _refuse_default_data(words: list[str], line: CommandLine) -> None:
     """Refuse a checkpoint without words for the data, which are not those of its training by default."""
-    named = _given(words) & {"data", "experiment"} or flags & {"--config-dir", "-cd", "--config-name", "-cn"}
+    named = _given(words) & {"data", "experiment"} or any(line.folders) or line.config_name
     if "checkpoint" in _given(words) and not named:
         raise ContactLearnError(
             "a checkpoint needs data=…: those to judge it on or to go on with, which may be those of its training; "
@@ -131,7 +156,24 @@ def _refuse_default_data(words: list[str], flags: set[str]) -> None:
         )
 
 
-def _given(words: list[str]) -> set[str]:
+def completed(words: Sequence[str], command: str, *, several: bool = False) -> list[str]:
+    """Return the words of a command as Hydra takes them: with those of a run for model=RUN, and paths in quotes.
+
+    With a checkpoint no model of the configuration is trained, unless words name one.
+
+    Raises:
+        ContactLearnError: a word that cannot be read, or a choice that its group lacks.
+    """
+    words = with_diagnosed_model(words, command)
+    keys = _given(words)
+    trains = command != "diagnose" and "model" not in keys
+    words = with_pluses([*words, "model=[]"] if "checkpoint" in keys and trains else words)
+    words = quoted(words, several=several)
+    check_choices(words, command)
+    return words
+
+
+def _given(words: Sequence[str]) -> set[str]:
     """Names of the settings that words give, but for those that they set to null."""
     return {word.lstrip("+").partition("=")[0] for word in words if not word.endswith("=null")}
 
@@ -145,15 +187,19 @@ def _one_message(command: str) -> Generator[None]:
         yield
     except BrokenPipeError:
         raise
-    except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
-        if before == "1":
+    except Exception as error:
+        if _interrupted(error):  # OmegaConf answers an interruption with an error of its own
+            raise KeyboardInterrupt from error
+        if before == "1" or not isinstance(
+            error, ContactLearnError | HydraException | OmegaConfBaseException | OSError
+        ):
             raise
         if isinstance(error, ContactLearnError):
             message = str(error)
         elif isinstance(error, HydraException | OmegaConfBaseException):
             message = explain_error(error, command, sys.argv)
         else:
-            from contactlearn.cli.job import reason
+            from contactlearn.cli.reasons import reason
 
             message = reason(error)
         _end(f"error: {message}", 2)
@@ -161,7 +207,12 @@ def _one_message(command: str) -> Generator[None]:
         os.environ.pop(_FULL) if before is None else os.environ.update({_FULL: before})
 
 
-def _end(message: str, status: int) -> None:
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error came in place of Ctrl-C or SIGTERM."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or _interrupted(error.__context__))
+
+
+def _end(message: str, status: int) -> NoReturn:
     print(terminal_safe(message), file=sys.stderr)
     sys.exit(status)
 
@@ -190,38 +241,58 @@ def _folded(line: str) -> str:
 
 
 @_command
-def train(cfg: DictConfig) -> None:
+def train(cfg: DictConfig) -> float | None:
     """Train one model."""
-    _run("train", cfg)
+    return _run("train", cfg)
 
 
 @_command
-def evaluate(cfg: DictConfig) -> None:
+def evaluate(cfg: DictConfig) -> float | None:
     """Compare laws and learned models with the bounds."""
-    _run("evaluate", cfg)
+    return _run("evaluate", cfg)
 
 
 @_command
-def diagnose(cfg: DictConfig) -> None:
+def diagnose(cfg: DictConfig) -> float | None:
     """Find out which physical effect is missing."""
-    _run("diagnose", cfg)
+    return _run("diagnose", cfg)
 
 
-def compose(config_name: str, overrides: list[str], *, return_hydra_config: bool = False) -> DictConfig:
+def compose(config_name: str, overrides: Sequence[str], *, return_hydra_config: bool = False) -> DictConfig:
     """A configuration composed as the commands compose theirs.
 
     Raises:
         ContactLearnError: a choice that its group lacks, a setting that the command does not have, or a class that a
             file brought.
     """
-    overrides = _completed(overrides, config_name)
-    check_choices(overrides, config_name)
-    with (
-        defer_interrupts(),
-        hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)),
-        readable_errors(),
-    ):
-        cfg = hydra.compose(config_name, overrides, return_hydra_config=return_hydra_config)
-    restrict_settings(cfg, config_name, overrides)
-    check_targets(cfg, overrides)
+    words = completed(overrides, config_name)
+    return _composed(config_name, words, check=config_name, return_hydra_config=return_hydra_config)
+
+
+def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydra_config: bool = True) -> DictConfig:
+    """A checked configuration, before Hydra makes anything of it.
+
+    Raises:
+        ContactLearnError: see `compose`.
+    """
+    folder = os.path.abspath(CONFIGS)
+    with defer_interrupts(), hydra.initialize_config_dir(version_base="1.3", config_dir=folder, job_name=check):
+        try:
+            cfg = hydra.compose(config_name, [*words], return_hydra_config=return_hydra_config)
+        except (HydraException, OmegaConfBaseException, ContactLearnError):
+            raise
+        except RecursionError as error:
+            raise ContactLearnError("configuration files refer to each other without an end") from error
+        except (
+            TypeError,
+            ValueError,
+            AttributeError,
+            AssertionError,
+        ) as error:  # for what Hydra has no error of its own, such as law=null
+            seen = " ".join(str(error).split())
+            raise ContactLearnError(
+                f"a word of the command line cannot be read: {seen}; --help lists all settings"
+            ) from error
+    restrict_settings(cfg, config_name, words)
+    check_targets(cfg, words)
     return cfg

@@ -1,7 +1,7 @@
 """One run in a folder of its own, which is held while it runs and marked last of all as finished."""
 
-import errno
 import logging
+import math
 import platform
 import shlex
 import shutil
@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import count
@@ -24,24 +24,29 @@ from omegaconf import DictConfig, OmegaConf, read_write
 
 from contactlearn.cli.config_files import restrict_settings
 from contactlearn.cli.config_security import check_targets
+from contactlearn.cli.reasons import reason
 from contactlearn.cli.sweeps.identity import job_identity
+from contactlearn.cli.sweeps.sweep import is_fresh
 from contactlearn.core import __version__, devices
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data.blocks import Blocks
 from contactlearn.results.folder import is_run
-from contactlearn.results.state import DONE, Done, Failed, clear, fail, finish, locked, read_done, remove_if_empty
+from contactlearn.results.runs import common_metric, read_runs
+from contactlearn.results.state import (
+    DONE,
+    LOCK,
+    Done,
+    Failed,
+    clear,
+    fail,
+    finish,
+    locked,
+    read_done,
+    read_failed,
+    remove_if_empty,
+)
 from contactlearn.results.types import DataSource, Provenance
-
-_ELSEWHERE = "choose another with hydra.run.dir=FOLDER, or hydra.sweep.dir=FOLDER for a sweep"
-_FIXES = {
-    errno.ENOSPC: "free some space and run the same command again",
-    errno.EDQUOT: "free some space and run the same command again",
-    errno.EROFS: _ELSEWHERE,
-    errno.EACCES: _ELSEWHERE,
-    errno.ENOENT: "was it moved or deleted during the run?",
-}
-
 
 _log = logging.getLogger("contactlearn")
 
@@ -99,26 +104,54 @@ def invocation(command: str) -> list[str]:
     return ["python", "-m", "contactlearn", command] if by_package else ["python", f"{command}.py"]
 
 
-def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig) -> None:
+def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig) -> float | None:
     """Run a command, unless its folder has its result already or another process computes it now.
 
-    A run that fails before it computed anything leaves no folder; a job of a sweep leaves the reason.
+    A run that fails before it computed anything leaves no folder.  A job of a sweep leaves the reason and returns inf,
+    so that the others go on whatever the sweeper and the launcher are.
 
     Args:
         command: its name.
         prepare: parses the configuration, and returns what to run.
         cfg: the composed configuration.
 
+    Returns:
+        The held-out error of the job's own model, for sweepers that minimise; None in a single run, and without one.
+
     Raises:
-        ContactLearnError: errors that a user can fix; in a sweep, which continues with its next job, any error.
+        ContactLearnError: errors that a user can fix.
     """
-    hydra, start = cast(DictConfig, HydraConfig.get()), time.monotonic()
-    with _logged(hydra), _failures_recorded(Path(str(hydra.runtime.output_dir)), began=False):
+    hydra = cast(DictConfig, HydraConfig.get())
+    # Paths mean what they mean where the user stands: hydra.job.chdir and some launchers start jobs elsewhere.
+    with chdir(str(hydra.runtime.cwd)):
+        if hydra.mode != RunMode.MULTIRUN:
+            _run(command, prepare, cfg, hydra)
+            return None
+        folder = Path(str(hydra.runtime.output_dir))
+        try:
+            (folder / LOCK).touch()  # the sweep lists it among its jobs
+            _run(command, prepare, cfg, hydra)
+        except Exception as error:
+            if read_failed(folder) is None:  # as on a full disk
+                raise ContactLearnError(reason(error)) from error  # which every process can unpickle
+            return math.inf
+        return held_out_error(folder)
+
+
+def _run(
+    command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig, hydra: DictConfig
+) -> None:
+    start, wanted = time.monotonic(), Path(str(hydra.runtime.output_dir))
+    with _logged(hydra), _failures_recorded(wanted, began=False):
         restrict_settings(cfg, str(hydra.job.config_name), hydra.overrides.task)
-        check_targets(cfg, [*hydra.overrides.task, *hydra.overrides.hydra])
+        check_targets(cfg, hydra.overrides.task)
         identity = job_identity(cfg, hydra)
+        if "workers" in cfg and cfg.workers is None and _is_beside_others(hydra):
+            cfg.workers = 1
         job = prepare(cfg)
-    with _own_folder(identity, hydra) as folder:
+    sweeping = hydra.mode == RunMode.MULTIRUN
+    new = not sweeping and is_fresh(hydra.run)
+    with _new_folder(wanted) if new else _folder_of_name(wanted, identity, sweeping) as folder:
         if folder is None:
             return
         with read_write(hydra.runtime):
@@ -129,7 +162,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
             for name, part in parts.items():
                 with atomic_write(folder / ".hydra" / f"{name}.yaml") as path:
                     path.write_text(OmegaConf.to_yaml(part), encoding="utf-8")
-            shared = folder if _is_given(hydra) else folder.parent
+            shared = folder.parent if new or sweeping else folder
             config = OmegaConf.to_container(cfg, resolve=True)
             job(
                 Run(
@@ -141,6 +174,20 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
                 )
             )
             finish(folder, replace(identity, seconds=round(time.monotonic() - start, 3)))
+
+
+def _is_beside_others(hydra: DictConfig) -> bool:
+    """Whether a launcher runs several jobs at a time, which then take a core each."""
+    return hydra.mode == RunMode.MULTIRUN and not str(hydra.launcher._target_).endswith("BasicLauncher")
+
+
+def held_out_error(folder: Path) -> float | None:
+    """Return the held-out error of a finished run's own model, in the norm of the run; None without one."""
+    with suppress(ContactLearnError):
+        (run,), _ = read_runs([folder])
+        error = run.error(common_metric([run]))
+        return None if error is None else error.mean
+    return None
 
 
 @contextmanager
@@ -173,7 +220,7 @@ def _failures_recorded(folder: Path, began: bool) -> Generator[None]:
         raise
     except Exception as error:
         foreseen = isinstance(error, ContactLearnError)
-        why = str(error) if foreseen else reason(error)
+        why = reason(error)
         if not sweeping:
             remove_if_empty(folder)
         if sweeping or (began and folder.exists()):
@@ -184,67 +231,29 @@ def _failures_recorded(folder: Path, began: bool) -> Generator[None]:
         raise ContactLearnError(why) from error
 
 
-def reason(error: BaseException) -> str:
-    """Return what went wrong in a line, and what to do about it where that is known."""
-    if isinstance(error, OSError) and error.errno is not None:
-        fix = _FIXES.get(error.errno)
-        where = f"{error.filename}: " if error.filename else ""
-        return f"{where}{error.strerror}" + (f"; {fix}" if fix else "")
-    if isinstance(error, MemoryError):
-        return "memory ran out; use fewer trials, or fewer jobs at a time"
-    if isinstance(error, torch.OutOfMemoryError):
-        return "the GPU's memory ran out; use fewer trials, or device=cpu"
-    first = (str(error).strip() or "no words").splitlines()[0]
-    return f"{type(error).__name__}: {first}"
-
-
-def _is_given(hydra: DictConfig) -> bool:
-    """Whether the folder of a single run was given by name."""
-    given = any(word.startswith("hydra.run.dir=") for word in hydra.overrides.hydra)
-    return given and hydra.mode != RunMode.MULTIRUN
-
-
-def _own_folder(identity: Done, hydra: DictConfig) -> AbstractContextManager[Path | None]:
-    """Hold the folder of a run; None if there is nothing left to do."""
-    wanted = Path(str(hydra.runtime.output_dir))
-    ours = str(hydra.sweeper._target_).startswith("hydra_plugins.contactlearn_sweeper.")
-    if hydra.mode == RunMode.MULTIRUN and ours:
-        return _folder_of_identity(wanted, identity)
-    return _folder_of_name(wanted, identity) if _is_given(hydra) else _new_folder(wanted)
-
-
 @contextmanager
-def _folder_of_identity(folder: Path, identity: Done) -> Generator[Path | None]:
-    """Hold the folder of a job of a sweep, emptied of former attempts; None if it is finished, or runs elsewhere.
+def _folder_of_name(folder: Path, identity: Done, sweeping: bool) -> Generator[Path | None]:
+    """Hold the folder that the user, or the identity of a job, names; None if it has this result already.
 
-    Raises:
-        ContactLearnError: the folder is named after another identity.
-    """
-    if not folder.name.endswith(f"-{identity.job}"):
-        raise ContactLearnError("data, code or configuration changed during the sweep; run the same command again")
-    with locked(folder) as free:
-        if not free or _is_finished(folder, identity):
-            yield None
-        else:
-            clear(folder)
-            yield folder
-
-
-@contextmanager
-def _folder_of_name(folder: Path, identity: Done) -> Generator[Path | None]:
-    """Hold the folder that the user named; None if it has this result already.
+    A job of a sweep clears what a former attempt left, and leaves a job that another process runs to that.
 
     Raises:
         ContactLearnError: the folder has another result, or another run writes to it.
     """
-    if is_run(folder):
-        if not _is_finished(folder, identity):
-            raise ContactLearnError(f"{folder} holds the result of another run; choose another hydra.run.dir")
+    own = sweeping and folder.name.endswith(f"-{identity.job}")
+    if is_run(folder) and _is_finished(folder, identity):
         yield None
         return
+    if is_run(folder) and not own:
+        raise ContactLearnError(f"{folder} holds the result of another run; choose another folder")
     with locked(folder) as free:
-        if not free:
-            raise ContactLearnError(f"{folder} is in use by another run; choose another hydra.run.dir")
+        if not free and not own:
+            raise ContactLearnError(f"{folder} is in use by another run; choose another folder")
+        if not free or (own and _is_finished(folder, identity)):  # another process ended it meanwhile
+            yield None
+            return
+        if own:
+            clear(folder)
         (folder / DONE).unlink(missing_ok=True)
         yield folder
 

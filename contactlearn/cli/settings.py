@@ -24,8 +24,9 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
-from contactlearn.cli.config_files import BEST, NAME, leaf_values, required_settings
-from contactlearn.cli.job import reason
+from contactlearn.cli.config_files import BEST, NAME, required_settings
+from contactlearn.cli.config_security import leaf_values
+from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest

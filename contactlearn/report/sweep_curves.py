@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from statistics import fmean
@@ -23,8 +23,8 @@ _OF_BOUNDS = ("data", "split_seed", "test", "bounds")  # settings that move a bo
 
 Points = dict[tuple[str, int], Interval]
 """An error by its tag and the number of training impacts, mean over the runs that differ in their seed alone."""
-Jobs = Mapping[Path, Sequence[str]]
-"""Swept settings of each job by its folder, as they were typed."""
+Jobs = Callable[[], Mapping[Path, Sequence[str]]]
+"""Gives the swept settings of each job so far by its folder, as they were typed."""
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def growing_curves(sweep: Path, jobs: Jobs) -> Generator[None]:
 
     Args:
         sweep: folder of the sweep.
-        jobs: of the sweep, also those that ended before.
+        jobs: of the sweep, also those that ended before it.
     """
     curves, ended = SweepCurves(sweep / FOLDER, jobs), Event()
 
@@ -56,15 +56,17 @@ class SweepCurves:
     """The curves of the jobs that have ended; `update` logs new points, and all again where an old one has changed."""
 
     def __init__(self, folder: Path, jobs: Jobs) -> None:
-        self._folder, self._left = folder, dict(jobs)
+        self._folder, self._jobs, self._read = folder, jobs, set[Path]()
         self._runs = list[tuple[ComparedRun, Sequence[str]]]()
         self._logged, self._tracker = _logged(folder / METRICS_FILE), None
 
     def update(self) -> None:
         """Read the jobs that have ended since, and log their points; a disk that is full stops no sweep."""
-        ended = [job for job in self._left if (job / DONE).exists()]
-        for job in ended:
-            settings = self._left.pop(job)
+        ended = {
+            job: settings for job, settings in self._jobs().items() if (job / DONE).exists() and job not in self._read
+        }
+        for job, settings in ended.items():
+            self._read.add(job)
             with suppress(ContactLearnError, OSError):
                 self._runs += [(run, settings) for run in read_runs([job])[0] if run.trained_on is not None]
         if ended and self._runs:

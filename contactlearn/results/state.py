@@ -35,7 +35,6 @@ class Done:
         config: SHA-256 of the resolved configuration.
         data: SHA-256 of the files that it names; empty where it names none.
         code: version of this program, with the SHA-256 of its sources.
-        words: SHA-256 of the overrides and of the configuration files; empty where these do not identify the run.
         paths: data files that the configuration names.
         seconds: that the run took.
     """
@@ -44,7 +43,6 @@ class Done:
     config: str
     data: str
     code: str
-    words: str = ""
     paths: tuple[str, ...] = ()
     seconds: float = 0.0
 
@@ -83,14 +81,6 @@ def is_locked(folder: Path) -> bool:
         return False
     with locked(folder) as free:
         return not free
-
-
-def begun(folder: Path) -> int | None:
-    """Return a number that is another one after each attempt in a folder; None before the first."""
-    try:
-        return (folder / ".hydra").stat().st_mtime_ns
-    except OSError:
-        return None
 
 
 def finish(folder: Path, done: Done) -> None:

@@ -1,4 +1,4 @@
-"""Hydra's way to effects and laws, which have no files, and to a user's files of data; see `cli.config_files`."""
+"""Hydra's way to effects and laws, which have no files, and to files of the user's; see `cli.config_files`."""
 
 from pathlib import Path
 
@@ -8,7 +8,8 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
-from contactlearn.cli.config_files import CONFIGS, choice_settings, choices, has_choice
+from contactlearn.cli.config_files import CONFIGS, added_folders, choice_settings, choices, has_choice
+from contactlearn.cli.config_security import SharedFolder
 
 _SCHEME = "contactlearn"
 _GROUPS = ("effect", "law", "data")
@@ -57,3 +58,8 @@ class CatalogueSearchPath(SearchPathPlugin):
         folders = (Path(one.path.removeprefix("file://")) for one in search_path.get_path() if one.path)
         if Path(CONFIGS) in folders:
             search_path.append(_SCHEME, f"{_SCHEME}://")
+            first, last = added_folders()
+            if first is not None:
+                search_path.prepend("user", f"{SharedFolder.scheme()}://{first}", "main")
+            if last is not None:
+                search_path.append("user", f"{SharedFolder.scheme()}://{last}")

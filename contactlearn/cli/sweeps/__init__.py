@@ -1,7 +1,7 @@
 """Sweeps that resume where they stopped: jobs known by what they depend on, each in a folder named by it.
 
     identity    what the result of a job depends on: resolved configuration, data, code
-    sweep       finds the jobs of a command line, launches those that are not finished, and prints what failed
+    sweep       the folder of a sweep and of each job, and the table at the end
 
-Hydra's `-m` comes here through `hydra_plugins.contactlearn_sweeper`; any of its launchers runs the jobs.
+Hydra's own sweepers and launchers run the jobs.
 """

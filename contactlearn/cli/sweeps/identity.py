@@ -8,9 +8,7 @@ on.  Data and trained models are known by the content of the files that a config
 
 import hashlib
 import json
-import os
-import re
-from collections.abc import Sequence
+from contextlib import chdir
 from functools import cache, lru_cache
 from importlib.machinery import PathFinder
 from importlib.util import find_spec
@@ -19,15 +17,13 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_files import leaf_values, own_data
+from contactlearn.cli.config_files import restrict_settings
+from contactlearn.cli.config_security import leaf_values
 from contactlearn.core import __version__
 from contactlearn.results.state import Done
 
-DIGITS = 12
-"""Of a digest in the name of a folder."""
+_DIGITS = 12  # of a digest in the name of a folder
 _HOW = ("threads", "workers", "device", "verbose")
-_CHANGING = re.compile(r"\$\{(?!oc\.)\w+:")  # a resolver that may give something else the next time
-_ENVIRONMENT = re.compile(r"\$\{oc\.env:(\w+)")
 
 
 def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
@@ -38,37 +34,25 @@ def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
     """
     own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in ("hydra", *_HOW)])
     content = OmegaConf.to_container(own, resolve=True)
-    config = _sha([hydra.job.config_name, content])
+    config = sha([hydra.job.config_name, content])
     paths = tuple(dict.fromkeys([*_named(content, "path"), *_named(content, "checkpoint")]))
     modules = dict.fromkeys(target.rpartition(".")[0] for target in _named(content, "_target_"))
     foreign = tuple(name for name in modules if name and not name.startswith("contactlearn."))
     data, code = data_fingerprint(paths), code_version(foreign)
-    changing = _CHANGING.search(OmegaConf.to_yaml(own))
-    words = "" if changing else words_digest(hydra, list(hydra.overrides.task))
-    digest = _sha([config, data, code])[:DIGITS]
-    return Done(job=digest, config=config, data=data, code=code, words=words, paths=paths)
+    return Done(job=sha([config, data, code])[:_DIGITS], config=config, data=data, code=code, paths=paths)
 
 
-def words_digest(hydra: DictConfig, words: Sequence[str]) -> str:
-    """Return the digest of the typed settings of a job, and of all files that turn them into a configuration.
-
-    Equal digests mean equal configurations, which need not be composed to know that.
-    """
-    sources = [str(source.path) for source in hydra.runtime.config_sources if source.schema == "file"]
-    own = [_file(path) for path in own_data().values()]
-    counted = [word for word in words if word.lstrip("+").partition("=")[0] not in _HOW]
-    used = [f"{name}={os.environ.get(name)}" for word in counted for name in _ENVIRONMENT.findall(word)]
-    return _sha([hydra.job.config_name, *map(_tree, sources), own, counted, used, __version__])
-
-
-def still_valid(done: Done) -> bool:
-    """Whether the data and the code of a finished job are unchanged.
+def composed_identity(cfg: DictConfig) -> Done:
+    """Return the identity of a job from its whole configuration, in whatever folder its process is.
 
     Raises:
+        ContactLearnError: a setting that the command does not have.
         OSError: a data file cannot be read.
     """
-    names = tuple(one.partition("=")[0] for one in done.code.split(" ")[1:])
-    return done.code == code_version(names) and done.data == data_fingerprint(done.paths)
+    own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    with chdir(str(cfg.hydra.runtime.cwd)):
+        restrict_settings(own, str(cfg.hydra.job.config_name), cfg.hydra.overrides.task)
+        return job_identity(own, cfg.hydra)
 
 
 def data_fingerprint(paths: tuple[str, ...]) -> str:
@@ -79,15 +63,15 @@ def data_fingerprint(paths: tuple[str, ...]) -> str:
     """
     known = [Path(path) for path in paths if Path(path).exists()]
     files = ([path, *sorted(path.rglob("*"))] for path in known)
-    return _sha([[_file(one) for one in found if one.is_file()] for found in files]) if known else ""
+    return sha([[_file(one) for one in found if one.is_file()] for found in files]) if known else ""
 
 
 @lru_cache(maxsize=16)
 def code_version(foreign: tuple[str, ...] = ()) -> str:
     """Return this program's version with the SHA-256 of its sources, and that of other modules, by name."""
     package = Path(__file__).parents[2]
-    sources = _sha([_file(path) for path in sorted(package.rglob("*.py"))])
-    own = f"{__version__}+{sources[:DIGITS]}"
+    sources = sha([_file(path) for path in sorted(package.rglob("*.py"))])
+    own = f"{__version__}+{sources[:_DIGITS]}"
     return " ".join([own, *(f"{name}={_module(name)}" for name in foreign)])
 
 
@@ -102,7 +86,7 @@ def _module(name: str) -> str:
     except (ImportError, ValueError):
         spec = None
     origin = Path(spec.origin) if spec is not None and spec.origin else None
-    return _file(origin)[:DIGITS] if origin is not None and origin.is_file() else "unknown"
+    return _file(origin)[:_DIGITS] if origin is not None and origin.is_file() else "unknown"
 
 
 def _named(content: Any, key: str) -> list[str]:
@@ -122,13 +106,6 @@ def _content(path: str, size: int, changed: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-@lru_cache(maxsize=16)
-def _tree(folder: str) -> str:
-    """Digest of the configuration files below a folder, and of the environment that they use."""
-    texts = {str(path.relative_to(folder)): path.read_text("utf-8") for path in sorted(Path(folder).rglob("*.yaml"))}
-    used = {name: os.environ.get(name) for text in texts.values() for name in _ENVIRONMENT.findall(text)}
-    return _sha([texts, used])
-
-
-def _sha(content: Any) -> str:
+def sha(content: Any) -> str:
+    """Return the digest of plain values."""
     return hashlib.sha256(json.dumps(content, default=str, ensure_ascii=True).encode()).hexdigest()

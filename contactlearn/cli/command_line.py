@@ -1,0 +1,203 @@
+"""The words of a command line as Hydra takes them: its flags, and settings with paths as a shell gives them.
+
+Hydra reads values by a grammar of its own, in which `Kügel.csv`, `a&b.csv` and `a,b.csv` are errors or several values.
+Paths are quoted for it here, and `~` is the home folder.  A comma between paths stays a sweep, unless a file has that
+name.
+"""
+
+import argparse
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override, Quote, QuotedString
+from hydra.errors import HydraException
+
+from contactlearn.core.errors import ContactLearnError, suggest
+
+_PATHS = re.compile(r"[+~]*((\w[\w -]*\.)*(path|dir)|checkpoint)")
+"""Settings whose values are paths."""
+_QUOTED = re.compile(r"(['\"]).*\1", re.DOTALL)
+_CALL = re.compile(r"(choice|glob|sort|shuffle|range|interval|tag|str|extend_list)\(.*\)", re.DOTALL)
+_FLAGS = ("--help", "-h"), ("--hydra-help",), ("--version",), ("--run", "-r"), ("--multirun", "-m"), ("--resolve",)
+_TAKING = ("--cfg", "-c"), ("--package", "-p"), ("--config-name", "-cn"), ("--info", "-i")
+_INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise ContactLearnError(f"{message}; --help explains the command line")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandLine:
+    """A command line.
+
+    Args:
+        flags: for Hydra, before the words.
+        words: settings.
+        folders: with configuration files of the user's: those in place of the shipped ones, and those beside them.
+        several: whether it is a sweep.
+        config_name: of the user's own configuration, in place of the command's.
+    """
+
+    flags: tuple[str, ...]
+    words: tuple[str, ...]
+    folders: tuple[str | None, str | None]
+    several: bool
+    config_name: str | None
+
+
+def parse_command_line(given: Sequence[str]) -> CommandLine:
+    """Sort the words of a command line into flags and settings, in whatever order they come.
+
+    Raises:
+        ContactLearnError: a flag that does not exist, or that would unpickle a file.
+    """
+    parser = _Parser(add_help=False, allow_abbrev=False)
+    for names in _FLAGS:
+        parser.add_argument(*names, action="store_true")
+    parser.add_argument("--shell-completion", "-sc", action="store_true")
+    for names in (("--config-path", "-cp"), ("--config-dir", "-cd"), ("--experimental-rerun",), *_TAKING[:-1]):
+        parser.add_argument(*names)
+    parser.add_argument(*_TAKING[-1], nargs="?", const="all", choices=_INFO)
+    parser.add_argument("--verbose", action="store_true")
+    options, words = parser.parse_known_args([_info_alone(word) for word in given])
+    unknown = next((word for word in words if word.startswith("-")), None)
+    if unknown is not None:
+        known = [name for action in parser._actions for name in action.option_strings if name.startswith("--")]
+        raise ContactLearnError(f"unknown flag {unknown!r}{suggest(unknown, known)}; settings are written key=value")
+    if options.experimental_rerun is not None:
+        raise ContactLearnError(
+            "--experimental-rerun would unpickle a file, which can run anything; overrides.yaml in the folder .hydra "
+            "of a run has its settings, to be typed again"
+        )
+    for word in words:
+        if re.match(r"[+~]*hydra\.searchpath\b|[^=]*@[^=]*\bhydra\b", word):
+            raise ContactLearnError(f"{word} would take configuration files unread; use --config-dir FOLDER")
+    flags = [names[0] for names in _FLAGS if getattr(options, names[0].strip("-").replace("-", "_"))]
+    flags += ["--shell-completion"] if options.shell_completion else []
+    for name, *_ in _TAKING:
+        value = getattr(options, name.strip("-").replace("-", "_"))
+        flags += [f"{name}={value}"] if value is not None else []
+    for folder in (options.config_path, options.config_dir):
+        if folder is not None and not Path(folder).expanduser().is_dir():
+            raise ContactLearnError(f"{folder}: no such folder of configuration files")
+    folders = [
+        None if one is None else str(Path(one).expanduser().absolute())
+        for one in (options.config_path, options.config_dir)
+    ]
+    words += ["verbose=true"] if options.verbose else []
+    several = options.multirun or any(re.fullmatch(r"[+]*hydra\.mode=MULTIRUN", word) for word in words)
+    return CommandLine(
+        flags=tuple(flags),
+        words=tuple(words),
+        folders=(folders[0], folders[1]),
+        several=several,
+        config_name=options.config_name,
+    )
+
+
+def _info_alone(word: str) -> str:
+    """`--info` without a value must not take the next word as one."""
+    return "--info=all" if word in ("--info", "-i") else word
+
+
+def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
+    """Return settings with the paths among them quoted as Hydra's grammar wants it.
+
+    Args:
+        words: as a shell gives them.
+        several: whether a comma sweeps.
+
+    Raises:
+        ContactLearnError: a word that Hydra cannot read, or that has several values without a sweep.
+    """
+    found = [_quoted_path(word) for word in words]
+    for word in found:
+        override = _parsed(word)
+        if override.is_sweep_override() and not several:
+            raise ContactLearnError(
+                f"{word} has several values: add -m to run each; a list stands in brackets, {_key(word)}=[…,…], and a "
+                f"text with a comma in double quotes, '{_key(word)}=\"…\"'"
+            )
+    return found
+
+
+def one_of_each(words: Sequence[str]) -> tuple[list[str], list[str], list[list[str]]]:
+    """Return what a sweep is over, the settings of one job, and those of jobs that each differ in one value.
+
+    A range without steps, which some sweepers sample from, is left out.
+    """
+    overrides = [_parsed(word) for word in words]
+    swept = [override for override in overrides if override.is_sweep_override()]
+    values = {
+        override.input_line: [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
+        for override in swept
+        if override.is_discrete_sweep()
+    }
+    left = {override.input_line for override in swept} - values.keys()
+    first = [values.get(word, [word])[0] for word in words if word not in left]
+    others = [
+        [value if word == line else values.get(word, [word])[0] for word in words if word not in left]
+        for line, several in values.items()
+        for value in several[1:]
+    ]
+    return [override.get_key_element() for override in swept], first, others
+
+
+def _parsed(word: str) -> Override:
+    try:
+        return OverridesParser.create().parse_override(word)
+    except HydraException as error:
+        if "=" not in word and not word.startswith("~"):
+            raise ContactLearnError(
+                f"{word!r} is no setting; settings are written key=value, and --help lists them"
+            ) from error
+        seen = " ".join(str(error).partition("See https")[0].split())
+        raise ContactLearnError(
+            f'{word} cannot be read: {seen}; text with brackets, = or the like stands in double quotes: {{x: "x (mm)"}}'
+        ) from error
+
+
+def _quoted_path(word: str) -> str:
+    key, equals, value = word.partition("=")
+    if not equals or not _PATHS.fullmatch(key) or value in ("", "null", "???"):
+        return word
+    if _QUOTED.fullmatch(value) and not _is_file(value):
+        return f"{key}={value[0]}{_home(value[1:-1])}{value[-1]}"
+    if _is_file(value):
+        return f"{key}={as_text(value)}"
+    if "${" in value or _CALL.fullmatch(value):
+        return word
+    if key.endswith("checkpoint") and value.startswith("[") and value.endswith("]"):
+        return f"{key}=[{','.join(as_text(part.strip()) for part in value[1:-1].split(','))}]"
+    return f"{key}={','.join(part if _QUOTED.fullmatch(part) else as_text(part) for part in value.split(','))}"
+
+
+def as_text(path: str) -> str:
+    """Return a path as a quoted text of Hydra's grammar, with the home folder for `~`."""
+    text = _home(path).replace("${", "\\${")
+    return (
+        text
+        if re.fullmatch(r"[A-Za-z./][\w./-]*[./][\w./-]*", text, re.ASCII)
+        else QuotedString(text, Quote.single).with_quotes()
+    )
+
+
+def _home(path: str) -> str:
+    return str(Path(path).expanduser()) if path.startswith("~") else path
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return Path(_home(path)).exists()
+    except (OSError, ValueError):  # too long, or no path at all
+        return False
+
+
+def _key(word: str) -> str:
+    return word.partition("=")[0]
