@@ -15,7 +15,6 @@ from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.config_files import own_data
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
-from contactlearn.cli.sweeps.identity import words_digest
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.headers import OPEN, propose
@@ -216,15 +215,3 @@ def test_a_table_and_a_setting_do_not_both_state_the_mass(tmp_path):
     assert found.inertia.tolist() == [2e-5] * 5
     with pytest.raises(DataError, match=r"data.mass must be a finite number greater than 0, got -1"):
         table.load(path, mass=-1)
-
-
-def test_a_changed_file_is_another_sweep(drops):
-    """Jobs that are known by their words alone depend on what a file of the working directory says."""
-    words = ["data=mydata", "data.mass=1", f"data.shape={SHAPE}"]
-    run("contactlearn", "init", "drops.csv", "--name", "mydata", cwd=".")
-    hydra = compose("train", words, return_hydra_config=True).hydra
-    hydra.runtime.config_sources, hydra.job.config_name = [], "train"
-    before = words_digest(hydra, words)
-    assert words_digest(hydra, words) == before
-    Path("mydata.yaml").write_text(Path("mydata.yaml").read_text("utf-8") + "# or not\n", "utf-8")
-    assert words_digest(hydra, words) != before

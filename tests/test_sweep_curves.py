@@ -70,7 +70,7 @@ def test_lines_grow_as_jobs_end_in_any_order(sweep, jobs, tmp_path):
 def test_an_extended_sweep_logs_what_is_new(jobs, tmp_path, caplog):
     settings = {job: [f"train.size={size}", f"seed={seed}"] for (size, seed), job in jobs.items()}
     for ended in ([(10, 0), (10, 1)], jobs):
-        with growing_curves(tmp_path, {jobs[key]: settings[jobs[key]] for key in ended}):
+        with growing_curves(tmp_path, lambda ended=ended: {jobs[key]: settings[jobs[key]] for key in ended}):
             pass
     assert [size for size, _ in lines(tmp_path / FOLDER)["whittaker"]] == [10, 20]
     assert len((tmp_path / FOLDER / "metrics.jsonl").read_text().splitlines()) == 2

@@ -6,10 +6,10 @@ name.
 """
 
 import argparse
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NoReturn
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -65,7 +65,14 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
         parser.add_argument(*names)
     parser.add_argument(*_TAKING[-1], nargs="?", const="all", choices=_INFO)
     parser.add_argument("--verbose", action="store_true")
-    options, words = parser.parse_known_args([_info_alone(word) for word in given])
+    following = [*given[1:], ""]
+    options, words = parser.parse_known_args(
+        # a setting behind --info is no value of it
+        [
+            "--info=all" if word in ("--info", "-i") and after not in _INFO else word
+            for word, after in zip(given, following, strict=False)
+        ]
+    )
     unknown = next((word for word in words if word.startswith("-")), None)
     if unknown is not None:
         known = [name for action in parser._actions for name in action.option_strings if name.startswith("--")]
@@ -75,6 +82,13 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
             "--experimental-rerun would unpickle a file, which can run anything; overrides.yaml in the folder .hydra "
             "of a run has its settings, to be typed again"
         )
+    shown = [name for name in ("hydra_help", "shell_completion", "cfg", "info") if getattr(options, name)]
+    if len(shown) + options.multirun > 1:
+        raise ContactLearnError(
+            f"--{shown[0].replace('_', '-')} shows something and runs nothing; take out the other flag"
+        )
+    if options.hydra_help:
+        words = []
     for word in words:
         if re.match(r"[+~]*hydra\.searchpath\b|[^=]*@[^=]*\bhydra\b", word):
             raise ContactLearnError(f"{word} would take configuration files unread; use --config-dir FOLDER")
@@ -83,13 +97,12 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
     for name, *_ in _TAKING:
         value = getattr(options, name.strip("-").replace("-", "_"))
         flags += [f"{name}={value}"] if value is not None else []
-    for folder in (options.config_path, options.config_dir):
-        if folder is not None and not Path(folder).expanduser().is_dir():
-            raise ContactLearnError(f"{folder}: no such folder of configuration files")
     folders = [
-        None if one is None else str(Path(one).expanduser().absolute())
-        for one in (options.config_path, options.config_dir)
+        None if one is None else os.path.abspath(_home(one)) for one in (options.config_path, options.config_dir)
     ]
+    for folder in folders:
+        if folder is not None and not os.path.isdir(folder):
+            raise ContactLearnError(f"{folder}: no such folder of configuration files")
     words += ["verbose=true"] if options.verbose else []
     several = options.multirun or any(re.fullmatch(r"[+]*hydra\.mode=MULTIRUN", word) for word in words)
     return CommandLine(
@@ -99,11 +112,6 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
         several=several,
         config_name=options.config_name,
     )
-
-
-def _info_alone(word: str) -> str:
-    """`--info` without a value must not take the next word as one."""
-    return "--info=all" if word in ("--info", "-i") else word
 
 
 def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
@@ -167,9 +175,9 @@ def _quoted_path(word: str) -> str:
     key, equals, value = word.partition("=")
     if not equals or not _PATHS.fullmatch(key) or value in ("", "null", "???"):
         return word
-    if _QUOTED.fullmatch(value) and not _is_file(value):
+    if _QUOTED.fullmatch(value) and not os.path.exists(_home(value)):
         return f"{key}={value[0]}{_home(value[1:-1])}{value[-1]}"
-    if _is_file(value):
+    if os.path.exists(_home(value)):
         return f"{key}={as_text(value)}"
     if "${" in value or _CALL.fullmatch(value):
         return word
@@ -189,14 +197,8 @@ def as_text(path: str) -> str:
 
 
 def _home(path: str) -> str:
-    return str(Path(path).expanduser()) if path.startswith("~") else path
-
-
-def _is_file(path: str) -> bool:
-    try:
-        return Path(_home(path)).exists()
-    except (OSError, ValueError):  # too long, or no path at all
-        return False
+    """A path with the home folder for its `~`, unless a file is called so."""
+    return os.path.expanduser(path) if path.startswith("~") and not os.path.exists(path) else path
 
 
 def _key(word: str) -> str:

@@ -164,13 +164,27 @@ def completed(words: Sequence[str], command: str, *, several: bool = False) -> l
     Raises:
         ContactLearnError: a word that cannot be read, or a choice that its group lacks.
     """
-    words = with_diagnosed_model(words, command)
+    words = with_diagnosed_model([_nothing_of(word) for word in words], command)
     keys = _given(words)
     trains = command != "diagnose" and "model" not in keys
     words = with_pluses([*words, "model=[]"] if "checkpoint" in keys and trains else words)
     words = quoted(words, several=several)
     check_choices(words, command)
     return words
+
+
+def _nothing_of(word: str) -> str:
+    """`effect=[]` for `~effect`, by which Hydra would take out a choice, and finds none in a list of choices.
+
+    Raises:
+        ContactLearnError: a part that no command can be without.
+    """
+    group = word.removeprefix("~").partition("=")[0]
+    if not word.startswith("~") or group not in ("effect", "model", "law", "data", "experiment"):
+        return word
+    if group in ("law", "data"):
+        raise ContactLearnError(f"{word}: every command needs {group}; choose another with {group}=…")
+    return f"{group}=null" if group == "experiment" else f"{group}=[]"
 
 
 def _given(words: Sequence[str]) -> set[str]:
@@ -295,4 +309,5 @@ def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydr
             ) from error
     restrict_settings(cfg, config_name, words)
     check_targets(cfg, words)
+    OmegaConf.to_container(OmegaConf.masked_copy(cfg, [key for key in cfg if key != "hydra"]), resolve=True)
     return cfg

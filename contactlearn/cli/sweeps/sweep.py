@@ -1,7 +1,8 @@
 """A sweep by Hydra's own sweeper and launchers, in a folder of its own that the same command resumes.
 
 Each job is in a folder named by what its result depends on (`hydra.sweep.subdir`, see `job_folder`), and returns at
-once where that holds its result.  Jobs are judged by what they left on disk, since a launcher may lose what they return.
+once where that holds its result.  Jobs are judged by what they left on disk, since a launcher may lose what they
+return.
 """
 
 import os
