@@ -52,11 +52,6 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
 
 
-def workbench() -> int:
-    """Run `contactlearn workbench`; return the exit status."""
-    return main(["workbench", *sys.argv[1:]])
-
-
 def _parsed(words: list[str]) -> argparse.Namespace:
     """Parse the command line; settings may also follow an option, for which argparse has no word."""
     parser, commands = _parser()

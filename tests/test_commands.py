@@ -587,8 +587,9 @@ def test_every_shipped_setting_is_known(name):
 
 @pytest.mark.parametrize(("program", "words"), [
     ("train.py", ["python", "evaluate.py"]),
+    ("/opt/clone/train.py", ["python", "/opt/clone/evaluate.py"]),
+    ("loky/backend/popen_loky_posix.py", ["python", "-m", "contactlearn", "evaluate"]),
     ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
-    ("bin/contactlearn-train", ["python", "-m", "contactlearn", "evaluate"]),
 ])  # fmt: skip
 def test_printed_commands_use_the_form_of_the_call(program, words, monkeypatch):
     monkeypatch.setattr("sys.argv", [program])

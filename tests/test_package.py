@@ -91,7 +91,7 @@ def test_installed_commands_need_no_checkout(installed, tmp_path):
     configs = "from contactlearn.cli.hydra_main import CONFIGS; print(CONFIGS)"
     where = done(sys.executable, "-c", configs, cwd=tmp_path, **alone)
     assert where.strip() == str(installed / "contactlearn" / "configs")
-    printed = done(sys.executable, installed / "bin" / "contactlearn-evaluate", "--help", cwd=tmp_path, **alone)
+    printed = done(sys.executable, installed / "bin" / "contactlearn", "evaluate", "--help", cwd=tmp_path, **alone)
     assert "data=mydata" in printed
     small = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20", "model=analytical")
     done(sys.executable, installed / "bin" / "contactlearn", "train", "-m", *small, "seed=3", cwd=tmp_path, **alone)

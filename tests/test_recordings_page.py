@@ -154,10 +154,10 @@ def test_names_are_text(found, page):
 
 
 def test_the_command_and_a_run_write_the_page(takes, tmp_path, found):
-    shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
+    shape = f"data.shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
     folder = tmp_path / "takes"
     shutil.copytree(takes, folder, ignore=shutil.ignore_patterns("9_*"))
-    told = run("contactlearn", "impacts", str(folder), "-o", str(tmp_path / "out.csv"), f"mass={MASS}", shape)
+    told = run("contactlearn", "impacts", str(folder), "-o", str(tmp_path / "out.csv"), f"data.mass={MASS}", shape)
     assert f"page     {tmp_path / 'out.recordings.html'}" in told
     assert data_of(tmp_path / "out.recordings.html")["title"] in told
     loaded = load_data(settings(takes))

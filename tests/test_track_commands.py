@@ -160,9 +160,9 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         (tmp_path / "in").mkdir(exist_ok=True)
         (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
     (tmp_path / "in" / "9_broken.csv").write_text("time,x\n1,2\n")
-    shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
+    shape = f"data.shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
     out = tmp_path / "out.parquet"
-    told = run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(out), f"data.mass={MASS}", shape)  # or mass=
+    told = run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(out), f"data.mass={MASS}", shape)
     impacts = table.load(out, shape=SHAPE)
     assert torch.equal(impacts.v_pre_cov, found.impacts.v_pre_cov)
     assert impacts.trial == found.impacts.trial
@@ -173,7 +173,7 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
         "were refused",
         "left out",
         "9_broken.csv: has no column",
-        "('columns={time: t, position: [px, py], angle: phi}' says which",
+        "('data.columns={time: t, position: [px, py], angle: phi}' says which",
     ):
         assert fragment in told
     refused = pd.read_csv(tmp_path / "out.refused.csv")
@@ -181,39 +181,38 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
     assert "not_read" in set(refused["reason"])
 
 
+BODY = ("data.mass=1", "data.shape={kind: disc, radius: 1}")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "a.csv"], "error: mass must be given: mass=…"),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "colour=red"], "colour"),
-        (["-o", "a.txt", "mass=1", "shape={kind: disc, radius: 1}"], "a table is a .csv or .parquet file"),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "unit=inch"], "unknown unit 'inch'"),
-        (
-            ["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "units=mm"],
-            "unknown setting of impacts 'units', did you mean 'unit'?",
-        ),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "rate=5"], "s by rate=5;"),
-        (["-o", "a.csv", "+colour=red"], "unknown setting of impacts 'colour'"),
-        (["-o", "a.csv", "mass=1", "correct=[mirrored_x]"], "unknown setting of impacts 'correct'"),
-        (["-o", "a.csv", "columns={time: t (s)}"], "error: Error parsing override 'columns={time: t (s)}'"),
-        (["-o", "a.csv", "mass=1", "shape={kind: disc, radius: 1}", "columns={angel: a}"], "did you mean 'angle'"),
+        (["-o", "b.csv"], "error: data.mass must be given: data.mass=…"),
+        (["-o", "b.csv", "mass=1"], "impacts only takes data=… and data.KEY=…, got mass=1: data.mass=1?"),
+        (["-o", "b.csv", *BODY, "data.colour=red"], "unknown setting 'data.colour'"),
+        (["-o", "a.txt", *BODY], "a table is a .csv or .parquet file"),
+        (["-o", "b.csv", *BODY, "data.unit=inch"], "unknown data.unit 'inch'"),
+        (["-o", "b.csv", *BODY, "data.units=mm"], "data.units is a setting of other choices"),
+        (["-o", "b.csv", *BODY, "data.rate=5"], "s by data.rate=5;"),
+        (["-o", "b.csv", "data.columns={time: t (s)}"], "data.columns={time: t (s)} cannot be read: "),
+        (["-o", "b.csv", *BODY, "data.columns={angel: a}"], "did you mean 'angle'"),
+        (["-o", "there.csv", *BODY], "there.csv is there already and is not replaced"),
     ],
 )
 def test_the_command_says_what_is_wrong(tmp_path, words, message):
     (tmp_path / "a.csv").write_text("time,x,y,theta\n0,1,2,3\n1,1,2,3\n")
-    said = run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, status=2)
+    (tmp_path / "there.csv").write_text("mine")
+    said = run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, cwd=tmp_path, status=2)
     assert message in said
-    assert "data." not in said
+    assert (tmp_path / "there.csv").read_text() == "mine"
 
 
-def test_refusals_name_settings_as_the_command_has_them(tmp_path, plain):
+def test_refusals_name_settings(tmp_path, plain):
     folder(tmp_path / "in", size=3)
     (tmp_path / "in" / "z.csv").write_text("x,y,theta\n1,2,3\n")
-    shape = f"shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
-    run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(tmp_path / "a.csv"), f"mass={MASS}", shape)
-    assert "state rate" in (tmp_path / "a.refused.csv").read_text()
-    for file in ("a.refused.csv", "a.recordings.html"):
-        assert "data.rate" not in (tmp_path / file).read_text()
+    shape = f"data.shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
+    run("contactlearn", "impacts", str(tmp_path / "in"), "-o", str(tmp_path / "a.csv"), f"data.mass={MASS}", shape)
+    assert "state data.rate" in (tmp_path / "a.refused.csv").read_text()
 
 
 def test_the_sources_compose(tmp_path, plain):

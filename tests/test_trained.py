@@ -208,7 +208,7 @@ REFUSED = {
     "cut off": ("evaluate.py", _cut_off, (), "is not a checkpoint, or not all of one"),
     "several subsets": ("evaluate.py", _subsets, (), "must predict one finite"),
     "no shape": ("evaluate.py", _needs_shape, NO_SHAPE, "does not fit these data: effect shape_error"),
-    "a number": ("evaluate.py", lambda folder: 3, (), "checkpoint must be a file or folder"),
+    "a number": ("evaluate.py", lambda folder: 3, (), "3: no such file"),
     "transfer": ("evaluate.py", _law, ("experiment=transfer",), "a transfer trains its own models"),
     "a law": ("train.py", _law, (), "training cannot go on from it: the model has no learned part"),
     "several": ("train.py", _two, (), "holds 2 models"),

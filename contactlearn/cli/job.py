@@ -99,9 +99,14 @@ class Run:
 
 
 def invocation(command: str) -> list[str]:
-    """Return the words that call a command in the way in which this run was called: as a script or by the package."""
-    by_package = Path(sys.argv[0]).name.startswith("contactlearn")
-    return ["python", "-m", "contactlearn", command] if by_package else ["python", f"{command}.py"]
+    """Return the words that call a command in the way in which this run was called: as a script or by the package.
+
+    Processes of launchers have been called in neither way, and name the package.
+    """
+    script = Path(sys.argv[0])
+    if script.name in ("train.py", "evaluate.py", "diagnose.py"):
+        return ["python", str(script.with_name(f"{command}.py"))]
+    return ["python", "-m", "contactlearn", command]
 
 
 def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig) -> float | None:

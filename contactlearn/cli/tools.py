@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError
 
 if TYPE_CHECKING:
     from contactlearn.cli.settings import SourceSettings
@@ -62,16 +62,17 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         description="Find the impacts between free flights in recordings, with covariances, as a table for data=table; "
         "a second table holds everything that was refused, with reason and number.",
         epilog="examples: contactlearn impacts data=mydata -o impacts.parquet; "
-        "contactlearn impacts drops/ -o impacts.parquet mass=0.05 'shape={kind: disc, radius: 0.02}'",
+        "contactlearn impacts drops/ -o impacts.parquet data.mass=0.05 'data.shape={kind: disc, radius: 0.02}'",
     )
     impacts.add_argument(
         "overrides",
         nargs="+",
         metavar="FOLDER|key=value",
         help="a recording, or a folder with recordings, or data=NAME; and settings of configs/data/tracks.yaml: "
-        "mass=0.05, unit=mm, …",
+        "data.mass=0.05, data.unit=mm, …",
     )
     impacts.add_argument("-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file for the impacts")
+    _add_force(impacts)
     impacts.set_defaults(run=run_impacts)
 
 
@@ -96,6 +97,7 @@ def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
         "overrides", nargs="*", metavar="key=value", help="data=synthetic|ellipse_drops|mystery|table, data.KEY=…"
     )
     export.add_argument("--features", metavar="SPACE", help="without --to: state (10-D), x1, x2 or x2_polar")
+    _add_force(export)
     export.set_defaults(run=run_export)
 
 
@@ -154,7 +156,12 @@ def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     results.add_argument("folders", nargs="+", metavar="DIR", help=above)
     results.add_argument("-o", "--out", metavar="FILE", required=True, help="a .parquet or .csv file")
+    _add_force(results)
     results.set_defaults(run=run_results)
+
+
+def _add_force(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--force", action="store_true", help="replace a file that is there")
 
 
 def _source(command: str, words: Sequence[str], path: str | None = None) -> "SourceSettings":
@@ -162,13 +169,26 @@ def _source(command: str, words: Sequence[str], path: str | None = None) -> "Sou
     from contactlearn.cli.hydra_main import compose
     from contactlearn.cli.settings import SourceSettings
 
-    cfg = compose("evaluate", list(words))
     for word in words:
         if word.lstrip("+~").partition("=")[0].partition(".")[0] != "data":
-            raise ContactLearnError(f"{command} only takes data=… and data.KEY=…, got {word}")
+            raise ContactLearnError(f"{command} only takes data=… and data.KEY=…, got {word}{_in_data(word)}")
+    cfg = compose("evaluate", list(words))
     if path is not None:
         cfg.data.path = path
     return SourceSettings.from_config(cfg)
+
+
+def _in_data(word: str) -> str:
+    """The setting of the data that a word without `data.` means, if there is one."""
+    from pathlib import Path
+
+    from contactlearn.cli.config_files import CONFIGS
+
+    key = re.split(r"[.=]", word.lstrip("+~"))[0]
+    known = (path.read_text("utf-8") for path in Path(CONFIGS, "data").glob("*.yaml"))
+    return (
+        f": data.{word.lstrip('+~')}?" if any(re.search(rf"^{re.escape(key)}:", text, re.M) for text in known) else ""
+    )
 
 
 def _path_and_words(command: str, options: argparse.Namespace) -> tuple[str | None, list[str]]:
@@ -213,14 +233,16 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
 
 def run_export(options: argparse.Namespace) -> str:
     """Write a model of a run for use elsewhere, or a data source as a table; return a line with the path."""
+    from contactlearn.cli.commands.export import export_model, refuse_existing
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
 
     if options.to is not None:
-        from contactlearn.cli.commands.export import export_model
-
         data = load_data(_source("export", options.overrides)).impacts if options.overrides else None
-        return export_model(options.file, options.to, options.out, data, without_residual=options.without_residual)
+        return export_model(
+            options.file, options.to, options.out, data, without_residual=options.without_residual, force=options.force
+        )
+    refuse_existing([options.file], options.force)
     impacts = load_data(_source("export", options.overrides)).impacts
     if options.features is None:
         path = table.save(impacts, options.file)
@@ -244,33 +266,16 @@ def run_impacts(options: argparse.Namespace) -> str:
     """Find the impacts in recordings and write them; return a summary."""
     from pathlib import Path
 
-    from hydra.errors import HydraException
-    from omegaconf.errors import OmegaConfBaseException
-
-    from contactlearn.cli.commands.impacts import own_names, write_impacts
-    from contactlearn.cli.config_files import explain_error
-    from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.commands.export import refuse_existing
+    from contactlearn.cli.commands.impacts import write_impacts
 
     path, words = _path_and_words("impacts", options)
     chosen = [word for word in words if word.startswith("data=")]
-    tracks = compose("evaluate", ["data=tracks"]).data
-    every = [*map(str, tracks)]
-    known = [name for name in every if name not in ("_target_", "path", "correct")]  # which come otherwise, or later
-    words = [re.sub(r"^([+~]*)(data\.)?", r"\1data.", word) for word in words if word not in chosen]
-    for word in words:
-        name = re.split(r"[.=]", word)[1]
-        if name not in known:
-            raise UnknownNameError("setting of impacts", name, known)
-    try:
-        source = _source("impacts", [*(chosen or ["data=tracks"]), *words], path)
-        if source.target != tracks._target_:
-            raise ContactLearnError(f"impacts are found in recordings, and {chosen[-1]} is another source of data")
-        return write_impacts(source, Path(options.out))
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ContactLearnError(own_names(explain_error(error, "evaluate", words), every)) from None
-    except ContactLearnError as error:  # settings are named as this command has them, without `data.`
-        error.args = (own_names(str(error), every),)
-        raise
+    source = _source("impacts", [*([] if chosen else ["data=tracks"]), *words], path)
+    if source.target != "contactlearn.data.tracks.load":
+        raise ContactLearnError(f"impacts are found in recordings, and {chosen[-1]} is another source of data")
+    refuse_existing([options.out], options.force)
+    return write_impacts(source, Path(options.out))
 
 
 def run_reveal(options: argparse.Namespace) -> str:
@@ -300,9 +305,11 @@ def run_report(options: argparse.Namespace) -> str:
 
 def run_results(options: argparse.Namespace) -> str:
     """Write the table of all runs in some folders; return their number in a line."""
+    from contactlearn.cli.commands.export import refuse_existing
     from contactlearn.report.events import progress
     from contactlearn.results.runs import write_table
 
+    refuse_existing([options.out], options.force)
     with progress() as on_event:
         frame, skipped = write_table(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]

@@ -1,9 +1,7 @@
 """Terminal output of a run: the data, progress, tables of its result, and its folder; and the same in its log."""
 
-import json
 import logging
 import math
-import re
 import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -230,9 +228,7 @@ def show_checkpoint(path: Path, command: Sequence[str]) -> None:
     """Print the path of a trained model, and how to evaluate it on other data by the words of a command."""
     shown = str(relative(path))
     print_line(f"model    {shown}")
-    plain = re.fullmatch(r"[\w./-]+", shown, re.ASCII)
-    value = shown if plain else json.dumps(shown, ensure_ascii=False)  # as Hydra's grammar wants it
-    print_line(f"judge    {shlex.join([*command, f'checkpoint={value}'])} data=…")
+    print_line(f"judge    {shlex.join([*command, f'checkpoint={shown}'])} data=…")
 
 
 def relative(path: Path) -> Path:

@@ -1,7 +1,8 @@
 """A model of a run as a file for use elsewhere."""
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from contactlearn.cli.checkpoints import TrainedModel, load_model
@@ -24,7 +25,9 @@ _ROWS = 10  # of the self-test
 _JUDGED = 300  # impacts at most by which a scene is judged
 
 
-def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, without_residual: bool) -> str:
+def export_model(
+    run: str, to: str, out: str | None, data: Impacts | None, *, without_residual: bool, force: bool
+) -> str:
     """Write a model; return what was written, in a line or two.
 
     Args:
@@ -33,6 +36,7 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
         out: the file; impact.c or the like in this folder if None.
         data: impacts of the body, for its shape and for the self-test; those of the run if None.
         without_residual: whether processes are left out.
+        force: whether files that are there are replaced.
 
     Raises:
         ContactLearnError: the model has no such form, or the file cannot be written.
@@ -61,6 +65,7 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
         said.append(_differs(model, scene, judged))
     else:
         texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
+    refuse_existing(texts, force)
     for file, text in texts.items():
         try:
             with atomic_write(file) as part:
@@ -68,6 +73,17 @@ def export_model(run: str, to: str, out: str | None, data: Impacts | None, *, wi
         except OSError as error:
             raise DataError(f"{file}: cannot be written: {error.strerror}") from None
     return "\n".join([str(model), *said, f"written to {' and '.join(map(str, texts))}"])
+
+
+def refuse_existing(files: Iterable[str | os.PathLike[str]], force: bool) -> None:
+    """Raise for a file that would be replaced without a word.
+
+    Raises:
+        ContactLearnError: it is there, and `force` is not given.
+    """
+    for file in () if force else files:
+        if Path(file).exists():
+            raise ContactLearnError(f"{file} is there already and is not replaced; choose another name, or add --force")
 
 
 def _differs(model: ContactModel, scene: mujoco.Scene, impacts: Impacts) -> str:

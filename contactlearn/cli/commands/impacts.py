@@ -1,8 +1,6 @@
 """The impacts command: recordings to a table of impacts, a table of refusals, figures, and a page."""
 
 import re
-from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -37,8 +35,6 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     """
     table.check_suffix(out)
     found = find_recorded(source)
-    refusals = [replace(one, message=own_names(one.message, source.options)) for one in found.survey.refusals]
-    found = replace(found, survey=replace(found.survey, refusals=tuple(refusals)))
     table.save(found.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     columns = ["recording", "reason", "quantity", "value", "unit", "from", "to", "message"]
@@ -70,11 +66,6 @@ def find_recorded(source: SourceSettings) -> tracks.Tracked:
             return tracks.find(**source.options, progress=lambda parts: track(parts, "searching recordings", on_event))
         except TypeError as error:
             raise ContactLearnError(f"data: {error}") from None
-
-
-def own_names(text: str, settings: Iterable[str]) -> str:
-    """Return a text with the settings of data as the command impacts names them, without `data.`."""
-    return re.sub(rf"(?<![\w./])data\.(?=(?:{'|'.join(settings)})\b)", "", text)
 
 
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
