@@ -92,6 +92,8 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
     for word in words:
         if re.match(r"[+~]*hydra\.searchpath\b|[^=]*@[^=]*\bhydra\b", word):
             raise ContactLearnError(f"{word} would take configuration files unread; use --config-dir FOLDER")
+    several = options.multirun or any(re.fullmatch(r"[+]*hydra\.mode=MULTIRUN", word) for word in words)
+    options.multirun = several
     flags = [names[0] for names in _FLAGS if getattr(options, names[0].strip("-").replace("-", "_"))]
     flags += ["--shell-completion"] if options.shell_completion else []
     for name, *_ in _TAKING:
@@ -104,7 +106,6 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
         if folder is not None and not os.path.isdir(folder):
             raise ContactLearnError(f"{folder}: no such folder of configuration files")
     words += ["verbose=true"] if options.verbose else []
-    several = options.multirun or any(re.fullmatch(r"[+]*hydra\.mode=MULTIRUN", word) for word in words)
     return CommandLine(
         flags=tuple(flags),
         words=tuple(words),
@@ -183,6 +184,8 @@ def _quoted_path(word: str) -> str:
         return word
     if key.endswith("checkpoint") and value.startswith("[") and value.endswith("]"):
         return f"{key}=[{','.join(as_text(part.strip()) for part in value[1:-1].split(','))}]"
+    if key.lstrip("+").startswith("hydra."):  # Hydra sweeps over none of its own
+        return f"{key}={as_text(value)}"
     return f"{key}={','.join(part if _QUOTED.fullmatch(part) else as_text(part) for part in value.split(','))}"
 
 

@@ -15,6 +15,7 @@ effect that is chosen, and all that other packages announce, is imported.
 
 import ast
 import json
+import os
 import re
 import shlex
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -123,11 +124,12 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
         ContactLearnError: the folder RUN has no diagnosis, that of refused data, one with a class of another package
             that the command does not name, or one with data, law or effects that are no choices here.
     """
-    value = next((word.removeprefix("model=") for word in words if word.startswith("model=")), "")
+    given = next((word.removeprefix("model=") for word in words if word.startswith("model=")), "")
+    value = os.path.expanduser(given.strip("'\""))
     is_folder = bool(value) and ("/" in value or Path(value).is_dir())
     if command == "diagnose" or value in choices("model") or not is_folder:
         return list(words)
-    own = [word for word in words if word != f"model={value}"]
+    own = [word for word in words if word != f"model={given}"]
     typed = {word.partition("=")[0].lstrip("+~") for word in own}
     try:
         content = json.loads(Path(value, _DIAGNOSIS).read_text(encoding="utf-8"))
@@ -222,6 +224,8 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     if own and own[1] == "model" and own[2] in choices("model"):
         near = suggest(own[3].partition(".")[0], _content(Path(CONFIGS, "model", f"{own[2]}.yaml"))[own[2]])
         return f"unknown setting {own[0]!r}{near}; --help lists all settings"
+    if refused and refused[0].startswith("Could not delete") and refused[1] in _declared(command):
+        return f"{refused[1]} cannot be taken out; {refused[1]}=null where it may have no value"
     if refused:
         group, _, name = refused[1].partition(".")
         named = choices(group) if group in ("data", "law") else []

@@ -180,11 +180,11 @@ def _nothing_of(word: str) -> str:
         ContactLearnError: a part that no command can be without.
     """
     group = word.removeprefix("~").partition("=")[0]
-    if not word.startswith("~") or group not in ("effect", "model", "law", "data", "experiment"):
+    if not word.startswith("~") or group not in ("effect", "model", "law", "data"):
         return word
     if group in ("law", "data"):
         raise ContactLearnError(f"{word}: every command needs {group}; choose another with {group}=…")
-    return f"{group}=null" if group == "experiment" else f"{group}=[]"
+    return f"{group}=[]"
 
 
 def _given(words: Sequence[str]) -> set[str]:
