@@ -309,5 +309,5 @@ def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydr
             ) from error
     restrict_settings(cfg, config_name, words)
     check_targets(cfg, words)
-    OmegaConf.to_container(OmegaConf.masked_copy(cfg, [key for key in cfg if key != "hydra"]), resolve=True)
+    OmegaConf.to_container(OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"]), resolve=True)
     return cfg
