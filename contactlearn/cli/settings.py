@@ -49,6 +49,7 @@ from contactlearn.simulation import synthetic
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
 _PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
 _DROPS, _MU, _EPS = 5, 0.2, 0.5
+_LARGEST_SEED = 2**63 - 1  # that PyTorch's generators take
 _ROUNDING = 1e-9  # m/s and rad/s
 _NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
 Base = TypeVar("Base")
@@ -403,8 +404,9 @@ def parse_law(entry: Any, variant: str) -> Law | None:
 # Rules of single values
 
 
-def _whole(least: int) -> _Rule:
-    return lambda x: is_whole(x, least), f"a whole number, {least} or more"
+def _whole(least: int, most: int | None = None) -> _Rule:
+    rule = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
+    return lambda x: is_whole(x, least) and (most is None or x <= most), rule
 
 
 def _whole_or_null(rule: str) -> _Rule:
@@ -429,8 +431,8 @@ _RULES: Mapping[str, _Rule] = {
         lambda x: all(isinstance(one, str) for one in (x if isinstance(x, list) else [x])) or x is None,
         "a file or folder, or a list of them, such as [a/model.pt, b/model.pt]",
     ),
-    "seed": _whole(0),
-    "split_seed": _whole(0),
+    "seed": _whole(0, _LARGEST_SEED),
+    "split_seed": _whole(0, _LARGEST_SEED),
     "threads": _whole(1),
     "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
     "verbose": (lambda x: isinstance(x, bool), "true or false"),

@@ -38,6 +38,7 @@ from contactlearn.report.terminal import show_columns, show_mistakes
 from contactlearn.results.tables import SHOWN
 
 _TABLE = "contactlearn.data.table.load"
+_MIN_HELD_OUT = 2  # trials: the interval of an error is a bootstrap over them
 _USUAL = 120  # training trials of a subset where as many are there: the paper's number
 
 
@@ -190,6 +191,11 @@ def split(settings: SplitSettings) -> Split:
         raise DataError(
             f"{impacts.source}: train.size={size}, but {len(pool)} of {blocks.trials} trials are left to draw from "
             f"after holding out a share test={settings.test}; use train.size={len(pool)} or less"
+        )
+    if len(test) < _MIN_HELD_OUT:
+        raise DataError(
+            f"{impacts.source}: test={settings.test} holds out {len(test)} of {blocks.trials} trials, and an error of "
+            f"a single trial has no interval; use test={min(0.5, _MIN_HELD_OUT / blocks.trials):.2g} or more"
         )
     refuse_rest(test)
     return Split(
