@@ -103,7 +103,7 @@ def test_other_data_are_another_job(tmp_path):
         "model=analytical",
     )
     for seed in (1, 2):
-        run("contactlearn", "export", str(tmp_path / "drops.csv"), "data.size=60", f"data.seed={seed}")
+        run("contactlearn", "export", str(tmp_path / "drops.csv"), "--force", "data.size=60", f"data.seed={seed}")
         printed = run("train.py", "-m", *small, "law=mirtich", "hydra.sweep.dir=s", cwd=tmp_path)
         assert "before)" not in printed
     assert len(list(tmp_path.glob("s/*/done.json"))) == 2

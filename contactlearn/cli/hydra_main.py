@@ -39,7 +39,7 @@ from contactlearn.cli.config_files import (
     with_pluses,
 )
 from contactlearn.cli.config_security import check_targets
-from contactlearn.cli.sweeps.sweep import jobs_that_fit, register_resolvers, sweep
+from contactlearn.cli.sweeps.sweep import is_interruption, jobs_that_fit, register_resolvers, sweep
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.signals import defer_interrupts, graceful_exit, prepare_process
 
@@ -202,7 +202,7 @@ def _one_message(command: str) -> Generator[None]:
     except BrokenPipeError:
         raise
     except Exception as error:
-        if _interrupted(error):  # OmegaConf answers an interruption with an error of its own
+        if is_interruption(error):  # OmegaConf answers an interruption with an error of its own
             raise KeyboardInterrupt from error
         if before == "1" or not isinstance(
             error, ContactLearnError | HydraException | OmegaConfBaseException | OSError
@@ -219,11 +219,6 @@ def _one_message(command: str) -> Generator[None]:
         _end(f"error: {message}", 2)
     finally:
         os.environ.pop(_FULL) if before is None else os.environ.update({_FULL: before})
-
-
-def _interrupted(error: BaseException | None) -> bool:
-    """Whether an error came in place of Ctrl-C or SIGTERM."""
-    return error is not None and (isinstance(error, KeyboardInterrupt) or _interrupted(error.__context__))
 
 
 def _end(message: str, status: int) -> NoReturn:

@@ -74,6 +74,8 @@ def sweep(hydra: DictConfig, swept: Sequence[str]) -> Generator[Path]:
     except (HydraException, OmegaConfBaseException):  # a word that is wrong in one of the jobs
         raise
     except Exception as error:  # a launcher's own, or of a job that could not leave its reason
+        if is_interruption(error):
+            raise
         from contactlearn.cli.reasons import reason
 
         _show(folder, start)
@@ -82,6 +84,11 @@ def sweep(hydra: DictConfig, swept: Sequence[str]) -> Generator[Path]:
     if _show(folder, start):
         print(again, file=sys.stderr)
         sys.exit(1)
+
+
+def is_interruption(error: BaseException | None) -> bool:
+    """Whether an error came in place of Ctrl-C or SIGTERM."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or is_interruption(error.__context__))
 
 
 def _new(folder: Path) -> Path:
