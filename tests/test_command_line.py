@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import run
 
-from contactlearn.cli.command_line import as_text, parse_command_line, quoted
+from contactlearn.cli.command_line import parse_command_line, quoted, quoted_path
 from contactlearn.cli.hydra_main import compose
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
@@ -44,7 +44,7 @@ def test_a_path_is_what_the_shell_gives(name, here):
     ):
         cfg = compose("train", ["data=table", f"data.path={given}"])
         assert cfg.data.path == path
-        cfg = compose("evaluate", ["data=table", f"checkpoint={given}", f"data.path={as_text(name)}"])
+        cfg = compose("evaluate", ["data=table", f"checkpoint={given}", f"data.path={quoted_path(name)}"])
         assert (cfg.checkpoint, cfg.data.path) == (path, name)
 
 

@@ -179,17 +179,17 @@ def _quoted_path(word: str) -> str:
     if _QUOTED.fullmatch(value) and not os.path.exists(_home(value)):
         return f"{key}={value[0]}{_home(value[1:-1])}{value[-1]}"
     if os.path.exists(_home(value)):
-        return f"{key}={as_text(value)}"
+        return f"{key}={quoted_path(value)}"
     if "${" in value or _CALL.fullmatch(value):
         return word
     if key.endswith("checkpoint") and value.startswith("[") and value.endswith("]"):
-        return f"{key}=[{','.join(as_text(part.strip()) for part in value[1:-1].split(','))}]"
+        return f"{key}=[{','.join(quoted_path(part.strip()) for part in value[1:-1].split(','))}]"
     if key.lstrip("+").startswith("hydra."):  # Hydra sweeps over none of its own
-        return f"{key}={as_text(value)}"
-    return f"{key}={','.join(part if _QUOTED.fullmatch(part) else as_text(part) for part in value.split(','))}"
+        return f"{key}={quoted_path(value)}"
+    return f"{key}={','.join(part if _QUOTED.fullmatch(part) else quoted_path(part) for part in value.split(','))}"
 
 
-def as_text(path: str) -> str:
+def quoted_path(path: str) -> str:
     """Return a path as a quoted text of Hydra's grammar, with the home folder for `~`."""
     text = _home(path).replace("${", "\\${")
     return (

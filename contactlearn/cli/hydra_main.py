@@ -25,7 +25,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.command_line import CommandLine, as_text, one_of_each, parse_command_line, quoted
+from contactlearn.cli.command_line import CommandLine, one_of_each, parse_command_line, quoted, quoted_path
 from contactlearn.cli.config_files import (
     CONFIGS,
     check_choices,
@@ -137,7 +137,7 @@ def _sweep(run: Callable[[], None], command: str, words: list[str], line: Comman
     params = OmegaConf.select(cfg, "hydra.sweeper.params") or {}
     keys = [*swept, *map(str, params)]
     with sweep(cfg.hydra, keys) as folder:
-        sys.argv += [f"hydra.sweep.dir={as_text(str(folder))}"]
+        sys.argv += [f"hydra.sweep.dir={quoted_path(str(folder))}"]
         if "contactlearn.job" in str(OmegaConf.to_container(cfg.hydra.sweep, resolve=False)):
             named = ",".join(json.dumps(key) for key in keys)
             sys.argv += [f"hydra.sweep.subdir='${{contactlearn.job:{named}}}'"]

@@ -140,7 +140,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
             if read_failed(folder) is None:  # as on a full disk
                 raise ContactLearnError(reason(error)) from error  # which every process can unpickle
             return math.inf
-        return held_out_error(folder)
+        return objective(folder)
 
 
 def _run(
@@ -186,7 +186,7 @@ def _is_beside_others(hydra: DictConfig) -> bool:
     return hydra.mode == RunMode.MULTIRUN and not str(hydra.launcher._target_).endswith("BasicLauncher")
 
 
-def held_out_error(folder: Path) -> float | None:
+def objective(folder: Path) -> float | None:
     """Return the held-out error of a finished run's own model, in the norm of the run; None without one."""
     with suppress(ContactLearnError):
         (run,), _ = read_runs([folder])
