@@ -192,11 +192,11 @@ def test_init_refuses(drops, words, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: [", "mydata.yaml: cannot be read as YAML"),
+        ("a: [", "mydata.yaml: a configuration file is not YAML"),
         ("path: drops.csv", "mydata.yaml: is no source of data; it begins with _target_: contactlearn.data.table.load"),
         ("_target_: os.system\npath: ls", "mydata.yaml: is no source of data"),
         ("_target_: contactlearn.data.table.load\nunit: mm", "setting in mydata.yaml: 'unit', did you mean 'units'?"),
-        ("- 1", "mydata.yaml: is no source of data"),
+        ("- 1", "mydata.yaml: must hold settings by name"),
     ],
 )
 def test_a_file_of_settings_is_checked(tmp_path, monkeypatch, text, message):
