@@ -78,6 +78,8 @@ class BodyState:
     def _numbers(self, name: str) -> Tensor:
         given = getattr(self, name)
         try:
+            if isinstance(given, list | tuple) and any(isinstance(part, Tensor) for part in given):
+                given = torch.stack(torch.broadcast_tensors(*(torch.as_tensor(x, dtype=torch.float64) for x in given)))
             return torch.as_tensor(given, dtype=torch.float64)
         except (TypeError, ValueError, RuntimeError):
             raise DataError(f"{name} of a body's state must be numbers, got {given!r}") from None

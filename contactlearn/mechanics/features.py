@@ -58,9 +58,8 @@ def _x1(impacts: "Impacts") -> tuple[Tensor, ...]:
     axes = impacts.slip_axes[:, :d, :d]
     M_c = axes.mT @ rigid_body.effective_inertia(impacts.W) @ axes
     size = M_c.diagonal(dim1=-2, dim2=-1).sqrt()
-    M_c = torch.where(
-        M_c.abs() < 1e-12 * size[:, :, None] * size[:, None], 0.0, M_c
-    )  # a disc's M_c,tn, but for rounding
+    rounding = M_c.abs() < 1e-12 * size[:, :, None] * size[:, None]
+    M_c = torch.where(rounding, M_c - M_c.detach(), M_c)  # a disc's M_c,tn is 0, and has a slope
     rows, columns = torch.triu_indices(d, d)
     v = _along_slip(impacts, impacts.v_c)
     return *M_c[:, rows, columns].unbind(-1), v[:, 0], v[:, -1]

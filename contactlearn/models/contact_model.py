@@ -225,10 +225,12 @@ class ContactModel:
         under = self.under
         if under.parameter_covariance is not None and self.parameters is None:
             shape = predicted.v_post.shape[:-1]
-            own = [value.expand(shape).clone().requires_grad_() for value in under.values]
-            with torch.enable_grad():
-                moved = under.at(own)
-                slope = derivative(resolve(moved.law, moved.effects, State.of(impacts), *own[:2]).v_post, own)
+
+            def outcome(*values: Tensor) -> Tensor:
+                moved = under.at(values)
+                return resolve(moved.law, moved.effects, State.of(impacts), *values[:2]).v_post
+
+            _, slope = linearised(outcome, [value.expand(shape) for value in under.values])
             parts.append(slope @ under.parameter_covariance[..., None, :, :] @ slope.mT)
         if not parts:
             raise ContactLearnError(
@@ -466,18 +468,20 @@ def wrench_per_parameter(
     law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
 ) -> Tensor:
     """Derivative [..., N, 3, 2] of the wrench in (μ, ε) at parameters [..., N, 2] of each impact's own."""
-    own = [part.clone().requires_grad_() for part in _clamped(*parameters.unbind(-1))]
-    with torch.enable_grad():
-        return derivative(resolve(law, effects, State.of(impacts), *own).wrench, own)
+    state = State.of(impacts)
+    _, slope = linearised(lambda *own: resolve(law, effects, state, *own).wrench, _clamped(*parameters.unbind(-1)))
+    return slope
 
 
-def derivative(outcome: Tensor, parameters: Sequence[Tensor]) -> Tensor:
-    """Derivative [..., N, D, K] of outcomes [..., N, D] in parameters [..., N] of their own impacts alone."""
-    size = outcome.shape[-1]
-    each = torch.eye(size).to(outcome).expand(*outcome.shape[:-1], size, size).movedim(-2, 0)
-    rows = torch.autograd.grad(outcome, parameters, each, is_grads_batched=True, allow_unused=True)
-    flat = [outcome.new_zeros(size, *p.shape) if row is None else row for row, p in zip(rows, parameters, strict=True)]
-    return torch.stack(flat, -1).movedim(0, -2)
+def linearised(outcome: Callable[..., Tensor], parameters: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+    """Outcomes [..., N, D], and their derivative [..., N, D, K] in parameters [..., N] of their own impacts alone.
+
+    Both can be differentiated in the parameters and in whatever else the outcomes depend on.
+    """
+    value, back, *_ = torch.func.vjp(outcome, *parameters)
+    size = value.shape[-1]
+    each = torch.eye(size).to(value).expand(*value.shape[:-1], size, size).movedim(-2, 0)
+    return value, torch.stack(torch.vmap(back)(each), -1).movedim(0, -2)
 
 
 def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

@@ -237,7 +237,8 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
     flights = [flight]
     times = torch.full((n, until.bounces), math.nan, dtype=torch.float64)
     poses, before, after = (times.new_full((*times.shape, x.shape[-1]), math.nan) for x in (pose, velocity, velocity))
-    end, fast = torch.zeros(2, n, dtype=torch.float64)  # fast: when the body was last faster than one at rest
+    end = torch.zeros(n, dtype=torch.float64)
+    fast = torch.zeros_like(end)  # when the body was last faster than one at rest
     ended, contacts, resting = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.int64), rows < 0
     while len(rows):
         gap = partial(bodies.gap_of, rows)
@@ -384,7 +385,8 @@ def _contact_times(
         left, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
     while len(left):
         part = flight.of(left)
-        now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
+        with torch.no_grad():  # Newton's method gives the derivatives
+            now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
         part, moved, height, speed = part.later(now), *torch.zeros(3, len(now), dtype=torch.float64)
         for _ in range(6):
             height, speed = gap(left, *part.after(moved))

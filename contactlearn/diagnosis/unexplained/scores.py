@@ -22,7 +22,7 @@ from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
-from contactlearn.models.contact_model import derivative, resolve
+from contactlearn.models.contact_model import linearised, resolve
 
 _MANY = 100  # trials from which on the trial's own state is projected out
 _SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
@@ -135,9 +135,12 @@ def attenuation_regressors(impacts: Impacts, fit: Fit, options: FitOptions) -> F
     noticeable = len(impacts) * fit.scatter.diagonal() > _NOTICEABLE**2 * centred.square().mean(0)
     if not noticeable.any():
         return none
-    model, own = fit.model, [part.clone().requires_grad_() for part in impacts.v_pre.unbind(-1)]
-    with torch.enable_grad():
-        state = State.of(impacts).replace(v_pre=torch.stack(own, -1))
-        slope = derivative(resolve(model.law, model.effects, state, *model.law.coefficients).v_post, own)
+    model, state = fit.model, State.of(impacts)
+
+    def outcome(*v_pre: Tensor) -> Tensor:
+        moved = state.replace(v_pre=torch.stack(v_pre, -1))
+        return resolve(model.law, model.effects, moved, *model.law.coefficients).v_post
+
+    _, slope = linearised(outcome, impacts.v_pre.unbind(-1))
     columns = (slope[:, :, noticeable, None] * (centred / centred.std(0).clamp_min(1e-300))[:, None, None]).flatten(2)
     return torch.linalg.solve_triangular(torch.linalg.cholesky(fit.scatter), columns, upper=False)

@@ -18,7 +18,7 @@ from torch import Tensor
 from contactlearn.effects import Effect, Parameter, State
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.models.contact_model import derivative, resolve
+from contactlearn.models.contact_model import linearised, resolve
 
 
 def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect]:
@@ -104,11 +104,7 @@ class JointProblem:
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
         """Residual [B, n, D], and its derivative [B, n, D, K], at parameters [B, K]."""
         own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
-        own = [part.clone().requires_grad_() for part in own.unbind(-1)]
-        with torch.enable_grad():
-            residual = self.residual(torch.stack(own, -1))
-            slope = derivative(residual, own)
-        return residual.detach(), slope
+        return linearised(lambda *parts: self.residual(torch.stack(parts, -1)), own.unbind(-1))
 
     def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
         """Outcome [..., B, n, D] as the target, from v_pre [..., B, n, D] at parameters [..., B, n or 1, K]."""

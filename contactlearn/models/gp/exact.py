@@ -139,7 +139,6 @@ class ExactGPs(GaussianProcesses):
         self.eval()
         return fit
 
-    @torch.no_grad()
     def predict(self, x: Float[Tensor, "*batch n d"]) -> tuple[Float[Tensor, "*more o n"], Float[Tensor, "*more o n"]]:
         """Mean and variance [..., O, N] of the noise-free functions at standardised x [..., N, D].
 
@@ -151,17 +150,14 @@ class ExactGPs(GaussianProcesses):
         variance = self.covar_module(x, diag=True) - half.square().sum(-2)
         return self.mean_module(x) + (half.mT @ rest)[..., 0], variance.clamp_min(0)
 
-    @torch.no_grad()
     def mean(self) -> Callable[[Float[Tensor, "*batch n d"]], Float[Tensor, "*more o n"]]:
         """Return the mean [..., O, N] as a function of standardised x [..., N, D], for a fraction of the time."""
         return partial(self._mean, torch.cholesky_solve(self.centred()[..., None], self._cholesky()))
 
-    @torch.no_grad()
     def _mean(self, weights: Float[Tensor, "*batch o n 1"], x: Float[Tensor, "*batch n d"]) -> Tensor:
         x = for_each_output(x, self.train_targets.shape[:-1])
         return self.mean_module(x) + (self._cross(x) @ weights)[..., 0]
 
-    @torch.no_grad()
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
         """Error y − ŷ of each training point if it were left out, and the variance of ŷ, [..., O, n] each.
 

@@ -97,6 +97,20 @@ class GaussianProcesses(gpytorch.models.ExactGP):
         if options.prior:
             _register_priors(self)
         self.to(y)
+        self._fix()
+
+    def train(self, mode: bool = True) -> Self:
+        """Make the hyperparameters variables while they are trained, and constants of the posterior.
+
+        A prediction then carries derivatives in its inputs alone, and none where no input asks for them.
+        """
+        for name, parameter in self.named_parameters():
+            parameter.requires_grad_(mode and name not in self._fixed)
+        return super().train(mode)
+
+    def _fix(self) -> None:
+        """Remember which parameters the training leaves as they are."""
+        self._fixed = {name for name, parameter in self.named_parameters() if not parameter.requires_grad}
 
     def forward(self, x: Tensor) -> MultivariateNormal:
         """Prior of the processes at x [..., O, N, D]."""
@@ -150,7 +164,7 @@ class GaussianProcesses(gpytorch.models.ExactGP):
 
     def free_parameters(self) -> list[torch.nn.Parameter]:
         """Parameters that the training finds."""
-        return [parameter for parameter in self.parameters() if parameter.requires_grad]
+        return [parameter for name, parameter in self.named_parameters() if name not in self._fixed]
 
     @torch.no_grad()
     def hyperparameters(self) -> Float[Tensor, "*batch o p"]:

@@ -50,6 +50,7 @@ class SparseGPs(GaussianProcesses):
         (x,) = self.train_inputs
         self.covar_module = InducingPointKernel(self.covar_module, x[..., :INDUCING, :].clone(), self.likelihood)
         self.covar_module.inducing_points.requires_grad_(False)
+        self._fix()
         self._known: tuple[Tensor, Tensor, Tensor] | None = None
 
     @property
@@ -84,7 +85,6 @@ class SparseGPs(GaussianProcesses):
         sample.copy_to(self.eval())
         return fit
 
-    @torch.no_grad()
     def predict(self, x: Float[Tensor, "*batch n d"]) -> tuple[Float[Tensor, "*more o n"], Float[Tensor, "*more o n"]]:
         """Mean and variance [..., O, N] of the noise-free functions at standardised x [..., N, D].
 
@@ -93,7 +93,6 @@ class SparseGPs(GaussianProcesses):
         mean, inside, outside = self._posterior(for_each_output(x, self.train_targets.shape[:-1]))
         return mean, inside + outside
 
-    @torch.no_grad()
     def leave_one_out(self) -> tuple[Float[Tensor, "*batch o n"], Float[Tensor, "*batch o n"]]:
         """Error y − ŷ of each training point if it were left out, and the variance of ŷ, [..., O, n] each.
 
@@ -120,7 +119,7 @@ class SparseGPs(GaussianProcesses):
 
     def _projection(self) -> Callable[[Tensor], Tensor]:
         """x ↦ A = L⁻¹ K_zx [..., M, n] with K_zz = L Lᵀ, so that Q = Aᵀ A."""
-        z = self.covar_module.inducing_points
+        z = self.covar_module.inducing_points.detach()  # in a copy by `deepcopy` GPyTorch lets them vary again
         K = self.kernel(z, z).to_dense()
         L = psd_safe_cholesky(K * (1 + _JITTER * torch.eye(K.shape[-1]).to(K)))
         return lambda x: solve_triangular(L, self.kernel(z, x).to_dense(), upper=False)
