@@ -218,6 +218,147 @@ def test_what_does_not_fit_is_refused_in_one_line(parts, fragment):
     assert "\n" not in str(caught.value)
 
 
+K = "gpytorch.kernels."
+RBF = {"_target_": f"{K}RBFKernel"}
+ARGUMENTS = {
+    "AdditiveKernel": {"_args_": [RBF, {"_target_": f"{K}LinearKernel"}]},
+    "AdditiveStructureKernel": {"base_kernel": RBF},
+    "ArcKernel": {"base_kernel": RBF},
+    "ConstantKernel": {},
+    "CosineKernel": {"active_dims": ["b"]},
+    "LinearKernel": {},
+    "MaternKernel": {},
+    "PeriodicKernel": {},
+    "PiecewisePolynomialKernel": {},
+    "PolynomialKernel": {"power": 2},
+    "ProductKernel": {"_args_": [RBF, {"_target_": f"{K}LinearKernel"}]},
+    "ProductStructureKernel": {"base_kernel": RBF},
+    "RBFKernel": {},
+    "RFFKernel": {"num_samples": 20},
+    "RQKernel": {},
+    "ScaleKernel": {"base_kernel": RBF},
+    "SpectralDeltaKernel": {"num_deltas": 10},
+    "SpectralMixtureKernel": {"num_mixtures": 2},
+}
+EVERY = [
+    name
+    for name, kind in vars(gpytorch.kernels).items()
+    if isinstance(kind, type) and issubclass(kind, gpytorch.kernels.Kernel)
+]
+deprecated = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+def trained(kernel: dict, **parts) -> ExactGPs:
+    """Processes after three rounds, with the derivative of their mean checked against a difference."""
+    x, y = problem(n=20)
+    gps = ExactGPs(x, y, options=options(kernel=kernel, optimiser={"starts": 1, "iterations": 3}, **parts))
+    assert gps.fit().loss.isfinite().all()
+    at = (x[:, :1] + 0.1).requires_grad_()
+    mean, variance = gps.predict(at)
+    assert variance.isfinite().all()
+    if not mean.requires_grad:  # the same everywhere
+        assert type(gps.kernel.base_kernel) is gpytorch.kernels.ConstantKernel
+        return gps
+    (slope,) = torch.autograd.grad(mean.sum(), at)
+    near, far = ((gps.predict(at.detach() + k)[0] - gps.predict(at.detach() - k)[0]).sum() for k in (1e-5, 2e-5))
+    close(slope.sum(), (8 * near - far) / 12e-5, rtol=1e-6, atol=1e-6)
+    return gps
+
+
+@deprecated
+@pytest.mark.parametrize("name", EVERY)
+def test_every_kernel_of_gpytorch_works_or_says_why_not(name):
+    if name in ARGUMENTS:
+        trained({"_target_": K + name} | ARGUMENTS[name])
+    else:
+        with pytest.raises(ContactLearnError, match=f"kernel: {name} {modules.NOT_FOR_FEATURES[name]}"):
+            options(kernel={"_target_": K + name})
+
+
+@deprecated
+@pytest.mark.parametrize("around", ["AdditiveKernel", "ProductKernel", "ScaleKernel"])
+@pytest.mark.parametrize(
+    "name", ["CosineKernel", "PeriodicKernel", "LinearKernel", "RFFKernel", "SpectralMixtureKernel"]
+)
+def test_kernels_work_in_sums_and_products(name, around):
+    inner = {"_target_": K + name} | ARGUMENTS[name]
+    parts = (
+        {"base_kernel": inner} if around == "ScaleKernel" else {"_args_": [inner, RBF | {"active_dims": ["a", "c"]}]}
+    )
+    trained({"_target_": K + around} | parts)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        {"_target_": f"{K}CosineKernel"},
+        {"_target_": f"{K}AdditiveKernel", "_args_": [{"_target_": f"{K}CosineKernel", "active_dims": [0, 1]}, RBF]},
+        {"_target_": f"{K}ProductKernel", "_args_": [{"_target_": f"{K}CosineKernel"}, RBF]},
+    ],
+    ids=["alone", "sum", "product"],
+)
+def test_a_cosine_of_distances_among_several_features_is_no_covariance(kernel):
+    with pytest.raises(ContactLearnError, match=r"kernel: is no covariance of 3 features: .* an eigenvalue -"):
+        options(kernel=kernel)
+
+
+PRIORS = {
+    "GammaPrior": {"concentration": 3.0, "rate": 6.0},
+    "HalfCauchyPrior": {"scale": 1.0},
+    "HalfNormalPrior": {"scale": 1.0},
+    "HorseshoePrior": {"scale": 1.0},
+    "LogNormalPrior": {"loc": 0.0, "scale": 1.0},
+    "MultivariateNormalPrior": {"loc": [0.0] * 3, "covariance_matrix": [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]},
+    "NormalPrior": {"loc": 1.0, "scale": 1.0},
+    "SmoothedBoxPrior": {"a": 0.1, "b": 10.0},
+    "UniformPrior": {"a": 0.0, "b": 2.0},
+}
+
+
+@pytest.mark.parametrize("name", PRIORS)
+def test_priors_of_length_scales_are_part_of_the_objective(name):
+    prior = {"_target_": f"gpytorch.priors.{name}"} | PRIORS[name]
+    gps = trained(RBF | {"lengthscale_prior": prior}, prior=False)
+    length = gps.kernel.base_kernel.lengthscale
+    density = gps.kernel.base_kernel.lengthscale_prior.log_prob(length).reshape(2, 2, -1).sum(-1)
+    plain = ExactGPs(*problem(n=20), options=options(kernel=RBF, prior=False))
+    for part in ("raw_lengthscale", "raw_outputscale", "raw_noise"):
+        values = (dict(one.named_parameters()) for one in (gps, plain))
+        own, others = ({key: v for key, v in each.items() if key.endswith(part)} for each in values)
+        for key, value in own.items():
+            others[key].data.copy_(value.data)
+    close(losses(gps.train()), losses(plain.train()) - density / 20)
+    assert name != "UniformPrior" or length.max() < 2
+
+
+@pytest.mark.parametrize(("rate", "most"), [(0.001, 10), (0.1, 300)], ids=["far", "near"])
+def test_an_optimiser_of_pytorch_says_how_far_it_is_from_an_optimum(rate, most):
+    adam = {"_target_": "torch.optim.Adam", "lr": rate, "starts": 1, "iterations": most}
+    model = learn(Recipe("x1", "wrench", processes=ProcessOptions(optimiser=adam)), IMPACTS, ROWS)
+    best = learn(Recipe("x1", "wrench", processes=ProcessOptions(kernel=RBF, optimiser={"starts": 1})), IMPACTS, ROWS)
+    fit, gps = model.processes.training, model.processes.gps
+    assert fit.gap is not None
+    close(fit.gap, fit.loss - best.processes.training.loss, rtol=0, atol=2e-3)
+    close(losses(gps.train()), fit.loss)
+    far = rate < 0.01
+    assert (fit.gap > 0.1).all() == far
+    assert not (far and fit.converged.any())
+    assert f"{fit.gap.max().item():.2g} nats a trial short of an optimum" in model.processes.kind
+
+
+def test_random_features_are_the_same_again_and_in_a_checkpoint(tmp_path):
+    recipe = Recipe("x1", "wrench", processes=options_of("RFFKernel"))
+    models = [learn(recipe, IMPACTS, ROWS) for _ in range(2)]
+    models.append(checkpoint.load(checkpoint.save(models[0], tmp_path / "model.pt", provenance={}))[0])
+    for other in models[1:]:
+        assert torch.equal(other.predict(IMPACTS).v_post, models[0].predict(IMPACTS).v_post)
+    close(losses(models[0].processes.gps.train()), models[0].processes.training.loss)
+
+
+def options_of(name: str) -> ProcessOptions:
+    return ProcessOptions(kernel={"_target_": K + name} | ARGUMENTS[name], optimiser={"starts": 2, "iterations": 3})
+
+
 def test_fixed_noise_is_that_of_the_covariances():
     fixed = ProcessOptions(likelihood={"_target_": "gpytorch.likelihoods.FixedNoiseGaussianLikelihood"})
     recipe = Recipe("x2", "impulse", processes=fixed)

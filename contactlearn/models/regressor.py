@@ -80,7 +80,13 @@ class Regressor:
         gps = family(inputs.apply(x), outputs.apply(values).mT, weight, options, noise)
         untrained = cls(space, inputs, outputs, gps)
         report = None if on_round is None else lambda status: on_round(replace(untrained, status=status))
-        return replace(untrained, status=gps.fit(like and like.gps, on_round=report))
+        try:
+            return replace(untrained, status=gps.fit(like and like.gps, on_round=report))
+        except (RuntimeError, ValueError) as error:
+            if isinstance(error, ContactLearnError) or not str(options):  # not of a module that a user chose
+                raise
+            seen = " ".join(str(error).split())
+            raise ContactLearnError(f"processes{options} cannot be trained: {seen}") from error
 
     @property
     def training(self) -> "Fit":
@@ -103,12 +109,16 @@ class Regressor:
         """Exact processes, or sparse ones and why; and how they are trained, with modules that are not the default."""
         from contactlearn.models.gp.exact import ExactGPs
 
+        gap = None if self.status is None else self.status.gap
+        end = "" if gap is None else f", {gap.max().item():.2g} nats a trial short of an optimum"
         if isinstance(self.gps, ExactGPs):
             path = "closed form" if self.gps.has_closed_form else "GPyTorch"
-            return f"exact{self.gps.options}; {self.objective} maximised by {path}"
+            return f"exact{self.gps.options}; {self.objective} maximised by {path}{end}"
         points = self.gps.covar_module.inducing_points.shape[-2]
         why = f"since there are more than {EXACT_LIMIT} training trials"
-        return f"sparse ({points} inducing points){self.gps.options}, {why}; {self.objective} maximised by GPyTorch"
+        return (
+            f"sparse ({points} inducing points){self.gps.options}, {why}; {self.objective} maximised by GPyTorch{end}"
+        )
 
     def predict(self, impacts: Impacts) -> tuple[Float[Tensor, "*batch n o"], Float[Tensor, "*batch n o"]]:
         """Mean and variance [..., N, O], without the noise of a measurement, in the values' units."""

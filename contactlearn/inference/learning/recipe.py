@@ -100,10 +100,13 @@ class Recipe:
             names, *in_space = filter(None, (SPACES[self.features].columns, SPACES[self.features].in_space))
             try:
                 checked_options(self.processes, list(names))
-            except ContactLearnError:  # names of features in space, perhaps
+            except ContactLearnError as error:  # names of features in space, perhaps
                 if not in_space:
                     raise
-                checked_options(self.processes, list(in_space[0]))
+                try:
+                    checked_options(self.processes, list(in_space[0]))
+                except ContactLearnError:
+                    raise error from None
 
     @classmethod
     def of(cls, model: ContactModel) -> "Recipe":

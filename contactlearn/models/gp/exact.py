@@ -18,6 +18,7 @@ from gpytorch.kernels import RBFKernel, ScaleKernel
 from gpytorch.means import ZeroMean
 from jaxtyping import Float
 from linear_operator.utils.cholesky import psd_safe_cholesky
+from linear_operator.utils.errors import NanError, NotPSDError
 from threadpoolctl import ThreadpoolController
 from torch import Tensor
 
@@ -46,6 +47,7 @@ from contactlearn.models.process_options import ITERATIONS, STARTS, ProcessOptio
 _PARTS = 4  # of the processes, that cores share
 _SHORT, _LONG = 0.2, 20.0  # lengths of a function of one input, of standardised inputs
 _SEARCHED = 200  # points of a fold on which the hyperparameters of all are searched for
+_ROUNDING = 1e-8  # of an eigenvalue
 _OF_FOLDS = 3e-4  # nats a point, tolerance of the folds: their held-out errors are within 0.6 %, for 70 % of the time
 
 
@@ -174,9 +176,14 @@ class ExactGPs(GaussianProcesses):
 
     def _cholesky(self) -> Tensor:
         """Factor of the training covariance with noise, [..., O, n, n]."""
-        return psd_safe_cholesky(
-            self.covar_module(*self.train_inputs).to_dense() + torch.diag_embed(self.noise_variance())
-        )
+        K = self.covar_module(*self.train_inputs).to_dense() + torch.diag_embed(self.noise_variance())
+        try:
+            return psd_safe_cholesky(K)
+        except (NanError, NotPSDError) as error:
+            raise ContactLearnError(
+                f"the covariance of the training trials{self.options} is not positive definite where the search ended; "
+                "take another kernel, or more noise"
+            ) from error
 
 
 def _ends(
@@ -256,6 +263,8 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
             checked[part] = resolved_optimiser(description) if of_torch else resolved(description, columns, f"{part}s")
             gps = ExactGPs(x, y, None, ProcessOptions(**checked), torch.full_like(y, 0.1))
             losses(gps.train()).sum().backward()
+            if part == "kernel":
+                _refuse_indefinite(gps.eval())
         except ContactLearnError as error:
             raise ContactLearnError(f"{part}: {error}") from error
         except Exception as error:  # whatever a module may raise
@@ -264,3 +273,18 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
         if shared := [name for name, one in gps.named_parameters() if one.shape[:1] != y.shape[:1]]:
             raise ContactLearnError(f"{part}: its class must take batch_shape and make use of it; {shared[0]} has none")
     return replace(options, **checked)
+
+
+def _refuse_indefinite(gps: ExactGPs) -> None:
+    """Refuse a kernel that is no covariance, such as a cosine of distances among several features."""
+    D = gps.train_inputs[0].shape[-1]
+    x = torch.randn(4, 60, D, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    x = x * torch.tensor([0.1, 0.3, 1.0, 3.0], dtype=torch.float64)[:, None, None]
+    more = torch.cat((x, x[:, :1]), 1)  # of a matrix that is not square GPyTorch takes no roots, which would hide it
+    K = torch.stack([gps.covar_module(*pair).to_dense()[0, :, :-1] for pair in zip(x, more, strict=True)])
+    values = torch.linalg.eigvalsh(K)
+    if (share := (values[:, 0] / values[:, -1]).min().item()) < -_ROUNDING:
+        raise ContactLearnError(
+            f"is no covariance of {D} features: of 60 points its matrix has an eigenvalue {share:.2g} times the "
+            "greatest; give it a single feature, such as active_dims: [0], or take another kernel"
+        )

@@ -6,8 +6,9 @@ under `_args_`, and other modules as descriptions of their own.
     {"_target_": "gpytorch.kernels.MaternKernel", "nu": 1.5}
 
 A class is found among GPyTorch's own kernels, means, likelihoods, priors and constraints, and among subclasses of these
-that have been imported already: a description never imports anything.  `batch_shape`, `ard_num_dims`, `input_size` and
-the fixed `noise` of a likelihood are filled in where a class takes them and the description leaves them out.
+that have been imported already: a description never imports anything.  `batch_shape`, `ard_num_dims`, `num_dims`,
+`input_size` and the fixed `noise` of a likelihood are filled in where a class takes them and the description leaves
+them out.
 """
 
 import inspect
@@ -27,6 +28,31 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import is_whole
 
 _PACKAGES = {"kernels": Kernel, "means": Mean, "likelihoods": Likelihood, "priors": Prior, "constraints": Interval}
+_OF_DERIVATIVES = "is of a function and its derivatives, and no derivative is measured"
+_OF_TASKS = "is of several tasks by their numbers, and each output has processes of its own"
+_OF_DISTRIBUTIONS = "is of distributions, and features are numbers"
+_APPROXIMATE = "approximates another kernel; take that one: beyond 2000 trials the processes are sparse by themselves"
+NOT_FOR_FEATURES = {
+    "CylindricalKernel": "is defined within the unit ball, and standardised features lie outside",
+    "DistributionalInputKernel": _OF_DISTRIBUTIONS,
+    "GaussianSymmetrizedKLKernel": _OF_DISTRIBUTIONS,
+    "GridInterpolationKernel": _APPROXIMATE,
+    "GridKernel": _APPROXIMATE,
+    "HammingIMQKernel": "is of sequences of letters, and features are numbers",
+    "IndexKernel": _OF_TASKS,
+    "InducingPointKernel": _APPROXIMATE,
+    "Kernel": "is the base of all kernels",
+    "LCMKernel": _OF_TASKS,
+    "Matern52KernelGrad": _OF_DERIVATIVES,
+    "MultiDeviceKernel": "shares the work among GPUs; take the kernel in it, and device=cuda",
+    "MultitaskKernel": _OF_TASKS,
+    "NewtonGirardAdditiveKernel": "computes in single precision; take AdditiveStructureKernel",
+    "PolynomialKernelGrad": _OF_DERIVATIVES,
+    "RBFKernelGrad": _OF_DERIVATIVES,
+    "RBFKernelGradGrad": _OF_DERIVATIVES,
+}
+"""Kernels of GPyTorch that processes on features cannot have, and why."""
+
 _LARGEST = 10_000  # of a whole number: a shared description must not fill the memory
 
 
@@ -87,6 +113,8 @@ def resolved(description: Mapping[str, Any], columns: Sequence[str], package: st
     kind = find(description["_target_"])
     if package is not None and not issubclass(kind, _PACKAGES[package]):
         raise ContactLearnError(f"must be a class of gpytorch.{package}, got {dotted_name(kind)}")
+    if kind.__module__.startswith("gpytorch.") and (reason := NOT_FOR_FEATURES.get(kind.__name__)):
+        raise ContactLearnError(f"{kind.__name__} {reason}")
     classes: dict[str, Any] = {"_target_": kind}
     for name, value in description.items():
         if name not in ("_target_", "_args_") and name not in (known := _parameters(kind)):
@@ -163,15 +191,18 @@ def build(description: Mapping[str, Any], filled: Mapping[str, Any]) -> Any:
 
     Args:
         description: see `resolved`.
-        filled: arguments for classes that take them, where the description leaves them out.  `ard_num_dims` and
-            `input_size` are the number of features; those of a kernel on some columns are these alone.
+        filled: arguments for classes that take them, where the description leaves them out.  `ard_num_dims`,
+            `num_dims` and `input_size` are the number of features; those of a kernel on some columns are these alone.
     """
     kind, filled = description["_target_"], dict(filled)
     if description.get("active_dims") is not None:
-        filled["ard_num_dims"] = len(description["active_dims"])
+        filled |= dict.fromkeys(("ard_num_dims", "num_dims"), len(description["active_dims"]))
     own = {name: value for name, value in description.items() if name not in ("_target_", "_args_")}
-    own = {name: _argument(value, kind, filled) for name, value in own.items()}
-    parts = [_argument(value, kind, filled) for value in description.get("_args_", ())]
+    inner = dict(filled)
+    if kind is gpytorch.kernels.ArcKernel:
+        inner["ard_num_dims"] *= 2  # each feature is a cosine and a sine to the kernel inside
+    own = {name: _argument(value, kind, inner) for name, value in own.items()}
+    parts = [_argument(value, kind, inner) for value in description.get("_args_", ())]
     if any(isinstance(part, Kernel) for part in (*own.values(), *parts)):
         del filled["ard_num_dims"]  # of the kernels inside
     takes = _parameters(kind)
@@ -181,7 +212,7 @@ def build(description: Mapping[str, Any], filled: Mapping[str, Any]) -> Any:
 def _argument(value: Any, kind: type, filled: Mapping[str, Any]) -> Any:
     if isinstance(value, Mapping):
         return build(value, filled)
-    exact = isinstance(value, float) and issubclass(kind, Prior)
+    exact = isinstance(value, float | list) and issubclass(kind, Prior)
     return torch.tensor(value, dtype=torch.float64) if exact else value
 
 

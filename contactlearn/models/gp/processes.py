@@ -43,6 +43,7 @@ class Fit(NamedTuple):
     converged: Bool[Tensor, "*batch o"]
     evaluations: Int[Tensor, "*batch o"]  # over all starts
     history: Float[Tensor, "rounds *batch o"]  # the loss of the best start after each round
+    gap: Float[Tensor, "*batch o"] | None = None  # loss that BFGS takes off where an optimiser of PyTorch ended
 
 
 OnRound = Callable[[Fit], None]
@@ -89,7 +90,7 @@ class GaussianProcesses(gpytorch.models.ExactGP):
         options: ProcessOptions = ProcessOptions(),
         noise: Outputs | None = None,
     ) -> None:
-        parts = {"batch_shape": y.shape[:-1], "ard_num_dims": x.shape[-1], "input_size": x.shape[-1]}
+        parts = {"batch_shape": y.shape[:-1], **dict.fromkeys(("ard_num_dims", "num_dims", "input_size"), x.shape[-1])}
         super().__init__(for_each_output(x, y.shape[:-1]), y, _likelihood(options, parts, weight, noise))
         self.options, self.noise = options, noise
         self.mean_module = ZeroMean() if options.mean is None else build(options.mean, parts)
@@ -153,7 +154,9 @@ class GaussianProcesses(gpytorch.models.ExactGP):
         x, y = (part.expand(starts, *part.shape) for part in (x, y))
         weight, noise = (None if part is None else part.expand(starts, *part.shape) for part in (weight, noise))
         many = type(self)(x, y, weight, options, noise)
-        for own, every in zip(self.parameters(), many.parameters(), strict=True):
+        # the kernel's buffers are its random features
+        state, copied = ((*one.parameters(), *one.kernel.buffers()) for one in (self, many))
+        for own, every in zip(state, copied, strict=True):
             every.data.copy_(own.data)
         return many
 
@@ -217,7 +220,9 @@ def _kernel(options: ProcessOptions, parts: dict[str, Any]) -> Kernel:
     if options.kernel is None:
         kernel = RBFKernel(ard_num_dims=parts["ard_num_dims"], batch_shape=batch)
     else:
-        kernel = build(options.kernel, parts)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)  # of kernels with random features
+            kernel = build(options.kernel, parts)
     scaled = any(isinstance(part, ScaleKernel) for part in kernel.modules())
     return kernel if scaled else ScaleKernel(kernel, batch_shape=batch)
 

@@ -62,13 +62,18 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
         for own, every in zip(gps.free_parameters(), many.free_parameters(), strict=True):
             own.data.copy_(every.data.flatten(0, y.ndim - 1)[rows].view_as(own))
         gps.eval()
-        return fit
+        return fit if gap is None else fit._replace(gap=gap[rows].unflatten(0, y.shape[:-1]))
 
+    gap: Tensor | None = None
     report = None if on_round is None else lambda now: on_round(take(now))
     minimise_losses = _by_torch if "_target_" in options else _by_bfgs
     with warnings.catch_warnings(), settings.max_cholesky_size(10**6):
         warnings.simplefilter("ignore", NumericalWarning)  # of the little that is added to a singular covariance
-        return take(minimise_losses(many, iterations, options, report))
+        ends = minimise_losses(many, iterations, options, report)
+        if "_target_" in options:
+            gap = ends.value - _nearby(many)
+            ends = ends._replace(converged=gap < TOLERANCE)
+        return take(ends)
 
 
 def losses(gps: GaussianProcesses) -> Tensor:
@@ -119,7 +124,7 @@ class _Objective:
         try:
             value = losses(self.model)
             gradient = self._flat(torch.autograd.grad(value.sum(), self.parameters))
-        except (NanError, NotPSDError):  # of one process at least
+        except (NanError, NotPSDError, ValueError):  # of one process at least; a value outside of a prior's support
             self.move(before)
             if len(which) == 1:
                 return torch.full_like(x[:, 0], torch.nan), torch.full_like(x, torch.nan)
@@ -165,6 +170,15 @@ def _by_bfgs(many: GaussianProcesses, iterations: int, _: Mapping[str, Any], on_
     return ends
 
 
+def _nearby(many: GaussianProcesses) -> Tensor:
+    """Losses of the optima that BFGS finds from where a model is, which stays as it is."""
+    before = [parameter.data.clone() for parameter in many.free_parameters()]
+    value = _by_bfgs(many, ITERATIONS, {}, None).value
+    for parameter, own in zip(many.free_parameters(), before, strict=True):
+        parameter.data.copy_(own)
+    return value
+
+
 def _by_torch(
     many: GaussianProcesses, iterations: int, options: Mapping[str, Any], on_round: _OnMinimum | None
 ) -> Minimum:
@@ -173,9 +187,9 @@ def _by_torch(
     optimiser, history = options["_target_"](many.free_parameters(), **arguments), list[Tensor]()
 
     def state() -> Minimum:
-        end, rounds = history[-1], torch.stack(history)
-        converged = (rounds[-2:][0] - end).abs() < TOLERANCE
-        return Minimum(end[:, None], end, converged, torch.full_like(end, len(history)).long(), rounds)
+        end = history[-1]
+        unknown = torch.zeros_like(end, dtype=torch.bool)
+        return Minimum(end[:, None], end, unknown, torch.full_like(end, len(history)).long(), torch.stack(history))
 
     def closure() -> Tensor:
         optimiser.zero_grad()
@@ -190,9 +204,9 @@ def _by_torch(
         for _ in range(iterations):
             optimiser.step(closure)
         closure()
-    except (NanError, NotPSDError) as error:
+    except (NanError, NotPSDError, ValueError) as error:
         raise ContactLearnError(
-            f"{type(optimiser).__name__} arrived where a covariance is not positive definite; take a smaller lr, "
-            "more noise, or leave optimiser._target_ out"
+            f"{type(optimiser).__name__} arrived where a covariance is not positive definite, or where a prior has "
+            "no density; take a smaller lr, more noise, or leave optimiser._target_ out"
         ) from error
     return state()
