@@ -293,3 +293,22 @@ BAD_SHAPES = {
 def test_make_shape_refuses(spec, fragments):
     with refused(fragments, ContactLearnError):
         make_shape(spec)
+
+
+@pytest.mark.parametrize("rows", [[40], [-41], [0.5], [True] * 39, None, "first"], ids=str)
+def test_rows_that_are_not_there_are_refused_in_a_line(rows):
+    with pytest.raises(DataError, match=r"rows must be whole numbers from 0 to 39, or a mask of 40 truth values, got"):
+        synthetic.load(40)[rows]
+
+
+def test_rows_may_be_numbers_masks_and_slices():
+    drops = synthetic.load(40)
+    mask = torch.arange(40) > 36
+    for rows in ([37, 38, 39], [-3, -2, -1], mask, mask.tolist(), slice(37, None)):
+        assert drops[rows].trial == ("38", "39", "40")
+
+
+@pytest.mark.parametrize("share", [math.nan, math.inf, None, "half", -0.1, 0, 1, 1.5])
+def test_an_impossible_share_is_refused_in_a_line(share):
+    with pytest.raises(DataError, match="hold out"):
+        synthetic.load(40).split(share, torch.Generator().manual_seed(0))

@@ -473,3 +473,17 @@ def test_a_training_is_watched_round_by_round(name, pool, test):
     if name == "wrench":  # a single fit; each start only falls
         assert [loss for loss, _ in seen] == sorted((loss for loss, _ in seen), reverse=True)
         assert len(seen) == len(watched.processes.training.history)
+
+
+def test_training_rows_are_a_list_or_a_mask_without_repeats():
+    recipe, impacts = Recipe("x1", "wrench"), synthetic.load(30)
+    mask = torch.arange(30) < 12
+    models = [learn(recipe, impacts, rows) for rows in (torch.arange(12), mask, list(range(12)))]
+    for other in models[1:]:
+        assert torch.equal(other.predict(impacts).v_post, models[0].predict(impacts).v_post)
+    for rows, rule in (
+        ([0, 1, 1], "must not have a trial twice"),
+        ([0, 30], "rows must be whole numbers"),
+    ):
+        with pytest.raises(DataError, match=rule):
+            learn(recipe, impacts, rows)

@@ -1,14 +1,19 @@
 """Errors against plain NumPy, and the bootstrap against what it promises."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
 
+from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap
 from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.report.text import brief_interval
 from contactlearn.simulation import synthetic
 
 EXACT = 1e-13  # relative: a few roundings
@@ -137,3 +142,21 @@ def test_trials_of_one_recording_are_held_out_and_resampled_together():
     pool, test = drops.split(0.25, generator)
     assert len(test) == 15
     assert not {*pool.recording} & {*test.recording}
+
+
+def test_a_single_trial_or_group_has_no_interval():
+    """Resampling it gives the same mean again, an interval without width."""
+    seed = torch.Generator().manual_seed(0)
+    errors, groups = torch.tensor([0.1, 0.2, 0.4], dtype=torch.float64), torch.zeros(3, dtype=torch.int64)
+    cases = {
+        "a trial": bootstrap(errors[:1], seed),
+        "a trial of subsets": bootstrap(errors[:, None], seed),
+        "a group": bootstrap(errors, seed, groups=groups),
+    }
+    for name, one in cases.items():
+        assert math.isnan(one.low), name
+        assert math.isnan(one.high), name
+        assert brief_interval(one).endswith("(one trial: no interval)"), name
+    assert bootstrap(errors[:2], seed).low == pytest.approx(0.1)
+    assert from_json(Interval, to_json(cases["a trial"])).mean == pytest.approx(0.1)
+    assert math.isnan(from_json(Interval, to_json(cases["a trial"])).high)

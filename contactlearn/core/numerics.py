@@ -60,7 +60,7 @@ def random_share(
         raise DataError(f"generator must be one such as torch.Generator().manual_seed(0), got {generator!r}")
     if groups is not None:
         return random_share(int(groups.max()) + 1, share, generator, source)[groups]
-    count = round(share * trials)
+    count = round(finite_number(f"{source}: the share to hold out", share, 0, 1) * trials)
     if not 0 < count < trials:
         rest = "train" if count else "test"
         raise DataError(f"{source}: cannot hold out a share {share} of {trials} trials, for none is left to {rest} on")

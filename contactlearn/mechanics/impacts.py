@@ -306,7 +306,7 @@ class Impacts:
 
     def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | int | slice) -> "Impacts":
         """The trials at `rows` (one index, several, a boolean mask or a slice), in that order."""
-        index = torch.arange(len(self))[rows if isinstance(rows, slice) else torch.as_tensor(rows).cpu()].reshape(-1)
+        index = self.numbered(rows).reshape(-1).cpu()
         picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         for name in (*self.space.components, *self.space.covariances):
@@ -315,6 +315,24 @@ class Impacts:
         for name in ("trial", "object", "recording"):
             values[name] = tuple(values[name][i] for i in picked) if values[name] else ()
         return Impacts(**values)
+
+    def numbered(self, rows: Tensor | Sequence[int] | int | slice) -> Int[Tensor, "..."]:
+        """Return the numbers from 0 of rows: whole numbers, of which negative ones count from the end, a mask, a slice.
+
+        Raises:
+            DataError: numbers that are not whole, a row that is not there, or a mask of another length.
+        """
+        numbers = torch.arange(len(self), device=self.mass.device)
+        if isinstance(rows, slice):
+            return numbers[rows]
+        try:
+            index = torch.as_tensor(rows, device=self.mass.device)
+            return numbers[index.long() if not index.numel() and index.dtype is not torch.bool else index]
+        except (IndexError, RuntimeError, TypeError, ValueError):
+            raise DataError(
+                f"{self.source}: rows must be whole numbers from 0 to {len(self) - 1}, or a mask of {len(self)} truth "
+                f"values, got {' '.join(str(rows).split())}"
+            ) from None
 
     def replace(self, **changes: Any) -> "Impacts":
         """A copy with some fields changed, validated again."""

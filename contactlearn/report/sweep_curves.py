@@ -103,7 +103,7 @@ def _logged(file: Path) -> Points:
     with suppress(OSError, ValueError, KeyError):
         rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
         tags = [(row, tag) for row in rows for tag in row if tag.startswith("curve_")]
-        return {(tag, row["trained_on"]): Interval(row[tag], *(row[end] for end in ends(tag))) for row, tag in tags}
+        return {(tag, row["trained_on"]): Interval(row[tag], *(row.get(end) for end in ends(tag))) for row, tag in tags}
     return {}
 
 

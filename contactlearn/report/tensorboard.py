@@ -12,6 +12,7 @@ a stray run of its own, and numbers of them.
 
 import itertools
 import json
+import math
 import os
 import re
 import socket
@@ -239,7 +240,8 @@ class Tracker:
         numbers = {}
         for tag, value in values.items():
             if isinstance(value, Interval):
-                numbers |= dict(zip((tag, *ends(tag)), value, strict=True))
+                several = zip((tag, *ends(tag)), value, strict=True)
+                numbers |= {name: number for name, number in several if not math.isnan(number)}
             else:
                 numbers[tag] = value
         written = [Summary.Value(tag=tag, simple_value=number) for tag, number in numbers.items()]

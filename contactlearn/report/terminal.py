@@ -17,7 +17,7 @@ from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import correct_setting, join_words, measured, phrase, sentence
+from contactlearn.report.text import NO_INTERVAL, correct_setting, join_words, measured, phrase, sentence
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
@@ -72,7 +72,8 @@ def show_models(result: Training | Evaluation) -> None:
     for model, entry in result.errors.items():
         mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
         cells = [f"{entry.intervals[name].mean:.4f}" if name in entry.intervals else "" for name in shown]
-        cells[0] += f"  {entry.of(result.metric).low:.4f}–{entry.of(result.metric).high:.4f}"
+        low, high = entry.of(result.metric).low, entry.of(result.metric).high
+        cells[0] += f"  {NO_INTERVAL}" if math.isnan(low) else f"  {low:.4f}–{high:.4f}"
         shares = entry.outside_admissible, entry.back_spin, *([reach[model]] if model in reach else [])
         table.add_row(model, mu, eps, *cells, *(f"{100 * share:.1f} %" for share in shares))
     print_table(table)

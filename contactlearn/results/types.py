@@ -5,6 +5,7 @@ LawEstimate … ModelErrors   laws, laws with effects, learned models and errors
 Training, Evaluation, Transfer, DiagnosisRun    the result of each command
 """
 
+import math
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -198,7 +199,8 @@ class ModelErrors:
 
     def __post_init__(self) -> None:
         for name, interval in self.intervals.items():
-            if not all(0 <= x < _HIGHEST for x in interval):
+            ends = (end for end in (interval.low, interval.high) if not math.isnan(end))
+            if not all(0 <= x < _HIGHEST for x in (interval.mean, *ends)):
                 raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {_HIGHEST:g}")
 
     @property

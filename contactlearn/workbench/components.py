@@ -1,5 +1,6 @@
 """Small components of the page: buttons, progress, figures, and bars of errors as in the report."""
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -55,7 +56,8 @@ def bars(errors: Iterable[tuple[str, Interval]], largest: float) -> Component:
 
 def bar(error: Interval, largest: float) -> Component:
     """Return a bar up to the mean, with its interval."""
-    low, high = max(error.low, 0.0), min(error.high, largest)
+    low, high = (error.mean if math.isnan(end) else end for end in (error.low, error.high))
+    low, high = max(low, 0.0), min(high, largest)
     mean = {"width": f"{100 * min(max(error.mean, 0.0), largest) / largest:.2f}%"}
     ends = {
         "left": f"{100 * min(low, largest) / largest:.2f}%",

@@ -1,5 +1,6 @@
 """Record of a run: figures as files, and the values, charts and card of TensorBoard."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +25,7 @@ from contactlearn.report.page.page import RECORDINGS
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
 from contactlearn.report.terminal import print_line
+from contactlearn.report.text import NO_INTERVAL
 from contactlearn.report.text.tracks import tracks_headline
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 
@@ -203,7 +205,10 @@ def _log_card(tracker: Tracker, provenance: Provenance, record: RunRecord) -> No
     }
     lines = (line for equation in record.equations for line in equation.split("\n"))
     parts = [line.strip().removeprefix("+ ").partition(": ") for line in lines]
-    rows = [(name, f"{x.mean:.4f}", f"{x.low:.4f}–{x.high:.4f}") for name, x in record.errors.items()]
+    rows = [
+        (name, f"{x.mean:.4f}", NO_INTERVAL if math.isnan(x.low) else f"{x.low:.4f}–{x.high:.4f}")
+        for name, x in record.errors.items()
+    ]
     tracker.card(
         (
             [("Run", ""), *about.items()],

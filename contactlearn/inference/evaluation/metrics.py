@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -162,13 +162,28 @@ def predicted_spread(prediction: Prediction) -> Float[Tensor, "*batch n D"]:
     return _covariance(prediction).diagonal(dim1=-2, dim2=-1).sqrt()
 
 
+# A file has null for an end that is not known, and `Interval` has nan.
+if TYPE_CHECKING:
+    End = float
+else:
+    End = float | None
+
+
 @dataclass(frozen=True, order=True)
 class Interval:
-    """A mean over trials and its 95 % bootstrap interval; unpacks to (mean, low, high), and sorts by the mean."""
+    """A mean over trials and its 95 % bootstrap interval; unpacks to (mean, low, high), and sorts by the mean.
+
+    The ends are nan where there is no interval, since there is a single trial, or a single group of trials.
+    """
 
     mean: float
-    low: float
-    high: float
+    low: End
+    high: End
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, math.nan)
 
     def __iter__(self) -> Iterator[float]:
         return iter((self.mean, self.low, self.high))
@@ -196,8 +211,11 @@ def bootstrap(
     """Average the errors of trials [N], or [R, N] of R training subsets, with a percentile bootstrap interval.
 
     Trials are resampled, or groups of them by their numbers, and so are subsets, independently of them.  For more than
-    `BOOTSTRAPPED` trials [N] the interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.
+    `BOOTSTRAPPED` trials [N] the interval is the Gaussian limit of the bootstrap, see `gaussian_interval`.  A single
+    trial or group has no interval: its ends are nan.
     """
+    if (errors.shape[-1] if groups is None else len(groups.unique())) < 2:
+        return Interval(errors.mean().item(), math.nan, math.nan)
     if errors.ndim == 1 and groups is not None:
         errors = errors[None]
     if errors.ndim == 1 and len(errors) > BOOTSTRAPPED:

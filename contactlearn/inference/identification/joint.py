@@ -304,7 +304,7 @@ def fit(
     for name, effect in effects.items():
         require_space(f"effect {name}", impacts.space, effect.spaces)
     effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
-    rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
+    rows = impacts.numbered(slice(None) if rows is None else rows)
     parameters = named_parameters(effects, options.box, impacts)
     D = impacts.space.D  # a scatter matrix has D (D + 1)/2 numbers; twice as many residuals keep it from being singular
     least = (len(parameters) + D * (D + 1)) // D + 1

@@ -23,7 +23,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95
 from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.shared import Box, fit_subsets
@@ -164,13 +164,15 @@ def learn(
         on_round: receives the state of the training after each of its rounds.
 
     Raises:
-        DataError: fewer than two training trials.
+        DataError: fewer than two training trials, one twice, or one that is not there.
         ContactLearnError: a base that is not the recipe's.
     """
     require_impacts(impacts)
     if not isinstance(recipe, Recipe):
         raise ContactLearnError(f"learn takes impacts and a Recipe, such as Recipe('x1', 'wrench'); got {recipe!r}")
-    rows = (torch.arange(len(impacts)) if rows is None else rows).to(impacts.mass.device)
+    rows = impacts.numbered(slice(None) if rows is None else rows)
+    if bool((rows.sort(-1).values.diff(dim=-1) == 0).any()):
+        raise DataError("a training subset must not have a trial twice; pass each row once")
     if base is None and recipe.law is not None:
         base = _fitted_law(recipe.law, impacts, rows, impulse, box)
     start = _before_learning(recipe, base)

@@ -1,5 +1,6 @@
 """Every trial on a page: its state and outcome, the variables of the map, the impulses of the laws and their reach."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -159,8 +160,10 @@ def _reach(
     return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
 
 
-def bounded(x: Interval) -> dict[str, float]:
-    """Round an error and the ends of its interval as `finely` does."""
+def bounded(x: Interval) -> dict[str, float | None]:
+    """Round an error and the ends of its interval as `finely` does; None where there is no interval."""
+    if math.isnan(x.low):
+        return {"mean": finely(x.mean), "low": None, "high": None}
     return finely({"mean": x.mean, "low": x.low, "high": x.high})
 
 

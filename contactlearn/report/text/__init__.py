@@ -22,6 +22,7 @@ from contactlearn.report.text.names import (
     sentence,
 )
 from contactlearn.report.text.numbers import (
+    NO_INTERVAL,
     brief_interval,
     compared,
     error,
@@ -49,6 +50,7 @@ from contactlearn.report.text.sentences import (
 )
 
 __all__ = [
+    "NO_INTERVAL",
     "WRENCH",
     "base_label",
     "brief_interval",

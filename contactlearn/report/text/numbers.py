@@ -9,6 +9,9 @@ from contactlearn.core.numerics import measured, number
 from contactlearn.diagnosis.result import FittedParameter
 from contactlearn.inference.evaluation.metrics import Interval
 
+NO_INTERVAL = "one trial: no interval"
+"""In place of the interval of a single trial, or of a single group of trials."""
+
 _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal
 _ROUNDED = 0.005  # of a whole, below which a share rounds to 0 %
@@ -28,13 +31,15 @@ def error(x: float) -> str:
 def interval(x: Interval | Mapping[str, float]) -> str:
     """Write a mean error with its 95 % interval: 0.1811 (95 %: 0.1790–0.1832)."""
     mean, low, high = _ends(x)
+    if math.isnan(low):
+        return f"{error(mean)} ({NO_INTERVAL})"
     return f"{error(mean)} (95\u00a0%: {error(low)}{_dash(low)}{error(high)})"
 
 
 def brief_interval(x: Interval | Mapping[str, float]) -> str:
     """Write a mean error with its interval where the heading says which: 0.1811 (0.1790–0.1832)."""
     mean, low, high = _ends(x)
-    return f"{error(mean)} ({error(low)}{_dash(low)}{error(high)})"
+    return f"{error(mean)} ({NO_INTERVAL if math.isnan(low) else f'{error(low)}{_dash(low)}{error(high)}'})"
 
 
 def percent(x: float, decimals: int = 0) -> str:
@@ -105,7 +110,9 @@ class Quantity:
 
 
 def _ends(x: Interval | Mapping[str, float]) -> tuple[float, float, float]:
-    return (x["mean"], x["low"], x["high"]) if isinstance(x, Mapping) else (x.mean, x.low, x.high)
+    if isinstance(x, Mapping):  # of a page, which has null for nan
+        x = Interval(x["mean"], x["low"], x["high"])
+    return x.mean, x.low, x.high
 
 
 def _dash(low: float) -> str:

@@ -68,7 +68,7 @@ function drawRuns() {
     return of(chosen, run => run.error, {
       name: plain(law), marker: {color: ink, symbol: chosen[0].symbol, size: 9},
       error_x: {type: "data", symmetric: false, color: ink, thickness: 2, width: 4,
-        array: chosen.map(run => run.error.high - run.error.mean), arrayminus: chosen.map(run => run.error.mean - run.error.low)},
+        array: chosen.map(run => (run.error.high ?? run.error.mean) - run.error.mean), arrayminus: chosen.map(run => run.error.mean - (run.error.low ?? run.error.mean))},
     });
   });
   const others = [["base", "Law alone", "circle-open"], ["noise", "Noise floor", "line-ns"], ["bound", "IRB bound", "diamond-tall-open"]];
