@@ -295,7 +295,12 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path, monkeypatch, capsys
         (".", "--to", "nunpy"): "did you mean 'numpy'",
         ("base.pt", "--to", "c", "-o", "law.py"): "writes a .c file",
         ("nothing", "--to", "c"): "no such file",
+        (".", "--to", "json"): "impact.json is there already",
+        ("law.py",): "law.py is there already",
     }
     for words, reason in refused.items():
         assert main(["export", *words]) == 2
         assert reason in capsys.readouterr().err
+    before = (tmp_path / "law.py").read_text()
+    assert main(["export", "base.pt", "--to", "numpy", "-o", "law.py", "--force"]) == 0
+    assert (tmp_path / "law.py").read_text() != before

@@ -215,3 +215,19 @@ def test_what_mujoco_lacks_is_refused_by_name_and_size():
         export(ContactModel(find("mirtich").at(0.2, 0.04)), drops)
     with pytest.raises(DataError, match="needs the one shape"):
         export(ContactModel(find("mirtich").at(0.2, 0.5)), drops.replace(shape=None))
+
+
+def test_effects_of_the_recording_are_left_out():
+    """A late frame is no physics: the scene is that of the model without it."""
+    drops = synthetic.load(20, seed=1)
+    law, late = find("spring_dashpot").at(0.2, 0.5), find_effect("sampling_delay")(dt=2e-3)
+    body = {"inertia_error": find_effect("inertia_error")(kappa=0.1)}
+    model = ContactModel(law, effects=body | {"sampling_delay": late})
+    assert export(model, drops) == export(ContactModel(law, effects=body), drops)
+    assert model.recorded == ("sampling_delay",)
+    assert list(model.physical.effects) == ["inertia_error"]
+    fit = identify_jointly("mirtich", ["gravity_impulse", "side_drag"], drops).model
+    kept = torch.tensor([0, 1, 3])
+    assert torch.equal(fit.physical.parameter_covariance, fit.parameter_covariance[kept][:, kept])
+    on_top = ContactModel(fit).physical.under
+    assert list(on_top.effects) == ["side_drag"]

@@ -21,6 +21,7 @@ class GravityImpulse(Effect):
     formula = "v_y⁺ ← v_y⁺ − g Δt"
     in_words = "gravity acts for {dt} more"
     source = "finite duration"
+    of_recording = True
     dt: Tensor | float = parameter("Δt", "s", 0.0, 0.1)
 
     def velocity(self, state: State, v_post: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:

@@ -21,6 +21,7 @@ class SamplingDelay(Effect):
     source = "frame rate"
     spaces = BOTH
     needs_shape = True
+    of_recording = True
     dt: Tensor | float = parameter("Δt", "s", -0.02, 0.02)
 
     def state(self, state: State) -> State:

@@ -32,7 +32,7 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
-from contactlearn.models.roll_out import RECORDING, RollOut, Until, follow
+from contactlearn.models.roll_out import RollOut, Until, follow
 from contactlearn.scatter.base import Component
 
 _DRAWS = 200  # of deviations: standard errors of a variance are then a tenth
@@ -139,8 +139,7 @@ class ContactModel:
 
     def contact_heights(self, impacts: Impacts) -> Float[Tensor, "... n"]:
         """Return the heights [N] in m of the contact points of the body as its roll-outs have it."""
-        effects = {name: effect for name, effect in self.under.effects.items() if name not in RECORDING}
-        return actual_state(effects, State.of(impacts)).height
+        return actual_state(self.physical.under.effects, State.of(impacts)).height
 
     def roll_out(
         self,
@@ -165,17 +164,15 @@ class ContactModel:
             ContactLearnError: samples, and the model has no covariance of its parameters.
             DataError: the shape is not known, or a body starts inside the floor.
         """
-        effects = {name: effect for name, effect in self.effects.items() if name not in RECORDING}
-        model = replace(self, effects=effects, scatter={} if samples is None else self.scatter)
+        model = replace(self.physical, scatter={} if samples is None else self.scatter)
         values: list[Tensor] | None = None
         if samples is not None:
             if self.parameter_covariance is None:
                 raise ContactLearnError("the model has no covariance of its parameters to draw samples from")
             root = torch.linalg.cholesky(self.parameter_covariance)
             normal = torch.randn(samples, len(root), generator=generator, dtype=torch.float64)
-            drawn = self.at((torch.stack(self.values) + normal @ root.mT).unbind(-1))
-            kept = replace(drawn, effects={name: drawn.effects[name] for name in effects})
-            values = [x.repeat_interleave(state.batch.numel()) for x in kept.values]
+            drawn = self.at((torch.stack(self.values) + normal @ root.mT).unbind(-1)).physical
+            values = [x.repeat_interleave(state.batch.numel()) for x in drawn.values]
             state = state.repeated(samples)
 
         def at(rows: Tensor) -> ContactModel:
@@ -198,7 +195,7 @@ class ContactModel:
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
             *(state, shape, until, gravity, drag),
         )
-        return replace(found, left_out=tuple(name for name in self.effects if name in RECORDING))
+        return replace(found, left_out=self.recorded)
 
     def scattered(self, impacts: Impacts, generator: torch.Generator | None, samples: int | None = None) -> Prediction:
         """Draw the outcomes [samples, N] of a contact that scatters, or [N], without noise of an instrument."""
@@ -247,6 +244,25 @@ class ContactModel:
     def under(self) -> "ContactModel":
         """The model that has the law and the effects: this one, or the one that it is built on."""
         return self.base.under if isinstance(self.base, ContactModel) else self
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Names of the effects of the recording, which `physical` leaves out."""
+        return tuple(name for name, effect in self.under.effects.items() if effect.of_recording)
+
+    @property
+    def physical(self) -> "ContactModel":
+        """The model without effects of the recording, as roll-outs and simulators have it."""
+        if isinstance(self.base, ContactModel):
+            return replace(self, base=self.base.physical)
+        owners = ["μ", "ε", *(name for name, effect in self.effects.items() for _ in effect.parameters)]
+        kept = torch.tensor([place for place, owner in enumerate(owners) if owner not in self.recorded])
+        covariance = self.parameter_covariance
+        return replace(
+            self,
+            effects={name: effect for name, effect in self.effects.items() if name not in self.recorded},
+            parameter_covariance=None if covariance is None else covariance[..., kept, :][..., kept],
+        )
 
     @property
     def values(self) -> tuple[Tensor, ...]:

@@ -55,9 +55,6 @@ _INSIDE = 1e-9  # m by which rounding may put a body into the floor
 _SLOW = 2.0  # falls within a step: speed of a body that may be at rest
 _SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
 _REST = 0.2  # s for which a body at rest is that slow
-RECORDING = ("sampling_delay", "gravity_impulse")
-"""Effects of a recording, which a body in free flight does not have."""
-
 
 Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""

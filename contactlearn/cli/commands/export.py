@@ -62,7 +62,13 @@ def export_model(
         if hook is not None:
             texts[path.with_name(f"{path.stem}_hook.py")] = hook
             said.append("coefficients depend on the state: call set_contact(model, data) of the hook before each step")
-        said.append(_differs(model, scene, judged))
+        if model.recorded:
+            recorded, physical = (one.predict(judged).v_post for one in (model, model.physical))
+            said.append(
+                f"without {' and '.join(model.recorded)}: of the recording, which no simulator has (recorded outcomes "
+                f"change by {mujoco.difference(recorded, physical, judged):.1%})"
+            )
+        said.append(_differs(model.physical, scene, judged))
     else:
         texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
     refuse_existing(texts, force)

@@ -152,7 +152,7 @@ class Exported(NamedTuple):
 
 
 def export(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_TIME) -> Exported:
-    """Return a model in MuJoCo, for the body of some impacts.
+    """Return a model in MuJoCo, for the body of some impacts, without effects of the recording.
 
     Args:
         model: without processes, of one value for each parameter.
@@ -167,6 +167,7 @@ def export(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_
     source.require_exportable(model, impacts.shape)
     if not isinstance(impacts.shape, Body):
         raise DataError(f"a scene needs the one shape of the body, such as data.shape=…; got {impacts.shape}")
+    model = model.physical
     for name, effect in model.effects.items():
         own = name in _GEOMETRY or (name == "torsional_friction" and effect.form == "sliding")
         if not own and effect.place != "law":
