@@ -31,7 +31,7 @@ from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.shapes import Polygon
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models import checkpoint, regressor
-from contactlearn.models.contact_model import ContactModel, derivative, resolve
+from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.models.gp import sparse
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
@@ -139,8 +139,8 @@ def test_laws(kind, drops, device):
         grid = kind().at(mu[:, None, None], eps[:, None])
         block = [kind().at(0.3, 0.4).impulse(drops.W, drops.v_c), grid.impulse(drops.W, drops.v_c)]
         block.append(grid.impulse(drops.W, drops.v_c, out=torch.empty_like(block[1])))
-        own = [torch.full_like(drops.mass, value).requires_grad_() for value in (0.2, 0.5)]
-        slope = derivative(kind().at(*own).impulse(drops.W, drops.v_c), own)
+        own = [torch.full_like(drops.mass, value) for value in (0.2, 0.5)]
+        _, slope = linearised(lambda *own: kind().at(*own).impulse(drops.W, drops.v_c), own)
         return *block, slope, kind().at(0.1, 0.2).impulse(drops.W[:1], drops.v_c[:1])
 
     monkey = moved(drops, device)
@@ -160,12 +160,14 @@ def test_effects(kind, drops, device):
         model = ContactModel(ROUTH.at(0.2, 0.5), effects={"it": effect.at(middle)})
         theta = torch.tensor([[0.2, 0.5, *middle], [0.1, 0.6, *middle]], dtype=torch.float64).to(drops.mass)
         batch = assemble(ROUTH, {"it": effect}, theta)
-        own = [torch.full_like(drops.mass, value).requires_grad_() for value in middle]
-        outcome = resolve(ROUTH, {"it": effect.at(own)}, State.of(drops), 0.2, 0.5)
+        own = [torch.full_like(drops.mass, value) for value in middle]
+        _, slope = linearised(
+            lambda *own: resolve(ROUTH, {"it": effect.at(own)}, State.of(drops), 0.2, 0.5).v_post, own
+        )
         return (
             model.predict(drops),
             batch.predict(drops),
-            derivative(outcome.v_post, own),
+            slope,
             partial_residuals(moved(model, drops.mass.device), drops, "it"),
             changes(batch, drops, ["it"]),
         )

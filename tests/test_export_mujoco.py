@@ -226,8 +226,8 @@ def test_effects_of_the_recording_are_left_out():
     assert export(model, drops) == export(ContactModel(law, effects=body), drops)
     assert model.recorded == ("sampling_delay",)
     assert list(model.physical.effects) == ["inertia_error"]
-    fit = identify_jointly("mirtich", ["gravity_impulse", "side_drag"], drops).model
+    fitted = joint.fit(drops, "mirtich", ["gravity_impulse", "side_drag"]).model
     kept = torch.tensor([0, 1, 3])
-    assert torch.equal(fit.physical.parameter_covariance, fit.parameter_covariance[kept][:, kept])
-    on_top = ContactModel(fit).physical.under
+    assert torch.equal(fitted.physical.parameter_covariance, fitted.parameter_covariance[kept][:, kept])
+    on_top = ContactModel(fitted).physical.under
     assert list(on_top.effects) == ["side_drag"]

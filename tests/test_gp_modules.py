@@ -334,8 +334,10 @@ def test_priors_of_length_scales_are_part_of_the_objective(name):
 @pytest.mark.parametrize(("rate", "most"), [(0.001, 10), (0.1, 300)], ids=["far", "near"])
 def test_an_optimiser_of_pytorch_says_how_far_it_is_from_an_optimum(rate, most):
     adam = {"_target_": "torch.optim.Adam", "lr": rate, "starts": 1, "iterations": most}
-    model = learn(Recipe("x1", "wrench", processes=ProcessOptions(optimiser=adam)), IMPACTS, ROWS)
-    best = learn(Recipe("x1", "wrench", processes=ProcessOptions(kernel=RBF, optimiser={"starts": 1})), IMPACTS, ROWS)
+    model = learn(IMPACTS, Recipe("x1", "wrench", processes=ProcessOptions(optimiser=adam)), rows=ROWS)
+    best = learn(
+        IMPACTS, Recipe("x1", "wrench", processes=ProcessOptions(kernel=RBF, optimiser={"starts": 1})), rows=ROWS
+    )
     fit, gps = model.processes.training, model.processes.gps
     assert fit.gap is not None
     close(fit.gap, fit.loss - best.processes.training.loss, rtol=0, atol=2e-3)
@@ -348,8 +350,8 @@ def test_an_optimiser_of_pytorch_says_how_far_it_is_from_an_optimum(rate, most):
 
 def test_random_features_are_the_same_again_and_in_a_checkpoint(tmp_path):
     recipe = Recipe("x1", "wrench", processes=options_of("RFFKernel"))
-    models = [learn(recipe, IMPACTS, ROWS) for _ in range(2)]
-    models.append(checkpoint.load(checkpoint.save(models[0], tmp_path / "model.pt", provenance={}))[0])
+    models = [learn(IMPACTS, recipe, rows=ROWS) for _ in range(2)]
+    models.append(checkpoint.load(checkpoint.save(models[0], tmp_path / "model.pt", provenance={})))
     for other in models[1:]:
         assert torch.equal(other.predict(IMPACTS).v_post, models[0].predict(IMPACTS).v_post)
     close(losses(models[0].processes.gps.train()), models[0].processes.training.loss)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.inference.identification.joint import identify_jointly
+from contactlearn.inference.identification.joint import fit
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
 from contactlearn.mechanics.body_state import BodyState
@@ -45,7 +45,7 @@ FEW = {"starts": 1, "iterations": 20}
 def learned(impacts: Impacts, features: str, target: str, base=None, **options) -> ContactModel:
     under = base.under.base if isinstance(base, ContactModel) else base
     law = under if target.startswith("parameters") or base is under else None
-    return learn(Recipe(features, target, law, ProcessOptions(**options)), impacts, ROWS, base)
+    return learn(impacts, Recipe(features, target, law, ProcessOptions(**options)), rows=ROWS, base=base)
 
 
 def kinds() -> dict[str, tuple[Impacts, Callable[[], ContactModel]]]:
@@ -83,7 +83,7 @@ def kinds() -> dict[str, tuple[Impacts, Callable[[], ContactModel]]]:
     found["plane effects + wrench(x1)"] = PLANAR, lambda: learned(PLANAR, "x1", "wrench", under)
     found["plane formula, parameters"] = PLANAR, lambda: learned(PLANAR, "x1", "parameters_likelihood", located)
     found["plane learned on learned"] = PLANAR, lambda: learned(PLANAR, "x2", "impulse", plane)
-    found["plane fit"] = PLANAR, lambda: identify_jointly("mirtich", ["side_drag"], PLANAR).model
+    found["plane fit"] = PLANAR, lambda: fit(PLANAR, "mirtich", ["side_drag"]).model
     return found
 
 
@@ -147,7 +147,7 @@ def test_sparse_processes_and_those_of_a_file_have_them_too(kind, monkeypatch, t
     impacts, make = KINDS[kind]
     model, (inputs, back) = make(), inputs_of(impacts[40:])
     assert "sparse" in model.processes.kind
-    loaded, _ = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
+    loaded = checkpoint.load(checkpoint.save(model, tmp_path / "model.pt", provenance={}))
     for one in (model, loaded):
         assert_derivatives(lambda flat, one=one: one.predict(back(flat)).v_post, inputs)
         assert not one.predict(impacts).v_post.requires_grad

@@ -478,7 +478,7 @@ def test_a_training_is_watched_round_by_round(name, pool, test):
 def test_training_rows_are_a_list_or_a_mask_without_repeats():
     recipe, impacts = Recipe("x1", "wrench"), synthetic.load(30)
     mask = torch.arange(30) < 12
-    models = [learn(recipe, impacts, rows) for rows in (torch.arange(12), mask, list(range(12)))]
+    models = [learn(impacts, recipe, rows=rows) for rows in (torch.arange(12), mask, list(range(12)))]
     for other in models[1:]:
         assert torch.equal(other.predict(impacts).v_post, models[0].predict(impacts).v_post)
     for rows, rule in (
@@ -486,4 +486,4 @@ def test_training_rows_are_a_list_or_a_mask_without_repeats():
         ([0, 30], "rows must be whole numbers"),
     ):
         with pytest.raises(DataError, match=rule):
-            learn(recipe, impacts, rows)
+            learn(impacts, recipe, rows=rows)

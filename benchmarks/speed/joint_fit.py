@@ -22,7 +22,7 @@ from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import assemble, named_parameters
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import find
-from contactlearn.models.contact_model import derivative, resolve
+from contactlearn.models.contact_model import linearised, resolve
 from contactlearn.simulation import synthetic
 from speed.harness import compared, header, parsed, parser, row
 
@@ -55,7 +55,7 @@ def rival(drops, effects, exact: bool):
     start[:2] = 0.2, 0.5
     state = State.of(drops)
 
-    def predict(columns):
+    def predict(*columns):
         model = assemble(find("wang_mason"), effects, torch.stack([c.mean() for c in columns]))
         chosen, at = {}, 2
         for name, effect in effects.items():
@@ -66,11 +66,11 @@ def rival(drops, effects, exact: bool):
     def residual(x):
         with torch.no_grad():
             columns = list(torch.tensor(x))
-            return ((drops.v_post - predict(columns)) / NOISE).flatten().numpy()
+            return ((drops.v_post - predict(*columns)) / NOISE).flatten().numpy()
 
     def slopes(x):
-        columns = [torch.full((len(drops),), value, dtype=torch.float64, requires_grad=True) for value in x]
-        return -(derivative(predict(columns), columns) / NOISE[:, None]).flatten(0, 1).numpy()
+        _, slope = linearised(predict, [torch.full((len(drops),), value, dtype=torch.float64) for value in x])
+        return -(slope / NOISE[:, None]).flatten(0, 1).numpy()
 
     rng, best = np.random.default_rng(0), None
     for k in range(4):
