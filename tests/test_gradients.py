@@ -11,6 +11,7 @@ import torch
 from spatial import tossed
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects import find_effect
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.identification.joint import fit
@@ -228,3 +229,17 @@ def test_a_roll_out_has_its_derivatives(kind):
         return torch.cat(parts, -1)
 
     assert_derivatives(outcome, inputs)
+
+
+def test_a_covariance_beside_springs_is_known_and_its_derivative_refused():
+    """Their derivatives are by hand, and have none of their own: an error, and no wrong number."""
+    springs = find_effect("tangential_restitution", "spring")()
+    springs = springs.at([(p.low + p.high) / 2 for p in springs.parameters])
+    covariance = 1e-4 * torch.eye(2 + len(springs.values), dtype=torch.float64)
+    model = ContactModel(LAW, effects={"springs": springs}, parameter_covariance=covariance)
+    inputs, back = states_of(STATES["plane"])
+    assert model.step(back(inputs), uncertainty=True).covariance.isfinite().all()
+    assert_derivatives(lambda flat: model.step(back(flat)).velocity, inputs)
+    own = inputs.clone().requires_grad_()
+    with pytest.raises(ContactLearnError, match="has first derivatives alone"):
+        torch.autograd.grad(model.step(back(own), uncertainty=True).covariance.sum(), own)

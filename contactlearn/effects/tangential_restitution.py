@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.impulse_path import contact_of
 from contactlearn.effects.state import Coefficients, State, columns
@@ -234,6 +235,11 @@ class _Springs(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *grads: Float[Tensor, "..."]) -> tuple[Float[Tensor, "..."], ...]:
+        if torch.is_grad_enabled():  # the adjoints that were kept have no derivatives
+            raise ContactLearnError(
+                "tangential_restitution(spring) has first derivatives alone; those of a covariance are second ones; "
+                "take another form, such as impulse"
+            )
         return tuple(by_t * grads[0] + by_n * grads[1] for by_t, by_n in ctx.saved_tensors)
 
 

@@ -494,10 +494,25 @@ def linearised(outcome: Callable[..., Tensor], parameters: Sequence[Tensor]) -> 
 
     Both can be differentiated in the parameters and in whatever else the outcomes depend on.
     """
-    value, back, *_ = torch.func.vjp(outcome, *parameters)
+    follows = torch.is_grad_enabled() and outcome(*parameters).requires_grad
+    with torch.enable_grad():
+        try:
+            own = [part.clone().requires_grad_() for part in parameters]
+        except RuntimeError:  # within a transform of torch.func, such as jacrev, which has its own way
+            value, back, *_ = torch.func.vjp(outcome, *parameters)
+            rows = torch.vmap(back)(_units(value))
+        else:
+            value = outcome(*own)
+            options = {"is_grads_batched": True, "create_graph": follows, "materialize_grads": True}
+            rows = torch.autograd.grad(value, own, _units(value), allow_unused=True, **options)
+    slope = torch.stack(rows, -1).movedim(0, -2)
+    return (value, slope) if follows else (value.detach(), slope)
+
+
+def _units(value: Tensor) -> Tensor:
+    """Each component's unit vector [D, ..., N, D], of outcomes [..., N, D]."""
     size = value.shape[-1]
-    each = torch.eye(size).to(value).expand(*value.shape[:-1], size, size).movedim(-2, 0)
-    return value, torch.stack(torch.vmap(back)(each), -1).movedim(0, -2)
+    return torch.eye(size).to(value).expand(*value.shape[:-1], size, size).movedim(-2, 0)
 
 
 def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:

@@ -104,7 +104,8 @@ class JointProblem:
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
         """Residual [B, n, D], and its derivative [B, n, D, K], at parameters [B, K]."""
         own = theta[:, None, :].expand(*self.measured.shape[:2], -1)
-        return linearised(lambda *parts: self.residual(torch.stack(parts, -1)), own.unbind(-1))
+        with torch.no_grad():  # the slope itself needs no derivative
+            return linearised(lambda *parts: self.residual(torch.stack(parts, -1)), own.unbind(-1))
 
     def outcome(self, v_pre: Tensor, theta: Tensor) -> Tensor:
         """Outcome [..., B, n, D] as the target, from v_pre [..., B, n, D] at parameters [..., B, n or 1, K]."""
