@@ -38,7 +38,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.identification.variance_components import MixedFit, MixedModel, Mixture
 from contactlearn.mechanics.impacts import Impacts, require_impacts
 from contactlearn.mechanics.rigid_body import matvec
-from contactlearn.models.contact_model import ContactModel, derivative, resolve
+from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.scatter import COMPONENTS, Component
 
 INSTRUMENT = "instrument", "instrument_spin"
@@ -334,11 +334,14 @@ class _Problem:
         """Linearise about deviations and errors; the residual is that of u = 0 and δ = 0."""
         sizes = [len(theta), u.shape[-1], delta.shape[-1]]
         columns = (*theta[:, None].expand(-1, len(u)), *u.unbind(-1), *delta.unbind(-1))
-        leaves = [x.clone().requires_grad_() for x in columns]
-        with torch.enable_grad():
-            outcome = self.outcome(*(torch.stack(part, -1) if part else u for part in _split(leaves, sizes)))
-            slope, per_u, per_delta = derivative(outcome, leaves).nan_to_num(0.0, 0.0, 0.0).split(sizes, -1)
-        residual = self.impacts.v_post - outcome.detach() + matvec(per_u, u) + matvec(per_delta, delta)
+
+        def outcome(*parts: Tensor) -> Tensor:
+            return self.outcome(*(torch.stack(part, -1) if part else u for part in _split(parts, sizes)))
+
+        with torch.no_grad():  # the slopes themselves need no derivative
+            value, slopes = linearised(outcome, columns)
+        slope, per_u, per_delta = slopes.nan_to_num(0.0, 0.0, 0.0).split(sizes, -1)
+        residual = self.impacts.v_post - value + matvec(per_u, u) + matvec(per_delta, delta)
         return _Linearised(residual, slope, per_u, -per_delta)
 
     def mixed(self, about: _Linearised) -> MixedModel:
@@ -363,9 +366,9 @@ class _Problem:
         return torch.diag_embed(torch.tensor([[1.0] * d + [0.0] * (D - d), [0.0] * d + [1.0] * (D - d)]).double())
 
 
-def _split(parts: list[Tensor], sizes: Sequence[int]) -> list[list[Tensor]]:
+def _split(parts: tuple[Tensor, ...], sizes: Sequence[int]) -> list[tuple[Tensor, ...]]:
     """Parts in groups of some sizes."""
-    groups, at = list[list[Tensor]](), 0
+    groups, at = list[tuple[Tensor, ...]](), 0
     for size in sizes:
         groups.append(parts[at : at + size])
         at += size
