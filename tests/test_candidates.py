@@ -42,6 +42,16 @@ class Oracle(Effect):
         return mu, eps + self.c * self.seen
 
 
+@pytest.mark.parametrize("x", [0.0, 0.25, -1.23456])
+def test_a_place_that_is_the_same_in_all_trials_decides_nothing(x):
+    drops = synthetic.load(size=100)
+    q = drops.q.clone()
+    q[:, 0] = x
+    found = usable(all_candidates(), drops.replace(q=q))
+    assert found
+    assert not [key for key in found if "location" in key.name]
+
+
 def test_the_whole_catalogue_is_usable():
     drops = synthetic.load(size=200)
     planar = all_candidates()

@@ -162,6 +162,7 @@ def test_names_in_other_words(frame, names):
 UNITS = {
     "omega [rpm]": ("omega", 30 / math.pi), "spin (rev/s)": ("omega", 0.5 / math.pi),
     "ω′ (deg/s)": ("omega_post", 180 / math.pi), "x_mm": ("x", 1e3), "y [in]": ("y", 1 / 0.0254),
+    "vx [mph]": ("vx", 3.6 / 1.609344),
     "vx [km/h]": ("vx", 3.6), "vy' / m s⁻¹": ("vy_post", 1), "θ [°]": ("theta", 180 / math.pi),
     "vx_post [ft/s]": ("vx_post", 1 / 0.3048), "vy (µm/µs)": ("vy", 1),
 }  # fmt: skip
@@ -176,6 +177,17 @@ def test_units_that_names_state_are_converted(frame, name):
     for columns in (None, {column: name}):  # stated or recognised
         found = table.read(changed, columns=columns, units=silent, **BODY)
         np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=1e-15)
+
+
+def test_in_and_out_are_before_and_after_contact(frame):
+    """Beside a column that is called out, in is no inch."""
+    mph, ounce = 1609.344 / 3600, 0.45359237 / 16
+    names = {"vx": "Vx in [mph]", "vx_post": "Vx out [mph]", "vy": "Vy in [mph]", "vy_post": "Vy out [mph]"}
+    there = frame.assign(**{column: frame[column] / mph for column in names}, mass=BODY["mass"] / ounce)
+    there = there.rename(columns=names | {"mass": "mass [oz]"})
+    found = table.read(there, **{key: value for key, value in BODY.items() if key != "mass"})
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=1e-15)
+    assert found.impacts.mass.tolist() == pytest.approx([BODY["mass"]] * len(frame))
 
 
 @pytest.mark.parametrize("space", [PLANE, SPACE], ids=str)

@@ -282,7 +282,8 @@ class AlongFloor(Frozen):
             return self
         x = impacts.q[:, 0]
         low, high = x.quantile(torch.tensor((0.05, 0.95), dtype=x.dtype, device=x.device)).tolist()
-        return replace(self, span=(round(low - 5e-5, 4), round(high + 5e-5, 4)))
+        low, high = round(low - 5e-5, 4), round(high + 5e-5, 4)
+        return replace(self, span=(low, max(high, round(low + 1e-4, 4))))  # also where all impacts are at one place
 
     def change(self, x: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
         """Evaluate the function at x [..., N] in m.

@@ -44,7 +44,8 @@ _SPELLED = {
     "per": "", "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s",
     "second": "s", "seconds": "s", "metre": "m", "metres": "m", "meter": "m", "meters": "m", "inch": "in",
     "inches": "in", "grams": "g", "rpm": "rev.min", "rps": "rev.s", "turn": "rev", "turns": "rev", "revolutions": "rev",
-    "kmh": "km.h", "kph": "km.h", "in": "incoming",  # only [in] and inch are inches
+    "kmh": "km.h", "kph": "km.h", "mph": "mi.h", "mile": "mi", "miles": "mi", "lbs": "lb",
+    "in": "incoming",  # only [in] and inch are inches
     "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h", "feet": "ft",
 }  # fmt: skip
 _MARKS = (

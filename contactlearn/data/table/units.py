@@ -12,8 +12,8 @@ from types import MappingProxyType
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.mechanics.space import SPACE
 
-COMPOUND = ("rev", "min", "h", "km")
-"""Units of rpm and km/h, which say nothing about other columns."""
+COMPOUND = ("rev", "min", "h", "km", "mi")
+"""Units of rpm, km/h and mph, which say nothing about other columns."""
 
 SI = MappingProxyType({"length": "m", "mass": "kg", "angle": "rad", "time": "s", "rotation": "counterclockwise"})
 """The stated units of a table as `save` writes it."""
@@ -22,8 +22,8 @@ STATED = MappingProxyType({**dict.fromkeys(("length", "mass", "angle", "time")),
 """The units that are stated by default: none, so that names of columns state them, or they are SI."""
 
 UNIT_FACTORS: dict[str, dict[str, float]] = {
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048, "mi": 1609.344},
+    "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "lb": 0.45359237, "oz": 0.028349523125},
     "angle": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "rotation": {"counterclockwise": 1.0, "clockwise": -1.0},
