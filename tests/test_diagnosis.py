@@ -28,10 +28,10 @@ from contactlearn.report.text import headline
 from contactlearn.simulation import hidden_effects, synthetic
 
 
-def alone(truth):
-    """Nature's law, for a diagnosis that compares no others, so that tests are quick."""
+def alone(truth, **options):
+    """Nature's law, for a diagnosis that compares no others, so that tests are quick; with more options of it."""
     law = find(truth["law"])
-    return {"law": law, "laws": [law]}
+    return {"law": law, "options": DiagnoseOptions(laws=[law], **options)}
 
 
 def test_folds_hold_every_trial_out_as_often():
@@ -99,8 +99,7 @@ def test_copies_of_rows_are_dropped_whatever_they_are_called(tmp_path):
     path.write_text("\n".join([*lines, *lines[5:15]]) + "\n")
     found = diagnose(
         table.load(path, impacts.shape, validate=False),
-        options=DiagnoseOptions(candidates=few("surface_tilt")),
-        **alone(truth),
+        **alone(truth, candidates=few("surface_tilt")),
     )
     assert [finding.correction for finding in found.findings] == ["drop_duplicates"]
     assert len(found.record.impacts) == 60
@@ -126,9 +125,7 @@ def test_bodies_of_different_mass_do_not_blind_it():
     impacts, truth = hidden_effects.draw(7, effects=["magnetic_pull"], size=150)
     factor = torch.tensor((1.0, 3.0, 10.0), dtype=torch.float64).repeat(50)
     several = impacts.replace(mass=impacts.mass * factor, inertia=impacts.inertia * factor)
-    one, three = (
-        diagnose(d, options=DiagnoseOptions(candidates=few("surface_tilt")), **alone(truth)) for d in (impacts, several)
-    )
+    one, three = (diagnose(d, **alone(truth, candidates=few("surface_tilt"))) for d in (impacts, several))
     assert one.verdict == three.verdict == "unknown"
     assert three.remainder.share.mean == pytest.approx(one.remainder.share.mean, abs=0.05)
 
@@ -149,8 +146,7 @@ def test_it_computes_on_one_thread():
         with pytest.raises(Seen, match=r"^1$"):
             diagnose(
                 synthetic.load(size=30),
-                options=DiagnoseOptions(candidates=few("surface_tilt")),
-                **alone({"law": "mirtich"}),
+                **alone({"law": "mirtich"}, candidates=few("surface_tilt")),
                 on_event=look,
             )
         assert torch.get_num_threads() == 2
@@ -179,9 +175,7 @@ def test_the_budget_adds_up(is_stated):
     known = Prediction(torch.tensor(truth["v_post_from_measured"], dtype=torch.float64), impacts.wrench)
     floor = mass_error(impacts, known).mean().item()
     stated = (noise["v"], noise["v"], noise["omega"]) if is_stated else None
-    budget = diagnose(
-        impacts, options=DiagnoseOptions(candidates=few("contact_patch"), noise=stated), **alone(truth)
-    ).budget
+    budget = diagnose(impacts, **alone(truth, candidates=few("contact_patch"), noise=stated)).budget
     shares = budget.shares
     assert budget.noise.mean == pytest.approx(floor, rel=0.1)
     assert shares.noise + shares.explained + shares.unexplained == pytest.approx(1, abs=0.03)
@@ -195,9 +189,7 @@ def test_the_budget_adds_up(is_stated):
 def test_ones_own_effect_is_a_candidate_like_any_other():
     impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=150)
     mine = {EffectId("mine"): formula(tau="-c*I*omega_post", parameters={"c": [0, 1]})}
-    found = diagnose(
-        impacts, options=DiagnoseOptions(candidates=mine | few("surface_tilt", "adhesion")), **alone(truth)
-    )
+    found = diagnose(impacts, **alone(truth, candidates=mine | few("surface_tilt", "adhesion")))
     assert found.effects == ("mine",)
 
 
@@ -218,8 +210,7 @@ def test_corrupted_data_are_mended_first_and_then_explained():
     events = RecordingObserver()
     found = diagnose(
         spoilt,
-        options=DiagnoseOptions(candidates=few("side_drag", "surface_tilt", "spin_damping")),
-        **alone(truth),
+        **alone(truth, candidates=few("side_drag", "surface_tilt", "spin_damping")),
         on_event=events,
     )
     assert isinstance(events[0], AuditFindings)

@@ -62,7 +62,7 @@ from contactlearn.diagnosis.result import (
     Verdict,
     clearly_better,
 )
-from contactlearn.diagnosis.search.candidates import fitted_first, usable, user_candidates
+from contactlearn.diagnosis.search.candidates import fitted_first, follows_order, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
@@ -94,12 +94,15 @@ def diagnose_audited(
         findings: findings of the audit.
         generator: random source of all stages.
     """
+    if any(finding.name == "sorted_trials" for finding in findings):
+        candidates = usable(question.candidates, impacts, question.thresholds)
+        question = question.without_order({key for key, one in candidates.items() if follows_order(one, impacts)})
     folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _FEW else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
     question.on_event(LawsCompared(law=law.name, fits=fits))
     search = search_effects(question, law, fits, impacts, folds, generator)
-    drift = measurement_drift(search.selection, question.thresholds, generator)
+    drift = measurement_drift(search.selection, question.thresholds, generator) if question.ordered else None
     if drift is None:
         search = drop_proxy_effects(question, search, generator)
     else:

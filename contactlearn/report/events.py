@@ -28,7 +28,8 @@ from contactlearn.report.text import (
     undecided,
 )
 
-_SAID = ("constant_columns", "spin_not_measured", "energy_gained")  # notes that limit what a verdict can say
+_SAID = ("constant_columns", "sorted_trials", "spin_not_measured", "energy_gained")
+"""Notes that limit what a verdict can say."""
 _LONG = 5.0  # s after which a task is named where no bar is seen
 
 

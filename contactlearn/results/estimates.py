@@ -54,13 +54,15 @@ def law_estimate(fit: SubsetFit) -> LawEstimate:
 
 def joint_estimate(fit: Fit) -> JointEstimate:
     """Return a law with effects, fitted to one subset, as numbers."""
-    numbers = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
+    numbers, ends = zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True), fit.at_ends()
     return JointEstimate(
         law=fit.model.law.name,
         effects=effect_ids(fit.model.effects),
         equation=str(fit.model),
         parameters=tuple(
-            FittedParameter(name=p.name, symbol=p.symbol, unit=p.unit, value=value, standard_error=error)
+            FittedParameter(
+                name=p.name, symbol=p.symbol, unit=p.unit, value=value, standard_error=error, at_end=p.name in ends
+            )
             for p, value, error in numbers
         ),
         correlation=tuple(map(tuple, fit.correlation.tolist())),

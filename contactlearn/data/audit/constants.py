@@ -51,17 +51,17 @@ def constant_notes(impacts: Impacts) -> list[Finding]:
 
 
 def spin_notes(impacts: Impacts) -> list[Finding]:
-    """Note spins that are 0 in all trials, before and after impulses that turn the body: nobody measured them."""
+    """Note spins that are one number before and after all impulses, which turn the body: nobody measured them."""
     terms = torque(impacts)
     moment = terms.normal + terms.tangential
-    if impacts.v_pre[:, 2].any() or impacts.v_post[:, 2].any():
+    spins = torch.cat((impacts.v_pre[:, 2:], impacts.v_post[:, 2:]))
+    if not _same(spins, spins) or not (moment.abs() > _ROUNDING * terms.scale).any():
         return []
-    if not (moment.abs() > _ROUNDING * terms.scale).any():
-        return []
+    value = number(spins[0].item() + 0.0, 3)
     sentence = (
-        "ω is 0 before and after every impact, though the impulses turn the body: the spin was not measured. After "
-        "impact it is taken from the moment of the impulse, before impact it stays 0; friction, slip and what acts on "
-        "the spin cannot be told"
+        f"ω is {value} before and after every impact, though the impulses turn the body: the spin was not measured. "
+        f"After impact it is taken from the moment of the impulse, before impact it stays {value}; friction, slip and "
+        "what acts on the spin cannot be told"
     )
     evidence = evidence_of(("moment", moment.abs().median().item(), "rad/s"))
     name = "spin_not_measured"

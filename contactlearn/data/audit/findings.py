@@ -20,6 +20,8 @@
     consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
     constant_columns          columns with one value, and what they cannot show: a note
+    sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
+    equal_states              trials of one state before impact differ in their outcomes by scatter: a note
     audit_in_space            units and axes of bodies in space are not compared: a note
 
 Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
@@ -45,6 +47,8 @@ from contactlearn.data.audit.trials import (
     order_findings,
     repeated,
     rig_notes,
+    sorted_notes,
+    state_notes,
     trial_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
@@ -54,7 +58,8 @@ _FEWEST = 10  # trials below which nothing is said about units and axes: five st
 _QUICK = 500  # trials of a quick audit
 _IN_SPACE = Finding(
     name="audit_in_space",
-    sentence="units, axes and the moment balance are compared for bodies in a plane alone; here rows and times were",
+    sentence="units, axes and the moment balance are compared for bodies in a plane alone; here rows, times and the "
+    "floor's velocity were",
     evidence=(),
     mistake=False,
 )
@@ -68,12 +73,21 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     if impacts.space is SPACE:
-        return (*findings, *order_findings(impacts), *rig_notes(impacts), _IN_SPACE)
+        moving = moving_floor_findings(impacts)
+        return (
+            *moving,
+            *findings,
+            *order_findings(impacts),
+            *sorted_notes(impacts),
+            *state_notes(impacts),
+            *rig_notes(impacts),
+            _IN_SPACE,
+        )
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = rig_notes(impacts)
     if len(sound) < _FEWEST:
         return (*findings, *trial_findings(sound, thresholds), *notes)
-    notes = [*constant_notes(sound), *notes]
+    notes = [*constant_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound)
     sound = correct(sound, [one.correction for one in first if one.correction])
     spins = spin_notes(sound)

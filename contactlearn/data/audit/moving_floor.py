@@ -51,7 +51,7 @@ class MovingFloor:
 
 def moving_floor(impacts: Impacts) -> MovingFloor | None:
     """Find a constant velocity of the floor that explains outcomes clearly better than any dependence on the speed."""
-    before, after = (contact_velocity(impacts.r, v)[:, 1] for v in (impacts.v_pre, impacts.v_post))
+    before, after = (contact_velocity(impacts.r, v)[:, -1] for v in (impacts.v_pre, impacts.v_post))
     rows = before < 0
     speed, apparent = -before[rows], (-after / before)[rows]
     if len(speed) < _MIN_TRIALS or speed.max() <= speed.min():
@@ -72,7 +72,8 @@ def moving_floor(impacts: Impacts) -> MovingFloor | None:
 
 def on_still_floor(impacts: Impacts, velocity: float) -> Impacts:
     """Return impacts with velocities relative to a floor that moves along its normal, in m/s."""
-    moves = torch.tensor((0.0, velocity, 0.0)).to(impacts.v_pre)
+    moves = torch.zeros_like(impacts.v_pre[0])
+    moves[impacts.space.d - 1] = velocity
     return impacts.replace(v_pre=impacts.v_pre - moves, v_post=impacts.v_post - moves)
 
 

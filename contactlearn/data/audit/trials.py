@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, number
 from contactlearn.data.audit.moments import kinetic_energy, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -31,6 +31,9 @@ _COMMON = 0.1  # share of an object's trials with a gross mass from which on it 
 _APPARATUS_SIGMAS = 3.0  # standard errors by which the scale must be off, too
 _SECONDS_A_TRIAL = 0.5  # that a trial takes at least: times that span less are no clock of the session
 _RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
+_SORTED = 0.9  # rank correlation of the order and the state from which on trials are sorted by it: chance gives 0.5
+_FEWEST_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
+_ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _STRAY = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _LISTED = 5  # values that a sentence names
 
@@ -102,6 +105,64 @@ def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
         twice[place] = row in seen
         seen.add(row)
     return twice
+
+
+def state_notes(impacts: Impacts) -> list[Finding]:
+    """Note by how much outcomes differ among trials of one state before impact: it is scatter, and no mistake."""
+    body = torch.stack((impacts.mass, impacts.body.to(impacts.mass)), -1)
+    before = torch.cat((body, impacts.r, impacts.q, impacts.v_pre), -1)
+    _, which, count = before.unique(dim=0, return_inverse=True, return_counts=True)
+    several = count[which] > 1
+    if not several.any():
+        return []
+    means = torch.zeros(len(count), impacts.space.D, dtype=torch.float64).index_add(0, which, impacts.v_post)
+    off = (impacts.v_post - (means / count[:, None])[which])[several]
+    freedom = int(several.sum()) - int((count > 1).sum())
+    symbols = impacts.space.symbols.items()
+    spread = (off.square().sum(0) / freedom).sqrt().tolist()
+    if not any(spread):
+        return []
+    sizes = ", ".join(f"{number(x, 2)} {unit} in {name}" for x, (name, unit) in zip(spread, symbols, strict=True))
+    sentence = (
+        f"{int(several.sum())} of {len(impacts)} trials share their state before impact with others, and their "
+        f"outcomes differ by {sizes} (standard deviations): scatter of the contact or the instrument, or columns of "
+        "too few digits"
+    )
+    evidence = evidence_of(
+        ("trials", float(several.sum()), "trials"),
+        *((name, x, unit) for x, (name, unit) in zip(spread, symbols, strict=True)),
+    )
+    return [Finding(name="equal_states", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def sorted_notes(impacts: Impacts) -> list[Finding]:
+    """Note that the trials are sorted by their state before impact, which no drift can then be told from."""
+    d = impacts.space.d
+    states = {name: v for name, v in zip(impacts.space.symbols, impacts.v_pre.unbind(-1), strict=True)}
+    states |= {"v_n": impacts.v_c[:, d - 1], "the slip": impacts.v_c[:, : d - 1].norm(dim=-1)}
+    states |= {"θ": impacts.q[:, 2]} if d == 2 else {}
+    place = _ranks(impacts.order)
+    agreement = {
+        name: torch.corrcoef(torch.stack((_ranks(values), place)))[0, 1].item()
+        for name, values in states.items()
+        if values.max() - values.min() > _ROUNDING * values.abs().max()
+    }
+    most = max(agreement, key=lambda name: abs(agreement[name]), default=None)
+    if len(impacts) < _FEWEST_SORTED or most is None or abs(agreement[most]) < _SORTED:
+        return []
+    sentence = (
+        f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
+        "order is not to be told from a dependence on it, and none is looked for; measure in random order"
+    )
+    evidence = evidence_of(("variable", most), ("rank_correlation", agreement[most]))
+    return [Finding(name="sorted_trials", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """Ranks of values; equal ones share theirs."""
+    values = values.contiguous()
+    ranked = values.sort().values
+    return (torch.searchsorted(ranked, values) + torch.searchsorted(ranked, values, side="right")).double()
 
 
 def order_findings(impacts: Impacts) -> list[Finding]:

@@ -191,13 +191,17 @@ class FrontierModel:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedParameter:
-    """A parameter of an effect: symbol, unit, value and standard error."""
+    """A parameter of an effect: symbol, unit, value and standard error.
+
+    `at_end`: whether the value is an end of its plausible range, so that the true one may lie beyond.
+    """
 
     name: str
     symbol: str
     unit: str
     value: float
     standard_error: float
+    at_end: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

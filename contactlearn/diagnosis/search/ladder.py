@@ -88,10 +88,15 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 
 def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[FittedParameter, ...]:
     """Return the parameters of one effect of a model, or of its law."""
-    fit = fitted.fit
+    fit, ends = fitted.fit, fitted.fit.at_ends()
     return tuple(
         FittedParameter(
-            name=p.name.removeprefix(f"{name}."), symbol=p.symbol, unit=p.unit, value=value, standard_error=error
+            name=p.name.removeprefix(f"{name}."),
+            symbol=p.symbol,
+            unit=p.unit,
+            value=value,
+            standard_error=error,
+            at_end=p.name in ends,
         )
         for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
         if p.name.rpartition(".")[0] == (name or "")

@@ -27,6 +27,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 
 _STARTS = 4
 _TOLERANCE = 3e-4  # nats a trial; scores differ by nats over all trials
+_ALIKE = 0.01  # nats: models whose scores differ by less differ by what the fits leave open
 
 
 @dataclass(frozen=True)
@@ -168,8 +169,14 @@ class Pool:
         return self._penalty(2 + given + own, len(effects))
 
     def best(self, models: Iterable[ScoredFit] | None = None) -> ScoredFit:
-        """Return the model with the least score, of all or of some."""
-        return min(self.models.values() if models is None else models, key=lambda model: model.score)
+        """Return the model with the least score, of all or of some; laws that do as well in the order of the question.
+
+        Laws predict the same where contacts slide throughout: roundings would choose between them.
+        """
+        some = [*(self.models.values() if models is None else models)]
+        best, laws = min(some, key=lambda model: model.score), [*self.laws]
+        alike = [one for one in some if one.spec.effects == best.spec.effects and one.score <= best.score + _ALIKE]
+        return min(alike, key=lambda one: laws.index(one.spec.law))
 
     def quadratics(self, models: Iterable[ScoredFit]) -> list[Quadratic]:
         """Approximate the losses about models."""

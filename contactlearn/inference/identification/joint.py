@@ -264,15 +264,21 @@ class Fit:
 
     def at_bounds(self) -> dict[str, str]:
         """Explain which parameters of a single subset end at a bound, but for those: parameter → the meaning."""
-        found = {}
+        found, ends = {}, self.at_ends()
         for p, value, error in zip(self.parameters, self.values.tolist(), self.standard_errors.tolist(), strict=True):
-            if p.low < value < p.high or p.prior_from_flight is not None:
-                continue
-            if value == p.vanishing:
-                found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
-            else:
+            if p.name in ends:
                 found[p.name] = f"ends at its bound {value:g}; the other parameters may be biased"
+            elif not p.low < value < p.high and p.prior_from_flight is None:
+                found[p.name] = f"is not seen: |{p.symbol}| < {1.645 * error:.2g} {p.unit} with 95 %".replace(" –", "")
         return found
+
+    def at_ends(self) -> set[str]:
+        """Name the parameters of a single subset at an end of their range that is not where their effect vanishes."""
+        return {
+            p.name
+            for p, value in zip(self.parameters, self.values.tolist(), strict=True)
+            if not p.low < value < p.high and value != p.vanishing and p.prior_from_flight is None
+        }
 
 
 def fit(

@@ -165,6 +165,13 @@ def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
 
 
 def in_words(found: MissingEffect | Candidate) -> str:
+    """Say what the fitted parameters mean, and which of them a plausible range stops."""
+    ends = [f"{one.symbol} at the end of its range, {numbers.Quantity(one):}" for one in found.parameters if one.at_end]
+    beyond = f"; {join_words(ends)}: the true value may lie beyond" if ends else ""
+    return _meaning(found) + beyond
+
+
+def _meaning(found: MissingEffect | Candidate) -> str:
     """Say what the fitted parameters mean; with their symbols where the effect has no words, or the range of many."""
     kind = next((kind for kind in catalogue().get(found.effect.name, ()) if kind.id == found.effect), None)
     words, values, curve = kind.in_words if kind else "", found.parameters, ""
