@@ -15,7 +15,7 @@ from contactlearn.data.audit.findings import Finding, audit
 from contactlearn.data.audit.moments import balance, drag_factor, torque
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import rotate
+from contactlearn.mechanics.rigid_body import GRAVITY, rotate
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import mujoco, synthetic
 from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw
@@ -183,16 +183,42 @@ def test_a_disc_on_a_ramp(degrees):
     assert float(said.split()[0]) == pytest.approx(degrees, abs=0.1)
 
 
-def test_zeros_for_a_spin_that_nobody_measured():
+@pytest.mark.parametrize("value", [0.0, 5.0, -999.0])
+def test_one_number_for_a_spin_that_nobody_measured(value):
     clean = drops("disc", 1)
-    still = clean.replace(
-        v_pre=clean.v_pre * torch.tensor([1, 1, 0.0]), v_post=clean.v_post * torch.tensor([1, 1, 0.0]), validate=False
-    )
+    keep, spin = torch.tensor([1, 1, 0.0]), torch.tensor([0, 0, value])
+    still = clean.replace(v_pre=clean.v_pre * keep + spin, v_post=clean.v_post * keep + spin, validate=False)
     found = {one.name: one for one in audit(still)}
     assert not mistakes(tuple(found.values()))
     assert found["spin_not_measured"].correction == "spin_from_moments"
-    assert "ω before impact = 0" in found["constant_columns"].sentence
-    assert torque(correct(still, ["spin_from_moments"])).residual.abs().max() < 1e-9
+    assert f"ω before impact = {value:g}" in found["constant_columns"].sentence.replace("−", "-")
+    assert torque(correct(still, ["spin_from_moments"])).residual.abs().max() < 1e-9 * max(1.0, abs(value))
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_outcomes_of_equal_states_differ_by_scatter(noise):
+    clean = drops("disc", 1, velocity_noise=0.0, spin_noise=0.0)
+    often = clean.replace(validate=False)[torch.arange(30).repeat(5)].replace(
+        trial=tuple(map(str, range(150))), validate=False
+    )
+    off = noise * torch.randn(150, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    found = audit(often.replace(v_post=often.v_post + off, validate=False))
+    (note,) = (one for one in found if one.name == "equal_states")
+    assert not mistakes(found)
+    assert note.value("trials") == 150
+    for name in ("v_x", "v_y", "ω"):
+        assert note.value(name) == pytest.approx(noise, rel=0.2)
+    assert not [one for one in audit(clean) if one.name == "equal_states"]
+
+
+def test_trials_that_are_sorted_by_their_state():
+    clean = drops("disc", 1)
+    fastest = clean[clean.v_pre[:, 1].argsort()].replace(order=torch.arange(len(clean)) + 1.0)
+    (note,) = (one for one in audit(fastest) if one.name == "sorted_trials")
+    assert not note.mistake
+    assert note.value("variable") in ("v_y", "v_n")
+    assert note.value("rank_correlation") == pytest.approx(1, abs=0.01)
+    assert not [one for one in audit(clean) if one.name == "sorted_trials"]
 
 
 def test_indistinguishable_corrections_are_listed():
@@ -415,6 +441,60 @@ def test_energy_shape_and_pull():
     sucked = clean.replace(v_post=clean.v_pre + torch.tensor([0.0, -1.0, 3.0]))
     (finding,) = audit(sucked)
     assert finding.fatal
+
+
+def stepped(eps: float, seed: int) -> Impacts:
+    """Balls of an engine at 60 steps a second, dropped from 0.3 to 2 m; speeds at the floor are those of the tops.
+
+    A step is v ← v − g h, v ← −ε v and y ← 0 for a ball in the floor, y ← y + v h: engines gain height with ε = 1.
+    """
+    step, radius = 1 / 60, 0.03
+    height = 0.3 + 1.7 * torch.rand(150, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    y, v, top = height.clone(), torch.zeros_like(height), torch.zeros_like(height)
+    bounced = torch.zeros_like(height, dtype=torch.bool)
+    for _ in range(75):  # the lowest balls are not down for a second time
+        v = v - GRAVITY * step
+        hit = (y <= 0) & ~bounced
+        bounced |= hit
+        v, y = torch.where(hit, -eps * v, v), torch.where(hit, 0, y)
+        y = y + v * step
+        top = torch.where(bounced, torch.maximum(top, y), 0)
+    zero = torch.zeros_like(height)
+    return Impacts(
+        mass=zero + 0.05,
+        inertia=zero + 0.4 * 0.05 * radius**2,
+        r=torch.stack((zero, zero - radius), -1),
+        q=torch.stack((zero, zero + radius, zero), -1),
+        v_pre=torch.stack((zero, -(2 * GRAVITY * height).sqrt(), zero), -1),
+        v_post=torch.stack((zero, (2 * GRAVITY * top).sqrt(), zero), -1),
+        validate=False,
+    )
+
+
+def energy_gained(impacts: Impacts) -> list[Finding]:
+    return [one for one in audit(impacts) if one.name == "energy_gained"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_engine_that_gains_energy(seed):
+    impacts = stepped(1.0, seed)
+    gain = (impacts.v_post[:, 1] / impacts.v_pre[:, 1]).square() - 1
+    (note,) = energy_gained(impacts)
+    assert note.value("median_gain") == pytest.approx(gain.median().item())
+    assert note.value("share") == pytest.approx((gain > 0).double().mean().item())
+    assert not energy_gained(stepped(0.8, seed))
+
+
+@pytest.mark.parametrize("seed", repeated(*range(12)))
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.05])
+def test_honest_noise_at_a_high_restitution_gains_no_energy(noise, seed):
+    """A noise of that share of the speed, before and after; 5 % give a third of the impacts energy."""
+    drop = stepped(1.0, seed)
+    fall = -drop.v_pre[:, 1:2]
+    off = 1 + noise * torch.randn(2, 150, 1, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    up = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    noisy = drop.replace(v_pre=-fall * off[0] * up, v_post=0.95 * fall * off[1] * up, validate=False)
+    assert not energy_gained(noisy)
 
 
 @pytest.mark.parametrize("seed", repeated(*range(8)))

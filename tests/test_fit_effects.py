@@ -62,6 +62,7 @@ def test_planted_parameters_are_exact_without_noise_and_kept_within_their_bounds
     fit = joint.fit(drops, find("wang_mason"), chosen, options=FitOptions(box=Box(mu=(0.0, 0.1), eps=(0.0, 1.0))))
     assert fit.values[0] == pytest.approx(0.1)
     assert "bound" in fit.at_bounds()["mu"]
+    assert fit.at_ends() == {"mu"}
     low, high = torch.tensor([(p.low, p.high) for p in fit.parameters], dtype=torch.float64).T
     assert ((fit.values >= low) & (fit.values <= high)).all()
     # Two tilts: only their sum is determined.

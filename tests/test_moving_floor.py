@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from spatial import in_space
 
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
@@ -74,3 +75,16 @@ def test_what_adhesion_explains_as_well_is_noted():
     (finding,) = found(bounces(loss=0.2))
     assert (finding.mistake, finding.correction) == (False, None)
     assert finding.value("velocity") < -0.05
+
+
+@pytest.mark.parametrize("velocity", [0.2, 0.5])
+def test_a_floor_that_rises_under_bodies_in_space(velocity):
+    """The planar bounces as spatial ones: z is up."""
+    spatial = in_space(bounces(velocity))
+    (finding,) = found(spatial)
+    assert finding.correction == "moving_floor"
+    assert finding.value("velocity") == pytest.approx(velocity, abs=4 * finding.value("error"))
+    level = correct(spatial, ["moving_floor"])
+    assert moving_floor(level) is None
+    torch.testing.assert_close(level.v_pre - spatial.v_pre, level.v_post - spatial.v_post)
+    assert not found(in_space(bounces(0.0)))

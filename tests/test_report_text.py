@@ -344,6 +344,14 @@ def test_parameters_are_in_words_with_the_units_that_people_use(one, message):
     assert plain(text.in_words(one)) == message
 
 
+def test_a_parameter_at_the_end_of_its_range_is_said_to_be_there():
+    one = fitted(TILT, 0.2)
+    stopped = replace(one, parameters=(replace(one.parameters[0], at_end=True),))
+    message = "the floor is tilted by 11.46 ± 0.15°; φ at the end of its range, 11.46 ± 0.15°: the true value may lie beyond"
+    assert plain(text.in_words(stopped)) == message
+    assert message in plain(text.phrase("missing_effect", stopped))  # the terminal's line
+
+
 def test_the_terminal_has_the_verdict_and_no_more_than_fifteen_lines(found, capsys):
     """Even with three levels of names, rivals, laws that do as well, and the next experiment."""
     rival = result.Rival(effect=DRAG, similarity=0.9, loss_difference=0.0, standard_error=0.1)

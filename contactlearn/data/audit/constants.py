@@ -60,7 +60,7 @@ def spin_notes(impacts: Impacts) -> list[Finding]:
     value = number(spins[0].item() + 0.0, 3)
     sentence = (
         f"ω is {value} before and after every impact, though the impulses turn the body: the spin was not measured. "
-        f"After impact it is taken from the moment of the impulse, before impact it stays {value}; friction, slip and "
+        "It is taken to be 0 before impact, and after it what the moment of the impulse makes; friction, slip and "
         "what acts on the spin cannot be told"
     )
     evidence = evidence_of(("moment", moment.abs().median().item(), "rad/s"))

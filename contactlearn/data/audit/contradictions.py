@@ -7,7 +7,7 @@ An answer is in [0, 1], and 0 for a rigid planar impact on a floor below the bod
     push        P_n > 0: the floor does not pull
     below       r_y < 0: the floor is below the centre of mass
     friction    P_t is not along the slip both before and after; negligible P_t or slip does not count
-    energy      no more after than before, within a tenth
+    energy      no more after than before, within a tenth; twice as much is a whole contradiction
     shape       r is the contact point of the body's shape at θ, where the shape is known
     units       I/m agrees with r, speeds and lengths are those of a laboratory, |θ| is a few turns at most
 
@@ -28,6 +28,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity
 
 _LIGHTEST = 0.02  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2
+_GAIN, _GROSS_GAIN = 1.1, 2.0  # ratio of energies by noise or an engine, and by another unit or order of columns
 _LARGEST, _TURNED = 10.0, 8 * math.pi  # plausible |r| in m, and |θ| in rad (four turns), in the median
 
 
@@ -47,7 +48,7 @@ def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batc
         "push": (P[..., 1] <= 0).double(),
         "below": (impacts.r[..., 1] >= 0).double(),
         "friction": along * counts * (slip.abs().amin(-1) / slip.abs().amax(-1).clamp_min(1e-300)),
-        "energy": (rebound > 1.1 * energy).double(),
+        "energy": ((rebound / energy.clamp_min(1e-300) - _GAIN) / (_GROSS_GAIN - _GAIN)).clamp(0, 1),
         "units": _implausible(impacts)[..., None].expand_as(length),
     }
     if impacts.shape is not None:

@@ -170,9 +170,9 @@ def _inclined_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
 
 def _spin_from_moments(impacts: Impacts, _: AuditThresholds) -> Impacts:
     terms = torque(impacts)
-    v_post = impacts.v_post.clone()
-    v_post[:, 2] = impacts.v_pre[:, 2] + terms.normal + terms.tangential
-    return impacts.replace(v_post=v_post)
+    v_pre, v_post = impacts.v_pre.clone(), impacts.v_post.clone()
+    v_pre[:, 2], v_post[:, 2] = 0.0, terms.normal + terms.tangential
+    return impacts.replace(v_pre=v_pre, v_post=v_post)
 
 
 def _swapped_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
@@ -272,7 +272,8 @@ CORRECTIONS = {
         needs_all_trials=True,
     ),
     "spin_from_moments": Correction(
-        "the spin was not measured: after impact it is what the moment of the impulse makes", _spin_from_moments
+        "the spin was not measured: it is 0 before impact, and after it what the moment of the impulse makes",
+        _spin_from_moments,
     ),
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
