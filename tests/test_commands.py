@@ -618,6 +618,18 @@ def test_the_version_is_printed(capsys):
     assert capsys.readouterr().out == f"contactlearn {contactlearn.__version__}\n"
 
 
+@pytest.mark.parametrize(("spin", "status", "word"), [(1.0, 0, "note: "), (-1.0, 1, "wrong: ")])
+def test_the_audit_ends_with_1_where_the_data_are_wrong(spin, status, word, tmp_path):
+    drops = synthetic.load(size=60)
+    turned = torch.tensor([1.0, 1.0, spin], dtype=torch.float64)
+    drops = drops.replace(v_pre=drops.v_pre * turned, v_post=drops.v_post * turned, validate=False)
+    table.save(drops, tmp_path / "drops.csv")
+    shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
+    printed = run("contactlearn", "audit", "drops.csv", shape, cwd=tmp_path, status=status)
+    assert word in printed
+    assert ("wrong: " in printed) == (status == 1)
+
+
 @pytest.mark.parametrize("words", [("audit", "data=synthetic"), ("export", "drops.csv")])
 def test_settings_that_would_do_nothing_are_refused(words, tmp_path):
     printed = run("contactlearn", *words, "device=cuda", cwd=tmp_path, status=2)

@@ -347,7 +347,8 @@ def test_parameters_are_in_words_with_the_units_that_people_use(one, message):
 def test_a_parameter_at_the_end_of_its_range_is_said_to_be_there():
     one = fitted(TILT, 0.2)
     stopped = replace(one, parameters=(replace(one.parameters[0], at_end=True),))
-    message = "the floor is tilted by 11.46 ± 0.15°; φ at the end of its range, 11.46 ± 0.15°: the true value may lie beyond"
+    end = "φ at the end of its range, 11.46 ± 0.15°: the true value may lie beyond"
+    message = f"the floor is tilted by 11.46 ± 0.15°; {end}"
     assert plain(text.in_words(stopped)) == message
     assert message in plain(text.phrase("missing_effect", stopped))  # the terminal's line
 
