@@ -1,6 +1,7 @@
 """The search over laws and effects: its linearisation, its exchanges, its set of models, and its clock."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -329,3 +330,19 @@ def test_a_calibrated_confidence_is_a_probability():
 ])  # fmt: skip
 def test_more_evidence_never_means_less_confidence(name, less, more):
     assert calibrated(**(SURE | {name: less})) <= calibrated(**(SURE | {name: more}))
+
+
+@pytest.mark.parametrize("laws", [("wang_mason", "anitescu_potra_poisson"), ("anitescu_potra_poisson", "wang_mason")])
+def test_laws_that_do_as_well_are_taken_in_the_order_of_the_question(laws):
+    """A disc that slides throughout has the same outcome by both; the fits differ by what their tolerance leaves."""
+    states = synthetic.load(size=60, shape={"kind": "disc", "radius": 0.03})
+    side = torch.where(states.v_c[:, :1] < 0, -3.0, 3.0) * torch.tensor([1.0, 0.0, 0.0])  # m/s, so that none sticks
+    states = states.replace(v_pre=states.v_pre + side)
+    noise = 0.01 * torch.randn(60, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    impacts = states.replace(v_post=ContactModel(find("wang_mason").at(0.1, 0.5)).predict(states).v_post + noise)
+    pool = pooled(impacts, laws=laws)
+    first, second = (pool.models[Spec(law)] for law in laws)
+    assert first.score == pytest.approx(second.score, abs=1e-6)
+    for worse in (-1e-9, 1e-9):
+        pool.models[Spec(laws[0])] = replace(first, score=second.score + worse)
+        assert pool.best().spec.law == laws[0]
