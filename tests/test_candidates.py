@@ -65,6 +65,16 @@ def test_the_whole_catalogue_is_usable():
         usable({EffectId("oracle"): Oracle(100)}, synthetic.load(size=100))
 
 
+def test_a_threshold_above_the_slowest_trials_is_usable():
+    """At its first value no trial is below it, and the coefficient the same for all."""
+    drops = synthetic.load(size=100)
+    v_pre = drops.v_pre * torch.tensor([1.0, 0.5, 1.0]) - torch.tensor([0.0, 0.9, 0.0])
+    drops = drops.replace(v_pre=v_pre, validate=False)
+    fast = drops[(drops.v_c[:, 1] < -1.0) & (drops.v_c[:, 1] > -3.0)]
+    assert len(fast) > 30
+    assert EffectId("velocity_dependent_restitution", "threshold") in usable(all_candidates(), fast)
+
+
 def test_a_parameter_for_every_few_trials_is_refused():
     terms = {f"c{k}": [-1, 1] for k in range(8)}
     many = formula(terms, tau=" + ".join(f"{c}*Pn*rx*sin({k}*order)" for k, c in enumerate(terms)))

@@ -24,6 +24,7 @@ from contactlearn.models.contact_model import resolve
 SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
 """Names of the laws that a diagnosis compares."""
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
+_FAR = 0.5  # of a parameter's range, where a coefficient must be constant too if it is no function of the state
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
@@ -115,13 +116,13 @@ def without_spin(candidates: Mapping[EffectId, Effect], impacts: Impacts) -> dic
 def _unvaried(effect: Effect, impacts: Impacts, varied: Sequence[Impacts]) -> bool:
     """Whether an effect acts by quantities that are the same in all trials, so that no trial shows it by another."""
     try:
-        moved = _moved(effect.prepare(impacts))
+        moved, far = (_moved(effect.prepare(impacts), nudge) for nudge in (_NUDGE, _FAR))
     except ContactLearnError:  # it is refused elsewhere, by name
         return False
     here = added(moved, impacts, impacts)
-    if effect.place == "law" and len(impacts) > 1:
-        spread = max((x.max() - x.min()).item() for x in here.values())
-        if spread <= _ROUNDING:
+    if effect.place == "law" and moved.parameters and len(impacts) > 1:  # an effect of several bodies has none for one
+        each = (*here.values(), *added(far, impacts, impacts).values())  # a threshold is beyond all trials at one value
+        if all((x.max() - x.min()).item() <= _ROUNDING for x in each):
             return True
     return any(
         not torch.allclose(x, here[name], rtol=1e-6, atol=_ROUNDING)
@@ -131,10 +132,10 @@ def _unvaried(effect: Effect, impacts: Impacts, varied: Sequence[Impacts]) -> bo
     )
 
 
-def _moved(effect: Effect) -> Effect:
+def _moved(effect: Effect, nudge: float = _NUDGE) -> Effect:
     """A prepared effect whose parameters are away from vanishing."""
     ranges = torch.tensor([p.high - p.low for p in effect.parameters], dtype=torch.float64)
-    return effect.at(columns(*effect.vanished().values) + _NUDGE * ranges)
+    return effect.at(columns(*effect.vanished().values) + nudge * ranges)
 
 
 def _sees_outcomes(effect: Effect, impacts: Impacts) -> bool:
