@@ -36,8 +36,8 @@ SHAPE = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 ELLIPSE = f"data.shape={SHAPE}".replace("'", "")
 
 # How many of a unit make one in SI, by hand.
-LENGTH = {"m": 1, "cm": 100, "mm": 1000, "um": 1e6, "km": 1e-3, "in": 1 / 0.0254, "ft": 1 / 0.3048}
-MASS = {"kg": 1, "g": 1000, "mg": 1e6}
+LENGTH = {"m": 1, "cm": 100, "mm": 1000, "um": 1e6, "km": 1e-3, "in": 1 / 0.0254, "ft": 1 / 0.3048, "mi": 1 / 1609.344}
+MASS = {"kg": 1, "g": 1000, "mg": 1e6, "lb": 1 / 0.45359237, "oz": 16 / 0.45359237}
 ANGLE = {"rad": 1, "deg": 180 / math.pi, "rev": 0.5 / math.pi}
 TIME = {"s": 1, "ms": 1000, "us": 1e6, "min": 1 / 60, "h": 1 / 3600}
 SENSE = {"counterclockwise": 1, "clockwise": -1}
@@ -402,3 +402,16 @@ def test_additions_of_spreadsheets_and_instruments_are_named(tmp_path, drops):
     assert_close(table.load(written(tmp_path / "own.csv", commas)), drops)
     with pytest.raises(DataError, match=r"row 1 .*'heavy'"):
         table.load(written(tmp_path / "own.csv", columns_of(drops) | {"mass": ["heavy"] * 40}))
+
+
+@pytest.mark.parametrize("without", [("x", "y"), ("x", "y", "rx", "ry")], ids=len)
+def test_a_table_without_places(without, tmp_path):
+    """The shape gives the height; places along the floor are 0."""
+    drops = synthetic.load(size=30)
+    drops.to_frame().drop(columns=[*without, "x_post", "y_post", "theta_post"]).to_csv(tmp_path / "a.csv", index=False)
+    found = table.read(tmp_path / "a.csv", shape=drops.shape)
+    assert "place" in found.computed
+    torch.testing.assert_close(found.impacts.q[:, 1], drops.q[:, 1])
+    assert not found.impacts.q[:, 0].any()
+    with pytest.raises(DataError, match=r"missing column .*x, y.* from which .*x, y are computed"):
+        table.read(tmp_path / "a.csv")

@@ -41,6 +41,7 @@ from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
     COLUMNS,
+    COMPUTED,
     REQUIRED,
     NamedColumns,
     apparatus_of,
@@ -91,7 +92,7 @@ class Table:
     Args:
         impacts: the measurements.
         unused: the file's columns that are not used.
-        computed: fields of the impacts that the file lacks and the body's shape gives: `inertia`, `r`.
+        computed: what the file lacks and the body's shape gives: `inertia`, `r`, and `place`, on the floor at 0.
         read_as: how the file was understood, in words; nothing for one as `save` writes it.
     """
 
@@ -280,10 +281,12 @@ def _impacts(
         raise DataError(
             f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
         )
+    absent = COMPUTED[space]["place"] if "place" in named.computed else ()  # 0, until the shape gives the height
     for field, names in space.components.items():
         names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
-        if names[0] in cells.header:
-            stacked = torch.stack([_numbers(cells, name, units) for name in names], -1)
+        if names[-1] in cells.header:
+            zeros = torch.zeros(len(cells), dtype=torch.float64)
+            stacked = torch.stack([zeros if name in absent else _numbers(cells, name, units) for name in names], -1)
             values[field] = stacked[:, 0] if len(names) == 1 else stacked
     values |= {
         field: _covariance(cells, space, names, units)
@@ -341,6 +344,10 @@ def _computed(
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
             )
         found["r"] = contact_points(shape, body, theta)
+    if "place" in computed:
+        normal = 1 if planar else 2
+        found["q"] = values["q"].clone()
+        found["q"][:, normal] = -found.get("r", values.get("r"))[:, normal]
     if "inertia" in computed:
         mass = values["mass"][:, None]
         found["inertia"] = per_body(shape, body, lambda one: mass * one.gyration_squared()).squeeze(-1)

@@ -5,7 +5,7 @@
 
 Names that say the same in other words are read likewise (`names`), `vx_pre, vy_pre, omega_pre` among them, where no
 column has our name.  An unknown column whose name is near a missing one is refused as a slip; other unknown columns are
-not used.  Where the body's shape is known, `rx, ry` may be left out, and `inertia` as well.
+not used.  Where the body's shape is known, `rx, ry` may be left out, and `inertia` and `x, y` as well.
 
 Estimates of the apparatus are the same numbers in every row, always in SI: a column survives a dropped row, another
 program that saves the table, and CSV.
@@ -83,8 +83,8 @@ NO_SPIN = (
 """Of a table in which all else is there."""
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
-COMPUTED = {space: {"inertia": space.inertia, "r": space.position} for space in BOTH}
-"""Columns by the space and by the field that they fill, that a known shape may replace."""
+COMPUTED = {space: {"inertia": space.inertia, "r": space.position, "place": space.pose[: space.d]} for space in BOTH}
+"""Columns by the space and by what they fill, that a known shape may replace: the floor tells the height of a place."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
