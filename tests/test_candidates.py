@@ -139,7 +139,13 @@ def test_excluded_candidates_are_reported():
 
 
 def test_wrong_limits_of_the_experiment_are_refused():
-    message = run("diagnose.py", "data.size=60", "+limits.vy=[-3,-1]", status=2)
-    assert "limit of an experiment" in message
-    assert "v_y" in message
-    assert "limits.v_y must be [low, high]" in run("diagnose.py", "data.size=60", "+limits.v_y=-3", status=2)
+    """Before a file is read, but for those of space for drops in a plane, which only the data tell."""
+    printed = run("diagnose.py", "data.size=60", "+limits.v_z=[-3,-1]", status=2)
+    assert "unknown limit of an experiment 'v_z'" in printed
+    early = {
+        "+limits.vy=[-3,-1]": "unknown limit of an experiment 'vy', did you mean 'v_y'?",
+        "+limits.v_y=-3": "limits.v_y must be [low, high] in order, such as [-3, -1], got -3",
+        "+limits.v_y=[-1,-3]": "limits.v_y must be [low, high] in order, such as [-3, -1], got [-1, -3]",
+    }
+    for word, message in early.items():
+        assert message in run("diagnose.py", "data=table", "data.path=nowhere.csv", word, status=2)

@@ -384,7 +384,7 @@ ERRORS = {
     "patch": (["evaluate.py", "bounds.patch=-1"], "bounds.patch must be a positive half-width in m, got -1"),
     "settled": (["evaluate.py", "reference={x1_wrench: {settled: 0}}"], "reference.x1_wrench must hold"),
     "reference": (["evaluate.py", "reference={mirtich: {mu: [0.1, 0.1]}}"], "reference.mirtich must hold"),
-    "bounds": (["train.py", "train.mu=[1,0]"], "bounds of mu must be 0 ≤ low < high, got [1, 0]"),
+    "bounds": (["train.py", "train.mu=[1,0]"], "train.mu must be [low, high] in order, such as [0, 1], got [1, 0]"),
     "features": (["train.py", "model=x1_impulse", "model.x1_impulse.features=x3"], "unknown feature space 'x3'"),
     "learned target": (["train.py", "model=x1_impulse", "model.x1_impulse.target=force"], "unknown target 'force'"),
     "model setting": (["train.py", "+model.mine.lengthscale=3"], "model.mine must hold features, target and law"),

@@ -32,6 +32,7 @@ from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.core.numerics import is_number, is_whole
 from contactlearn.data.recordings import SOURCES
+from contactlearn.diagnosis.discrimination.experiment import STATES
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, catalogue, from_settings
 from contactlearn.effects.checks import describe, lost_gradients, violations
@@ -418,7 +419,10 @@ def _number(accept: Callable[[float], bool], rule: str) -> _Rule:
 
 
 def _pair(example: str) -> _Rule:
-    return lambda x: isinstance(x, list) and len(x) == 2 and all(map(is_number, x)), f"[low, high], such as {example}"
+    return (
+        lambda x: isinstance(x, list) and len(x) == 2 and all(map(is_number, x)) and x[0] <= x[1],
+        f"[low, high] in order, such as {example}",
+    )
 
 
 _SIZES: _Rule = (
@@ -459,6 +463,7 @@ _CHOICES = {
 _NAMING = ("effect", "candidate", "model", "transfer.bodies")  # parts whose keys become names of files and charts
 _NULLABLE = (*_NAMING, "limits", "reference", "transfer")
 _PARTS = (*_NULLABLE, "data", "train", "fit", "bounds", "curves", "figures")
+_STATES = tuple(dict.fromkeys(chain(*STATES.values())))  # only the data say whether they are in the plane or in space
 _ABSENT = object()
 
 
@@ -481,6 +486,8 @@ def _checked(cfg: DictConfig, command: str) -> dict[str, Any]:
             if not NAME.fullmatch(str(name)):
                 raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
     values = {key: _at(config, key, _ABSENT) for key in (*_RULES, *_CHOICES)}
+    if unknown := [name for name in config.get("limits") or {} if name not in _STATES]:
+        raise UnknownNameError("limit of an experiment", unknown[0], _STATES)
     pairs = {f"limits.{name}": _pair("[-3, -1]") for name in config.get("limits") or {}}
     values |= {f"limits.{name}": ends for name, ends in (config.get("limits") or {}).items()}
     for key, (accept, rule) in {**_RULES, **pairs}.items():
