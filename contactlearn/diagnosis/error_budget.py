@@ -165,6 +165,7 @@ def error_budget(
     named: Interval,
     flexible: Interval,
     floor: NoiseFloor,
+    instrument: Interval | None = None,
     with_candidates: float | None = None,
 ) -> ErrorBudget:
     """Divide the error of the law into shares.
@@ -175,6 +176,7 @@ def error_budget(
         named: error with all effects, on the ladder.
         flexible: error with processes on the residual of that model.
         floor: the noise; one that a model clearly undercuts is none, and no other exceeds the least error of a model.
+        instrument: the part of the floor that is not scatter of the contact; None where both are one.
         with_candidates: mean error with the candidates as well; None without any.
     """
     models = named, flexible, limits.ceiling
@@ -182,12 +184,15 @@ def error_budget(
     best = named.mean if with_candidates is None else min(named.mean, with_candidates)
     noise = min(floor.error.mean, best, *(model.mean for model in models))
     whole = base.mean or 1.0  # of exact data
+    apart = usable and instrument is not None
+    scatter = max(0.0, noise - instrument.mean) if instrument is not None else 0.0
     shares = ErrorShares(
         noise=noise / whole if usable else None,
         explained=(base.mean - named.mean) / whole,
         unnamed=(named.mean - best) / whole,
         unexplained=(best - noise) / whole if usable else None,
         beyond_rigid=max(0.0, limits.bound.mean - noise) / whole if usable else None,
+        scatter=scatter / whole if apart else None,
     )
     return ErrorBudget(
         base=base,
@@ -198,6 +203,7 @@ def error_budget(
         noise=Interval(noise, min(floor.error.low, noise), floor.error.high) if usable else None,
         noise_source=floor.source,
         shares=shares,
+        instrument=instrument if apart else None,
     )
 
 
@@ -219,8 +225,9 @@ def verdict(
     | much is left, and the search ran out of time | unfinished | unfinished |
     | little is left | effects | none |
 
-    Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise; an
-    estimated noise floor, which scatters, must be exceeded by twice as much as a measured or stated one.
+    Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise, of
+    the instrument and of the contact's scatter.  An estimated floor, which scatters, must be exceeded by twice as much
+    as a measured or stated one.  Scatter that has structure is none, and no part of the floor.
 
     Args:
         budget: with its shares.
@@ -232,7 +239,8 @@ def verdict(
     """
     shares, much = budget.shares, thresholds.form_error
     exceeds = budget.noise is not None and budget.named.low > budget.noise.high
-    beyond = 2 * much if budget.noise_source is NoiseSource.ESTIMATED else much
+    estimated = budget.noise_source in (NoiseSource.ESTIMATED, NoiseSource.SCATTER)
+    beyond = 2 * much if estimated else much
     left = shares.unexplained if shares.unexplained is not None and exceeds else 0.0
     if better_law:
         return Verdict.UNKNOWN

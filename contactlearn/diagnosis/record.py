@@ -2,16 +2,17 @@
 
     impacts.parquet    the corrected impacts
     base.pt, model.pt  the law with the given effects, and the full model, as checkpoints
-    record.npz         outcomes of every choice of effects, partial residuals, the shapes of bodies and the data's name
+    record.npz         outcomes of every choice of effects, partial residuals, deviations of the contact, the shapes of
+                       bodies and the data's name
 
 Nothing in these files is ever executed: the arrays hold numbers and text and are read without pickle.
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final, final
+from typing import Any, Final, TypeVar, final
 
 import numpy as np
 import torch
@@ -28,8 +29,27 @@ from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 
 _IMPACTS, _BASE, _MODEL, _ARRAYS = "impacts.parquet", "base.pt", "model.pt", "record.npz"
-_PARTIAL = tuple(field.name for field in fields(Partial))
 
+
+@dataclass(frozen=True, kw_only=True)
+class Deviations:
+    """Most probable deviations u [N, k] of a component of scatter and their standard errors, in `unit`.
+
+    They are against the sequence, and a variable x [N] with its letter and unit.
+    """
+
+    component: str
+    symbol: str
+    unit: str
+    variable: str
+    variable_unit: str
+    x: Float[Tensor, " n"]
+    order: Float[Tensor, " n"]
+    u: Float[Tensor, "n k"]
+    error: Float[Tensor, "n k"]
+
+
+_Evidence = TypeVar("_Evidence", Partial, Deviations)
 
 @final
 class Record:
@@ -43,9 +63,10 @@ class Record:
         model: the same with the missing effects.
         outcomes: v_post in (m/s, m/s, rad/s) of every choice of effects, see `Choices`.
         residuals: partial residuals of the missing effects, in their order.
+        deviations: of the contact by component, of the impacts from which its scatter is estimated.
     """
 
-    __slots__ = ("base", "impacts", "model", "outcomes", "residuals")
+    __slots__ = ("base", "deviations", "impacts", "model", "outcomes", "residuals")
 
     def __init__(
         self,
@@ -55,12 +76,14 @@ class Record:
         model: ContactModel,
         outcomes: Float[Tensor, "choices n D"],
         residuals: tuple[Partial, ...] = (),
+        deviations: tuple[Deviations, ...] = (),
     ) -> None:
         self.impacts: Final = impacts
         self.base: Final = base
         self.model: Final = model
         self.outcomes: Final = outcomes
         self.residuals: Final = residuals
+        self.deviations: Final = deviations
 
     def save(self, folder: Path, provenance: Mapping[str, Any]) -> None:
         """Write the files of the module's table into a folder; each appears whole or not at all.
@@ -78,9 +101,7 @@ class Record:
         shape = shapes_entries(self.impacts.shape)
         about = {"source": self.impacts.source, "validate": self.impacts.validate, "shape": shape}
         arrays = {"about": np.asarray(json.dumps(about)), "outcomes": self.outcomes.numpy()}
-        arrays |= {
-            f"{name}_{k}": np.asarray(getattr(one, name)) for k, one in enumerate(self.residuals) for name in _PARTIAL
-        }
+        arrays |= _evidence_arrays("", self.residuals) | _evidence_arrays("deviations_", self.deviations)
         try:
             with atomic_write(folder / _ARRAYS) as part:
                 np.savez_compressed(part, allow_pickle=False, **arrays)
@@ -97,8 +118,7 @@ class Record:
         arrays = _arrays(folder / _ARRAYS)
         try:
             about, outcomes = json.loads(str(arrays["about"])), torch.from_numpy(arrays["outcomes"])
-            count = sum(name.startswith(f"{_PARTIAL[0]}_") for name in arrays)
-            residuals = tuple(_partial(arrays, k) for k in range(count))
+            residuals, deviations = _evidence(arrays, "", Partial), _evidence(arrays, "deviations_", Deviations)
             impacts = table.load(folder / _IMPACTS, make_shapes(about["shape"]), validate=False)
             impacts = impacts.replace(source=str(about["source"]), validate=bool(about["validate"]))
         except (KeyError, TypeError, ValueError) as error:
@@ -109,7 +129,9 @@ class Record:
                 f"{len(impacts)} trials of {_IMPACTS}, got {tuple(outcomes.shape)}; do the files belong to one run?"
             )
         base, model = (checkpoint.load(folder / name) for name in (_BASE, _MODEL))
-        return cls(impacts=impacts, base=base, model=model, outcomes=outcomes, residuals=residuals)
+        return cls(
+            impacts=impacts, base=base, model=model, outcomes=outcomes, residuals=residuals, deviations=deviations
+        )
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -122,7 +144,21 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         raise DataError(f"{path}: cannot be read: {type(error).__name__}: {error}") from None
 
 
-def _partial(arrays: Mapping[str, np.ndarray], k: int) -> Partial:
-    read = {name: arrays[f"{name}_{k}"] for name in _PARTIAL}
-    values: dict[str, Any] = {n: str(x) if x.dtype.kind == "U" else torch.from_numpy(x) for n, x in read.items()}
-    return Partial(**values)
+def _evidence_arrays(prefix: str, evidence: tuple[Partial, ...] | tuple[Deviations, ...]) -> dict[str, np.ndarray]:
+    """Fields of each evidence by prefix, field and number."""
+    return {
+        f"{prefix}{field.name}_{k}": np.asarray(getattr(one, field.name))
+        for k, one in enumerate(evidence)
+        for field in fields(one)
+    }
+
+
+def _evidence(arrays: Mapping[str, np.ndarray], prefix: str, kind: type[_Evidence]) -> tuple[_Evidence, ...]:
+    """Read what `_evidence_arrays` wrote."""
+    names = [field.name for field in fields(kind)]
+    found, count = list[_Evidence](), sum(name.startswith(f"{prefix}{names[0]}_") for name in arrays)
+    for k in range(count):
+        read = {name: arrays[f"{prefix}{name}_{k}"] for name in names}
+        values: dict[str, Any] = {n: str(x) if x.dtype.kind == "U" else torch.from_numpy(x) for n, x in read.items()}
+        found.append(kind(**values))
+    return tuple(found)

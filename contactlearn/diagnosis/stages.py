@@ -10,7 +10,8 @@
     ladder       law, each effect, flexible model, noise: held-out errors, also by region
     rivals       effects that explain these data as well, and the drops that separate them
     remainder    the part of the residual that a flexible model still predicts, and formulas for it
-    budget       noise, and the shares of the law's error
+    scatter      what differs from impact to impact around the full model, tested for structure
+    budget       noise of instrument and contact, and the shares of the law's error
     choices      every subset of the effects, fitted, for the reader to compare
 
 All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
@@ -27,7 +28,7 @@ from contactlearn.data.audit.model_checks import averaging_notes, find_model_out
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
-from contactlearn.diagnosis.error_budget import error_budget, error_limits, noise_floor, verdict
+from contactlearn.diagnosis.error_budget import NoiseFloor, error_budget, error_limits, noise_floor, verdict
 from contactlearn.diagnosis.events import (
     AuditFindings,
     CandidatesExcluded,
@@ -45,6 +46,7 @@ from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import (
     Candidate,
+    ContactScatter,
     Diagnosis,
     ErrorBudget,
     ErrorLimits,
@@ -55,6 +57,7 @@ from contactlearn.diagnosis.result import (
     LawFit,
     Level,
     MissingEffect,
+    NoiseSource,
     PlausibleModel,
     Region,
     Remainder,
@@ -66,6 +69,7 @@ from contactlearn.diagnosis.search.candidates import fitted_first, follows_order
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
+from contactlearn.diagnosis.unexplained.contact_scatter import ScatterEstimate, contact_scatter
 from contactlearn.diagnosis.unexplained.formulas import formulas
 from contactlearn.diagnosis.unexplained.proxy_effects import index_without_proxies
 from contactlearn.diagnosis.unexplained.remainder import LearnedRemainder, learn_remainder
@@ -371,10 +375,11 @@ def compare_effects(
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorDecomposition:
-    """The remainder of the full model, formulas for it, and the error budget."""
+    """The remainder of the full model, formulas for it, its contact's scatter, and the error budget."""
 
     learned: LearnedRemainder
     formulas: tuple[Formula, ...]
+    scatter: ScatterEstimate | None
     budget: ErrorBudget
 
 
@@ -398,15 +403,20 @@ def decompose_error(
         inliers=fit.inliers,
         predicted=learned.v_post if remainder.large else None,
     )
+    scatter = contact_scatter(impacts, fit.model, fit.inliers, question.options, thresholds)
+    random = scatter is not None and scatter.result.random
+    if scatter is not None and random:
+        floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
     budget = error_budget(
         search.limits,
         base=rungs.rungs[0].error,
         named=rungs.rungs[-1].error,
         flexible=held_out_interval(learned.error, generator),
         floor=floor,
+        instrument=scatter.instrument if scatter is not None and random else None,
         with_candidates=search.error_with_candidates,
     )
-    return ErrorDecomposition(learned=learned, formulas=found, budget=budget)
+    return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget)
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -454,6 +464,7 @@ def _result(
         experiment=comparison.experiment,
         remainder=remainder,
         formulas=decomposition.formulas,
+        scatter=_scatter(decomposition),
         choices=choices.choices,
         models=tuple(
             PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
@@ -471,8 +482,17 @@ def _result(
             model=model,
             outcomes=choices.outcomes,
             residuals=tuple(partial_residuals(model, impacts, one.effect.name) for one in missing),
+            deviations=() if decomposition.scatter is None else decomposition.scatter.deviations,
         ),
     )
+
+
+def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
+    """The scatter with the share of each component in the law's error; 0 of what has structure."""
+    if decomposition.scatter is None:
+        return None
+    found, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
+    return replace(found, components=tuple(replace(one, share=whole * one.share) for one in found.components))
 
 
 def trust_balance(found: Diagnosis) -> Diagnosis:

@@ -20,7 +20,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.data.audit.evidence import AuditEvidence
 from contactlearn.data.audit.result import Evidence, Finding
-from contactlearn.diagnosis.record import Record
+from contactlearn.diagnosis.record import Deviations, Record
 from contactlearn.diagnosis.result.effects import (
     Candidate,
     Choices,
@@ -50,6 +50,7 @@ from contactlearn.diagnosis.result.remainder import (
     VariableShare,
     WrenchComponent,
 )
+from contactlearn.diagnosis.result.scatter import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap, FailingRegion, Limit, Sample
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
@@ -58,11 +59,12 @@ from contactlearn.laws import Law, find
 from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
-    "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "Diagnosis", "Drop",
+    "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "ContactScatter", "DeviationDependence",
+    "Deviations", "Diagnosis", "Drop",
     "ErrorBudget", "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding",
     "FittedParameter", "Formula", "FrontierModel", "Improvement", "LaggedVariable", "LawFit", "Level", "Limit",
     "MissingEffect", "NoiseSource", "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind",
-    "Sample", "Separation", "SerialDependence", "StateDependence", "VariableShare", "Verdict", "WrenchComponent",
+    "Sample", "ScatterComponent", "Separation", "SerialDependence", "StateDependence", "VariableShare", "Verdict", "WrenchComponent",
 ]  # fmt: skip
 
 
@@ -112,11 +114,15 @@ def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds)
 
 
 class NoiseSource(StrEnum):
-    """The origin of the noise floor: stated noise, covariances of the trials, or differences between similar ones."""
+    """The origin of the noise floor: stated noise, covariances of the trials, or differences between similar ones.
+
+    Where scatter of the contact is estimated, the floor is that of instrument and scatter.
+    """
 
     STATED = "stated"
     MEASURED = "measured"
     ESTIMATED = "estimated"
+    SCATTER = "scatter"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +143,8 @@ class ErrorShares:
     """Shares of the law's error, and the bound's excess over noise.
 
     Effects of the model explain a share, and candidates one that is unnamed so far.  What remains is noise or
-    unexplained, both None where the noise floor is unknown.
+    unexplained, both None where the noise floor is unknown.  Noise is that of the instrument and `scatter` of the
+    contact, which is None where the two are not told apart.
     """
 
     noise: float | None
@@ -145,6 +152,12 @@ class ErrorShares:
     unnamed: float
     unexplained: float | None
     beyond_rigid: float | None
+    scatter: float | None = None
+
+    @property
+    def instrument(self) -> float | None:
+        """The share of the instrument alone; None where it is one with the scatter, or the floor is unknown."""
+        return None if self.noise is None or self.scatter is None else self.noise - self.scatter
 
     @property
     def left(self) -> float:
@@ -156,7 +169,8 @@ class ErrorShares:
 class ErrorBudget:
     """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone.
 
-    `noise` is None where a model clearly undercuts it; otherwise it is no larger than any other error.
+    `noise` is None where a model clearly undercuts it; otherwise it is no larger than any other error.  It is that of the
+    instrument and the contact's scatter; `instrument` is that of the instrument alone, None where both are one.
     """
 
     base: Interval
@@ -167,6 +181,7 @@ class ErrorBudget:
     noise: Interval | None
     noise_source: NoiseSource
     shares: ErrorShares
+    instrument: Interval | None = None
 
     @property
     def rungs(self) -> tuple[Rung, ...]:
@@ -198,6 +213,7 @@ class Diagnosis:
         experiment: drops that separate the effects from their rivals; None without rivals.
         remainder: the predictable part of the residual.
         formulas: for it, the best first.
+        scatter: what differs from impact to impact around the full model; None of few or of exact data.
         choices: every subset of the missing effects.
         models: the chosen model and those that the data cannot distinguish from it, by their shares.
         shapeless: candidates that were not compared, because they need the body's shape and it is neither stated nor
@@ -230,6 +246,7 @@ class Diagnosis:
     experiment: Experiment | None = None
     remainder: Remainder | None = None
     formulas: tuple[Formula, ...] = ()
+    scatter: ContactScatter | None = None
     choices: Choices | None = None
     models: tuple[PlausibleModel, ...] = ()
     shapeless: tuple[EffectId, ...] = ()

@@ -14,14 +14,13 @@ are tested like residuals, by random signs of all trials (`sign_flips`):
 nothing of a component counts for nothing.  All statistics are compared together, so that the level holds for all.
 """
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.diagnosis.result import DeviationDependence
 from contactlearn.diagnosis.sign_flips import (
     exceedance,
     gamma_neg_log_p,
@@ -42,26 +41,6 @@ _POSE = "pose"
 _HARMONICS = 40  # of an orientation: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
 _TOLD = 3  # dependences of each component, the most significant ones
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeviationDependence:
-    """A dependence of the deviations of a component of scatter.
-
-    Args:
-        component: name of the component.
-        variable: symbols of the state, `pose`, `order`, `period`, or a quantity of earlier impacts.
-        order: half periods over the range of the variable, harmonic of an orientation, or trials of a window or period.
-        share: of the variance of the deviations that all tested functions of the variable explain (of a pose, those of
-            this order), adjusted for their number; nan of order and period, whose smooth course is not estimated.
-        p_value: of independence, over everything that was tested.
-    """
-
-    component: str
-    variable: str
-    order: float
-    share: float
-    p_value: float
 
 
 def screen_deviations(
@@ -108,11 +87,11 @@ def screen_deviations(
     return tuple(best.values())
 
 
-def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float:
-    """Adjusted R² of deviations by least squares on functions; nan of none."""
+def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float | None:
+    """Adjusted R² of deviations by least squares on functions; None of none."""
     n, k = functions.shape
     if not 0 < k < n - 1:
-        return math.nan
+        return None
     centred = u - u.mean()
     left = centred - functions @ torch.linalg.lstsq(functions, centred, driver="gelsd").solution
     return 1 - (left.square().sum() / centred.square().sum()).item() * (n - 1) / (n - k - 1)

@@ -69,7 +69,7 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     # Medians, because of gross outliers.
     left = (measured - explained).abs().median(0).values
     best = int((shape.square().mean(0).sqrt() / left.clamp_min(1e-300)).argmax())
-    known = _variables(State.of(impacts))
+    known = {letter: (unit, x) for letter, unit, x in state_quantities(State.of(impacts)).values()}
     shares = {letter: share_explained(x, shape[:, best]) for letter, (_, x) in known.items()}
     variable = max(shares, key=shares.__getitem__)
     component, unit = QUANTITIES[impacts.space][quantity][best]
@@ -79,12 +79,12 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
     return Partial(name, component, unit, *against, measured[:, best], explained[:, best])
 
 
-def _variables(state: State) -> dict[str, tuple[str, Float[Tensor, "n"]]]:
-    """Units and values of what an effect may depend on, by letter; in space only the place knows the world's axes."""
+def state_quantities(state: State) -> dict[str, tuple[str, str, Float[Tensor, "n"]]]:
+    """Letter, unit and values of what an effect may depend on, by symbol; in space only the place knows the axes."""
     known, named = of_state(state), IN_SPACE if state.space is SPACE else SYMBOLS
     if state.space is PLANE:
         known["theta"] = wrapped(known["theta"])
-    return {named[name].letter: (named[name].unit, values) for name, values in known.items()}
+    return {name: (named[name].letter, named[name].unit, values) for name, values in known.items()}
 
 
 def changes(model: ContactModel, impacts: Impacts, names: Sequence[str]) -> Float[Tensor, "k n D"]:

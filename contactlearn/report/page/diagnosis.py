@@ -269,7 +269,14 @@ def thinned(record: Record, sample: Sample | None) -> Record:
         for one in record.residuals
     )
     impacts, outcomes = record.impacts[rows], record.outcomes[:, rows]
-    return Record(impacts=impacts, base=record.base, model=record.model, outcomes=outcomes, residuals=residuals)
+    return Record(
+        impacts=impacts,
+        base=record.base,
+        model=record.model,
+        outcomes=outcomes,
+        residuals=residuals,
+        deviations=record.deviations,
+    )
 
 
 def _map(cells: ErrorMap) -> dict[str, Any]:

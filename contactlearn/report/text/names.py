@@ -18,6 +18,7 @@ NOISE_SOURCES = {
     NoiseSource.STATED: "from the stated noise",
     NoiseSource.MEASURED: "from the covariances of the measurements",
     NoiseSource.ESTIMATED: "from differences between similar trials",
+    NoiseSource.SCATTER: "of the instrument and of the contact's scatter",
 }
 """Origins of the noise floor."""
 

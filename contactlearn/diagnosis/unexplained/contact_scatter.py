@@ -1,0 +1,167 @@
+"""Scatter of the contact around the full model: its components, their structure, and the floor that they make.
+
+The estimate takes inliers alone, since an outlier is no scatter.  What has structure is no scatter, and makes no floor.
+The floor is the mean mass error of outcomes that are drawn with the deviations of the contact and the noise of the
+instrument, each trial as much farther off as the mixture of the estimate says.
+"""
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from contactlearn.diagnosis.record import Deviations
+from contactlearn.diagnosis.result import ContactScatter, DeviationDependence, ScatterComponent
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.deviations import screen_deviations
+from contactlearn.diagnosis.unexplained.serial_dependence import histories
+from contactlearn.effects import State
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
+from contactlearn.inference.evaluation.partial_residuals import share_explained, state_quantities
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.inference.identification.scatter import MIN_TRIALS, Scatter, fit_scatter
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.contact_model import ContactModel
+
+_TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
+_EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
+_DRAWS, _RESAMPLES = 16, 1000
+_COEFFICIENTS = {"friction": "mu", "restitution": "eps"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScatterEstimate:
+    """The scatter with the mean mass errors that instrument alone and both make, and its evidence by trial."""
+
+    result: ContactScatter
+    model: ContactModel
+    instrument: Interval
+    floor: Interval
+    deviations: tuple[Deviations, ...]
+
+
+def contact_scatter(
+    impacts: Impacts, model: ContactModel, inliers: Bool[Tensor, " n"], options: FitOptions, thresholds: Thresholds
+) -> ScatterEstimate | None:
+    """Estimate the scatter around a model and test it for structure; None of few or of exact data."""
+    rows = inliers.nonzero()[:, 0]
+    some = _with_stated_noise(impacts[rows[impacts.order[rows].argsort(stable=True)][-_TRIALS:]], options)
+    if len(some) < MIN_TRIALS:
+        return None
+    error = mass_error(some, model.base_prediction(some))
+    if error.median() <= _EXACT:
+        return None
+    scatter = fit_scatter(some, model)
+    dependences = screen_deviations(scatter, some, thresholds)
+    instrument, floor, sizes = _drawn(some, scatter)
+    by_name = {one.name: one for one in scatter.deviations}
+    coefficients = dict(zip(("mu", "eps"), (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
+    components = [
+        ScatterComponent(
+            deviation=by_name[name],
+            relative=by_name[name].value / coefficients[_COEFFICIENTS[name]] if name in _COEFFICIENTS else None,
+            share=size,
+        )
+        for name, size in sizes.items()
+    ]
+    result = ContactScatter(
+        components=tuple(sorted(components, key=lambda one: -one.share)),
+        instrument=tuple(one for one in scatter.deviations if one.name not in scatter.names),
+        stated=scatter.stated,
+        trials=len(some),
+        bic=scatter.bic,
+        confounded=tuple((a, b) for a, b, _ in scatter.confounded()),
+        dependences=dependences,
+        converged=scatter.converged,
+    )
+    return ScatterEstimate(
+        result=result,
+        model=scatter.model,
+        instrument=instrument,
+        floor=floor,
+        deviations=tuple(_evidence(some, scatter, dependences)),
+    )
+
+
+def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:
+    """Give each impact the covariances of the stated noise, where any is stated."""
+    if options.noise is None:
+        return impacts
+    before = options.noise if options.noise_before is None else options.noise_before
+    covariances = [
+        torch.tensor(sigma, dtype=torch.float64).square().diag().expand(len(impacts), -1, -1)
+        for sigma in (before, options.noise)
+    ]
+    return impacts.replace(v_pre_cov=covariances[0], v_post_cov=covariances[1], validate=False)
+
+
+def _drawn(impacts: Impacts, scatter: Scatter) -> tuple[Interval, Interval, dict[str, float]]:
+    """Mean mass error by the instrument alone and with the scatter, and shares of the components in its variance.
+
+    Random numbers of its own leave those of the other stages as they are.
+    """
+    generator, expected = torch.Generator().manual_seed(0), scatter.model.base_prediction(impacts)
+    values, vectors = torch.linalg.eigh(scatter.instrument(impacts))
+    root = vectors * values.clamp_min(0).sqrt()[:, None]
+    farther = (scatter.mixture.shares * scatter.mixture.factors).sum()
+
+    def error(outcome: Float[Tensor, "n D"]) -> Float[Tensor, " n"]:
+        return mass_error(impacts.replace(v_post=outcome, validate=False), expected)
+
+    alone, both = [], []
+    for _ in range(_DRAWS):
+        unit = torch.randn(*impacts.v_pre.shape, 1, dtype=torch.float64, generator=generator)
+        noise = farther * (root @ unit)[..., 0]
+        away = scatter.model.scattered(impacts, generator).v_post - expected.v_post
+        alone.append(error(expected.v_post + noise))
+        both.append(error(expected.v_post + farther * away + noise))
+    sizes = {
+        name: _mass_square(impacts, replace(scatter.model, scatter={name: component}))
+        for name, component in scatter.model.scatter.items()
+    }
+    whole = sum(sizes.values()) or 1.0
+    intervals = [bootstrap(torch.stack(part).mean(0), generator, _RESAMPLES) for part in (alone, both)]
+    return intervals[0], intervals[1], {name: size / whole for name, size in sizes.items()}
+
+
+def _mass_square(impacts: Impacts, model: ContactModel) -> float:
+    """Mean square of the change of v_post by scatter in the mass norm, relative to the speed."""
+    mass = impacts.mass_diagonal
+    variance = model.scatter_covariance(impacts).diagonal(dim1=-2, dim2=-1)
+    size = (mass * impacts.v_post.square()).sum(-1).clamp_min(1e-300)
+    return ((mass * variance).sum(-1) / size).median().item()
+
+
+def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDependence, ...]) -> list[Deviations]:
+    """Deviations of each component over the variable that they depend on, or else the most related one."""
+    known = state_quantities(State.of(impacts))
+    past = histories(impacts, scatter.model.base_prediction(impacts))
+    earlier = {f"{memory.variable} of earlier impacts": values for memory, values in past.items()}
+    by_name, found = {one.name: one for one in scatter.deviations}, list[Deviations]()
+    for name, (u, error) in scatter.each.items():
+        first = next((one.variable for one in dependences if one.component == name), "")
+        if first in earlier:
+            variable, unit, x = first.replace("_", " "), "standardised", earlier[first]
+        elif first in ("order", "period"):
+            variable, unit, x = "order", "–", impacts.order
+        else:
+            symbol = {"pose": "theta"}.get(first, first.split(" × ")[0])
+            if symbol not in known:
+                column = u[:, int(u.square().sum(0).argmax())]
+                symbol = max(known, key=lambda key: share_explained(known[key][2], column))
+            variable, unit, x = known[symbol]
+        found.append(
+            Deviations(
+                component=name,
+                symbol=by_name[name].symbol.removeprefix("σ_"),
+                unit=by_name[name].unit,
+                variable=variable,
+                variable_unit=unit,
+                x=x,
+                order=impacts.order,
+                u=u,
+                error=error,
+            )
+        )
+    return found
