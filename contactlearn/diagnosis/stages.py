@@ -403,7 +403,7 @@ def decompose_error(
         inliers=fit.inliers,
         predicted=learned.v_post if remainder.large else None,
     )
-    scatter = contact_scatter(impacts, fit.model, fit.inliers, question.options, thresholds)
+    scatter = contact_scatter(impacts, fit.model, question.options, thresholds)
     random = scatter is not None and scatter.result.random
     if scatter is not None and random:
         floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
