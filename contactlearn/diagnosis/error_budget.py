@@ -227,7 +227,8 @@ def verdict(
 
     Much is left where Gaussian processes predict it, where candidates explain it, or where it clearly exceeds noise, of
     the instrument and of the contact's scatter.  An estimated floor, which scatters, must be exceeded by twice as much
-    as a measured or stated one.  Scatter that has structure is none, and no part of the floor.
+    as a measured or stated one.  Scatter that has structure is none, and no part of the floor.  So it can
+    turn an unknown remainder into none, and never the reverse.
 
     Args:
         budget: with its shares.

@@ -51,6 +51,7 @@ class Deviations:
 
 _Evidence = TypeVar("_Evidence", Partial, Deviations)
 
+
 @final
 class Record:
     """Everything that a page or a figure draws of a diagnosis beyond its numbers.

@@ -404,16 +404,16 @@ def decompose_error(
         predicted=learned.v_post if remainder.large else None,
     )
     scatter = contact_scatter(impacts, fit.model, question.options, thresholds)
-    random = scatter is not None and scatter.result.random
-    if scatter is not None and random:
-        floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
+    instrument = None
+    if scatter is not None and scatter.result.random and scatter.floor.mean > floor.error.mean:
+        floor, instrument = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER), scatter.instrument
     budget = error_budget(
         search.limits,
         base=rungs.rungs[0].error,
         named=rungs.rungs[-1].error,
         flexible=held_out_interval(learned.error, generator),
         floor=floor,
-        instrument=scatter.instrument if scatter is not None and random else None,
+        instrument=instrument,
         with_candidates=search.error_with_candidates,
     )
     return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget)

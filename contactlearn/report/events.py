@@ -176,6 +176,8 @@ def _detail_lines(found: Diagnosis) -> list[str]:
     lines += [f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}" for rung in found.ladder]
     if found.budget is not None:
         lines.append(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
+    if found.scatter is not None:
+        lines.append(f"scatter: {' '.join(phrases('scatter', found.scatter))}")
     return [*lines, found.equation] if found.equation else lines
 
 

@@ -5,6 +5,7 @@
     ErrorBudget     the error of the law in shares of noise, effects and the rest
     Experiment      drops that separate the effects from their rivals
     Remainder       the part of the residual that Gaussian processes still predict
+    ContactScatter  what differs from impact to impact at random, or follows a structure that has no name
     Sample          the trials of a large table that were diagnosed, and the test of the answer on all others
 
 All errors are mass errors (dimensionless), on held-out trials unless stated otherwise.  Arrays by trial and fitted
@@ -50,8 +51,8 @@ from contactlearn.diagnosis.result.remainder import (
     VariableShare,
     WrenchComponent,
 )
-from contactlearn.diagnosis.result.scatter import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap, FailingRegion, Limit, Sample
+from contactlearn.diagnosis.result.scatter import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
@@ -59,12 +60,13 @@ from contactlearn.laws import Law, find
 from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
-    "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "ContactScatter", "DeviationDependence",
-    "Deviations", "Diagnosis", "Drop",
+    "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "ContactScatter",
+    "DeviationDependence", "Deviations", "Diagnosis", "Drop",
     "ErrorBudget", "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding",
     "FittedParameter", "Formula", "FrontierModel", "Improvement", "LaggedVariable", "LawFit", "Level", "Limit",
     "MissingEffect", "NoiseSource", "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind",
-    "Sample", "ScatterComponent", "Separation", "SerialDependence", "StateDependence", "VariableShare", "Verdict", "WrenchComponent",
+    "Sample", "ScatterComponent", "Separation", "SerialDependence", "StateDependence", "VariableShare",
+    "Verdict", "WrenchComponent",
 ]  # fmt: skip
 
 
@@ -169,8 +171,8 @@ class ErrorShares:
 class ErrorBudget:
     """`ErrorLimits` with the error of the full model, of processes on top of it, and of noise alone.
 
-    `noise` is None where a model clearly undercuts it; otherwise it is no larger than any other error.  It is that of the
-    instrument and the contact's scatter; `instrument` is that of the instrument alone, None where both are one.
+    `noise` is None where a model clearly undercuts it; otherwise it is no larger than any other error.  It is that of
+    the instrument and the contact's scatter; `instrument` is that of the instrument alone, None where both are one.
     """
 
     base: Interval

@@ -4,9 +4,11 @@
     audit_figure     the evidence for a finding about the measurements
     ladder_figure    errors of the law, effect after effect, Gaussian processes and noise
     laws_figure      errors of the laws alone
+    budget_figure    shares of the law's error: instrument, scatter of the contact, explained, unnamed, unexplained
     frontier_figure  errors of the best model of each number of effects
     regions_figure   errors of the trials over the variable of each region in which the law fails
     residual_figure  the residual wrench of the full model along the symbols that predict it
+    scatter_figure   deviations of each impact over the sequence and the variable that is most related to them
 
 A dot is a trial.  Impulses are shown in mN s, moments in mN m s, contact points in mm, angles of regions in degrees.
 """
@@ -37,7 +39,17 @@ from contactlearn.data.audit.evidence import (
     ShapeEvidence,
 )
 from contactlearn.diagnosis.regions import Variable, variables
-from contactlearn.diagnosis.result import ComponentTest, Diagnosis, Finding, Record, Region, Remainder, RungKind
+from contactlearn.diagnosis.result import (
+    ComponentTest,
+    Deviations,
+    Diagnosis,
+    ErrorBudget,
+    Finding,
+    Record,
+    Region,
+    Remainder,
+    RungKind,
+)
 from contactlearn.diagnosis.unexplained.remainder import wrench_columns
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
@@ -73,7 +85,7 @@ _VECTOR = 5000  # dots that a PDF draws one by one
 def drawn(found: Diagnosis) -> dict[str, Figure]:
     """Draw every figure of a diagnosis.
 
-    They are `audit_<finding>`, `regions`, `residual`, `effect_<name>`, `ladder` and `frontier`.
+    They are `audit_<finding>`, `regions`, `residual`, `scatter`, `effect_<name>`, `ladder`, `budget` and `frontier`.
 
     Args:
         found: the diagnosis with the evidence of its audit, and with its record unless the data were refused.
@@ -86,12 +98,16 @@ def drawn(found: Diagnosis) -> dict[str, Figure]:
         figures["regions"] = regions_figure(found.regions, record)
     if record is not None and found.remainder is not None:
         figures["residual"] = residual_figure(found.remainder, record)
+    if record is not None and record.deviations:
+        figures["scatter"] = scatter_figure(record.deviations)
     if record is not None:
         for missing, partial in zip(found.missing, record.residuals, strict=True):
             name = "_".join(filter(None, ("effect", missing.effect.name, missing.effect.form)))
             figures[name] = effect_curve(partial, effect_label(missing.effect))
     if found.ladder:
         figures["ladder"] = ladder_figure(found)
+    if found.budget is not None and found.budget.shares.noise is not None:
+        figures["budget"] = budget_figure(found.budget)
     if found.frontier:
         figures["frontier"] = frontier_figure(found)
     return figures
@@ -117,6 +133,37 @@ def laws_figure(found: Diagnosis) -> Figure:
     laws = sorted(found.laws, key=lambda one: one.error)
     errors = [Interval(one.error, one.error, one.error) for one in laws]
     return error_bars([st.law_style(one.name).label for one in laws], errors, [True] * len(laws))
+
+
+@st.look()
+def budget_figure(budget: ErrorBudget) -> Figure:
+    """Draw the shares of the law's error in one bar; instrument and scatter of the contact are one where not told apart.
+
+    A share below 0, of effects that do harm on held-out trials, is none.
+    """
+    shares = budget.shares
+    told = shares.scatter is not None
+    parts = {
+        "Instrument" if told else "Instrument and scatter": (
+            shares.instrument if told else shares.noise,
+            st.DARK,
+            0.35,
+        ),
+        "Scatter of the contact": (shares.scatter, _YELLOW, 0.8),
+        "Explained": (shares.explained, _BLUE, 0.8),
+        "Unnamed": (shares.unnamed, _RED, 0.35),
+        "Unexplained": (shares.unexplained, _RED, 0.8),
+    }
+    figure = st.new_figure(st.PAGE, 1.3)
+    axes, start = st.name_axes(figure.subplots(), "Share of the law's error (%)"), 0.0
+    for name, (share, color, strength) in parts.items():
+        if share is not None and share > 0:
+            axes.barh([0], [100 * share], left=[start], color=st.tint(color, strength), height=0.6, label=name)
+            start += 100 * share
+    axes.set(xlim=(0, max(start, 1.0)))
+    axes.set_yticks([])
+    legend_below(figure, axes)
+    return figure
 
 
 def error_bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[bool]) -> Figure:
@@ -242,6 +289,34 @@ def _running_median(x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> tuple[np.
     size = min(len(x), max(15, len(x) // 12))
     along, up = (np.lib.stride_tricks.sliding_window_view(st.array(part[order]), size) for part in (x, y))
     return np.median(along, -1), np.median(up, -1)
+
+
+# --- Scatter --------------------------------------------------------------------------------------
+
+
+@st.look()
+def scatter_figure(deviations: Sequence[Deviations]) -> Figure:
+    """Draw the most probable deviations of each impact with their standard errors, a row for each component.
+
+    On the left they are over the sequence, on the right over the variable that they follow, or are most related to.
+    In space a component has two deviations along the surface, of which the larger is drawn.
+    """
+    figure = st.new_figure(st.PAGE, 0.5 + 2.0 * len(deviations))
+    panels = figure.subplots(len(deviations), 2, sharey="row", squeeze=False)
+    for line, one in zip(panels, deviations, strict=True):
+        unit, scale = {"rad": ("°", math.degrees(1)), "m": ("mm", st.MILLI)}.get(one.unit, (one.unit, 1.0))
+        k = int(one.u.square().sum(0).argmax())
+        u, error = scale * one.u[:, k], scale * one.error[:, k]
+        across = (("Order (–)", one.order), (f"{st.plain(one.variable)} ({one.variable_unit})", one.x))
+        for axes, (label, x) in zip(line, across, strict=True):
+            st.name_axes(axes, label)
+            bars = {"color": st.tint(st.DARK, 0.15), "linewidth": 0.6, "zorder": 0.5}
+            axes.vlines(st.array(x), st.array(u - error), st.array(u + error), **bars)
+            dots(axes, x, u, "Impact, with its standard error")
+            axes.plot(*_running_median(x, u), color=_BLUE, linewidth=1.6, label="Running median", zorder=3)
+        line[0].set_ylabel(f"Deviation of {st.plain(one.symbol)} ({unit})")
+    legend_below(figure, *panels[0])
+    return figure
 
 
 # --- Residual -------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
 from contactlearn.report.figures.browser import as_plotly
-from contactlearn.report.figures.diagnosis import ladder_figure, laws_figure
+from contactlearn.report.figures.diagnosis import budget_figure, ladder_figure, laws_figure, scatter_figure
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.effects import candidate_content, effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import packed, reproduced, write
@@ -107,6 +107,10 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         return content
     models = _models(found, found.choices)
     figures = {"rungs": ladder_figure(found), "telling-laws": laws_figure(found)}  # no choice changes them
+    if found.budget.shares.noise is not None:
+        figures["shares"] = budget_figure(found.budget)
+    if found.record.deviations:
+        figures["scatter"] = scatter_figure(found.record.deviations)
     fixed = {"telling": _telling(found), "figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
     shown = replace(found, record=thinned(found.record, found.sample))
     return content | fixed | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
@@ -175,10 +179,15 @@ def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
 def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
     """The entries of the budget, from the law down, without repeating the law where no effect is missing."""
     words = budget_labels(base_label(found), budget.noise_source)
-    shown = ("base", "named", "ceiling", "flexible", "bound", *(() if budget.noise is None else ("noise",)))
+    shown = ("base", "named", "ceiling", "flexible", "bound", "noise", "instrument")
+    shown = [key for key in shown if getattr(budget, key) is not None]
     shown = shown if found.missing else [key for key in shown if key not in ("named", "flexible")]
     rows = [{"name": words[key], **bounded(getattr(budget, key))} for key in shown]
-    return {"budget": rows, "shares": phrase("shares", budget)}
+    return {
+        "budget": rows,
+        "shares": phrase("shares", budget),
+        "scatter": [] if found.scatter is None else phrases("scatter", found.scatter),
+    }
 
 
 def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:

@@ -63,6 +63,7 @@ def budget_labels(base: str, source: NoiseSource) -> dict[str, str]:
         "flexible": f"{base} with the missing effects and {PROCESSES}",
         "bound": "Best impulse of a rigid point contact (ideal rigid-body bound, IRB)",
         "noise": f"Noise floor, {NOISE_SOURCES[source]}",
+        "instrument": "Noise of the instrument alone",
     }
 
 

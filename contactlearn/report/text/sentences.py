@@ -34,6 +34,7 @@ from contactlearn.diagnosis.result import (
     NoiseSource,
     PlausibleModel,
     RungKind,
+    ScatterComponent,
     Verdict,
 )
 from contactlearn.effects import EffectId, catalogue
@@ -43,6 +44,7 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
+from contactlearn.scatter import find_component
 
 _MOST_MODELS = 5  # in the list of plausible models
 _MOST_LISTED = 4  # parameters of an effect without words, and laws with their shares where these are alike
@@ -199,6 +201,23 @@ def _shown(found: FittedParameter) -> str:
     return f"{found.symbol} = {numbers.Quantity(found)}"
 
 
+def in_words_of_scatter(found: ScatterComponent) -> str:
+    """Say what scatters and by how much: the normal by 0.65 ± 0.04°."""
+    return find_component(found.deviation.name).in_words.format(sigma=found.deviation)
+
+
+def dependence_variable(variable: str) -> str:
+    """Name what deviations depend on: a variable of the state, the pose, the sequence, or earlier impacts."""
+    quantity, _, earlier = variable.partition(" of ")
+    if earlier:
+        lagged = LaggedVariable(quantity)
+        if lagged is LaggedVariable.PLACE:
+            return "earlier impacts near the same place"
+        return f"the {_LAGGED_QUANTITIES[lagged]} of {earlier}"
+    named = {"pose": "the pose", "order": "the sequence", "period": "the sequence, periodically"}
+    return named.get(variable) or " together with ".join(map(_symbol, variable.split(" × ")))
+
+
 def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
     """Write the setting with the corrections that were made and those of the findings; empty where these have none."""
     proposed = [finding.correction for finding in findings if finding.correction]
@@ -248,9 +267,11 @@ def _modules() -> tuple[TemplateModule, ...]:
         "capitalize_first": names.capitalize_first,
         "coefficient": names.COEFFICIENTS.__getitem__,
         "compared": numbers.compared,
+        "component": in_words_of_scatter,
         "confidence": confidence,
         "counted": numbers.counted,
         "degrees": math.degrees,
+        "dependence": dependence_variable,
         "effect": names.effect_label,
         "error": numbers.error,
         "fine_percent": numbers.fine_percent,
@@ -281,6 +302,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "LAGGED_QUANTITIES": _LAGGED_QUANTITIES,
         "LaggedVariable": LaggedVariable,
         "Level": Level,
+        "NoiseSource": NoiseSource,
         "VERDICTS": _VERDICTS,
         "Verdict": Verdict,
         "error_after": _error_after,
