@@ -140,7 +140,8 @@ def measured_sets(folder: Path) -> None:
             print(f"{name}, half {half}, {len(fitted)} impacts, {found.model}\n{found}\n  {held_out(found, rest)}")
             print(f"  ΔBIC {found.bic:.0f}; instrument alone: {left(found, rest):.2f} of its units are left")
             for one in screen_deviations(found, fitted):
-                print(f"  {one.component} depends on {one.variable}: {one.share or math.nan:.0%} of its deviations", flush=True)
+                share = math.nan if one.share is None else one.share
+                print(f"  {one.component} depends on {one.variable}: {share:.0%} of its deviations", flush=True)
 
 
 def left(found: Scatter, impacts: Impacts) -> float:

@@ -137,18 +137,15 @@ def laws_figure(found: Diagnosis) -> Figure:
 
 @st.look()
 def budget_figure(budget: ErrorBudget) -> Figure:
-    """Draw the shares of the law's error in one bar; instrument and scatter of the contact are one where not told apart.
+    """Draw the shares of the law's error in one bar.
 
-    A share below 0, of effects that do harm on held-out trials, is none.
+    Instrument and scatter of the contact are one where they are not told apart.  A share below 0, of effects that do
+    harm on held-out trials, is not drawn.
     """
     shares = budget.shares
-    told = shares.scatter is not None
+    noise = ("Instrument and scatter", shares.noise) if shares.scatter is None else ("Instrument", shares.instrument)
     parts = {
-        "Instrument" if told else "Instrument and scatter": (
-            shares.instrument if told else shares.noise,
-            st.DARK,
-            0.35,
-        ),
+        noise[0]: (noise[1], st.DARK, 0.35),
         "Scatter of the contact": (shares.scatter, _YELLOW, 0.8),
         "Explained": (shares.explained, _BLUE, 0.8),
         "Unnamed": (shares.unnamed, _RED, 0.35),
@@ -313,6 +310,7 @@ def scatter_figure(deviations: Sequence[Deviations]) -> Figure:
             bars = {"color": st.tint(st.DARK, 0.15), "linewidth": 0.6, "zorder": 0.5}
             axes.vlines(st.array(x), st.array(u - error), st.array(u + error), **bars)
             dots(axes, x, u, "Impact, with its standard error")
+            axes.xaxis.set_major_locator(MaxNLocator(5))
             axes.plot(*_running_median(x, u), color=_BLUE, linewidth=1.6, label="Running median", zorder=3)
         line[0].set_ylabel(f"Deviation of {st.plain(one.symbol)} ({unit})")
     legend_below(figure, *panels[0])
