@@ -11,6 +11,8 @@ from contactlearn.diagnosis.error_budget import NoiseFloor, error_budget, verdic
 from contactlearn.diagnosis.result import (
     Candidate,
     Coefficient,
+    ContactScatter,
+    DeviationDependence,
     Diagnosis,
     ErrorLimits,
     Finding,
@@ -18,6 +20,7 @@ from contactlearn.diagnosis.result import (
     NoiseSource,
     Rung,
     RungKind,
+    ScatterComponent,
     StateDependence,
     VariableShare,
     Verdict,
@@ -26,6 +29,7 @@ from contactlearn.diagnosis.stages import trust_balance
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.scatter import StandardDeviation
 from contactlearn.report.text import effect_label, headline, phrase
 
 MUCH = Thresholds().form_error
@@ -33,6 +37,12 @@ FRICTION = StateDependence(
     coefficient=Coefficient.FRICTION, variables=(VariableShare(symbol="vx", share=1.0),), p_value=1e-9,
     share=Interval(0.3, 0.2, 0.4), large=False,
 )  # fmt: skip
+NORMAL = StandardDeviation(name="normal", symbol="σ_φ", unit="rad", value=0.0113, error=0.0007)
+SCATTERED = ContactScatter(
+    components=(ScatterComponent(deviation=NORMAL, relative=None, share=0.5),), instrument=(), stated=True, trials=200,
+    bic=-100.0, confounded=(), dependences=(), converged=True,
+)  # fmt: skip
+POSE = DeviationDependence(component="normal", variable="pose", order=24, share=0.9, p_value=0.002)
 NAMES = EffectId("surface_tilt", "computed"), EffectId("spin_damping", "after")
 
 
@@ -55,12 +65,15 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
         base * rng.uniform(0.1, 1.1),
         named * rng.uniform(0.05, 1.5),
     )
+    source = NoiseSource(rng.choice([str(one) for one in NoiseSource]))
+    apart = source is NoiseSource.SCATTER
     budget = error_budget(
         ErrorLimits(base=around(base, width), ceiling=around(ceiling, width), bound=around(base / 2, width)),
         base=around(base, width),
         named=around(named, width),
         flexible=around(flexible, width),
-        floor=NoiseFloor(error=around(floor, width), source=NoiseSource(rng.choice([str(one) for one in NoiseSource]))),
+        floor=NoiseFloor(error=around(floor, width), source=source),
+        instrument=around(floor * rng.uniform(0.1, 1.0), width) if apart else None,
         with_candidates=with_candidates,
     )
     share = 1 - flexible / named
@@ -84,6 +97,7 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
     shown = replace(
         found, missing=missing, ladder=(Rung(kind=RungKind.LAW, error=budget.base), *rungs, *budget.rungs),
         budget=budget, remainder=left, laws=laws, complete=complete, candidates=(candidate,) if with_candidates else (),
+        scatter=SCATTERED if apart else None,
     )  # fmt: skip
     better = shown.better_law is not None
     flags = {"named": bool(names), "predictable": left.unknown, "better_law": better, "complete": complete}
@@ -102,7 +116,8 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
             assert not better
             assert not left.unknown
             assert shares.unnamed <= MUCH
-            limit = 2 * MUCH if budget.noise_source is NoiseSource.ESTIMATED else MUCH
+            estimated = budget.noise_source in (NoiseSource.ESTIMATED, NoiseSource.SCATTER)
+            limit = 2 * MUCH if estimated else MUCH
             exceeds = budget.noise is not None and budget.named.low > budget.noise.high
             assert not (exceeds and shares.left > limit)
         if budget.noise is not None:
@@ -112,9 +127,15 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
             assert shares.noise * budget.base.mean == pytest.approx(budget.noise.mean)
             assert shares.noise + shares.explained + shares.left == pytest.approx(1.0)
             assert min(shares.noise, shares.unnamed, shares.unexplained) >= -1e-12
+            if shares.scatter is not None:
+                assert min(shares.instrument, shares.scatter) >= 0
+                assert shares.instrument + shares.scatter == pytest.approx(shares.noise)
         text, size = headline(shown), phrase("size", shown)
         assert ("no effect missing" in text or "No known effect" in text) == (physics is Verdict.NONE), text
         assert ("unknown" in text or "does not describe" in text) == (physics is Verdict.UNKNOWN), text
+        scatters = physics in (Verdict.NONE, Verdict.EFFECTS) and shown.scatter is not None
+        assert ("contacts scatter: the normal by 0.647 ± 0.040°" in text) == scatters, text
+        assert ("is scatter of the contact" in size) == (shares.scatter is not None)
         assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
         assert all(effect_label(one.effect) in text.lower() for one in shown.missing)
         assert ("missing" in text and "probably" in text) == any(one.level is Level.PROBABLE for one in shown.missing)
@@ -125,7 +146,7 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         support = phrase("support", shown)
         assert ("noise floor is unknown" in support) == (budget.noise is None)
         assert ("rest is noise or unexplained" in size) == (budget.noise is None)
-        assert not re.search(r"(?<!\d)−|(?:nan|inf)\b", f"{size} {support}")
+        assert not re.search(r"(?<![\de])−|(?:nan|inf)\b", f"{size} {support}")
     assert seen == {Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, Verdict.UNFINISHED}
 
 
@@ -151,3 +172,38 @@ def test_effects_that_are_found_explain_an_open_balance():
     assert trust_balance(unsure) is unsure
     other = replace(found, findings=(opened, replace(opened, name="contradictions")))
     assert trust_balance(other).verdict is Verdict.BAD_DATA
+
+
+def test_scatter_in_the_floor_turns_an_unknown_remainder_into_none_and_never_the_reverse():
+    rng, flags = np.random.default_rng(1), {"named": False, "predictable": False, "better_law": False, "complete": True}
+    seen = set()
+    for _ in range(500):
+        named, instrument, floor = (
+            sorted(rng.uniform(0.01, 0.2, 3), reverse=True)[0],
+            *sorted(rng.uniform(0.01, 0.2, 2)),
+        )
+        limits = ErrorLimits(base=around(named, 0.1), ceiling=around(named, 0.1), bound=around(named, 0.1))
+        verdicts = [
+            verdict(
+                error_budget(limits, base=limits.base, named=limits.base, flexible=limits.base, **floors),
+                **flags, thresholds=Thresholds(),
+            )
+            for floors in (
+                {"floor": NoiseFloor(error=around(instrument, 0.1), source=NoiseSource.MEASURED)},
+                {"floor": NoiseFloor(error=around(floor, 0.1), source=NoiseSource.SCATTER),
+                 "instrument": around(instrument, 0.1)},
+            )
+        ]  # fmt: skip
+        seen.add(tuple(verdicts))
+    unknown, none = Verdict.UNKNOWN, Verdict.NONE
+    assert seen == {(none, none), (unknown, unknown), (unknown, none)}
+
+
+def test_structure_is_named_and_is_no_scatter():
+    found = replace(made_up(12), missing=(), physics=Verdict.UNKNOWN, verdict=Verdict.UNKNOWN)
+    structured = replace(SCATTERED, dependences=(POSE, replace(POSE, variable="normal_speed of earlier impacts")))
+    text = headline(replace(found, scatter=structured)).replace("\u00a0", " ")
+    assert "The deviations of the normal follow the pose and the normal speed of earlier impacts (p = 0.002)" in text
+    assert "contacts scatter" not in text
+    assert SCATTERED.random
+    assert not structured.random

@@ -28,7 +28,6 @@ from contactlearn.models.contact_model import ContactModel
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
 _EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
 _DRAWS, _RESAMPLES = 16, 1000
-_COEFFICIENTS = {"friction": "mu", "restitution": "eps"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,15 +55,12 @@ def contact_scatter(
     dependences = screen_deviations(scatter, some, thresholds)
     instrument, floor, sizes = _drawn(some, scatter)
     by_name = {one.name: one for one in scatter.deviations}
-    coefficients = dict(zip(("mu", "eps"), (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
-    components = [
-        ScatterComponent(
-            deviation=by_name[name],
-            relative=by_name[name].value / coefficients[_COEFFICIENTS[name]] if name in _COEFFICIENTS else None,
-            share=size,
-        )
-        for name, size in sizes.items()
-    ]
+    coefficients = dict(zip("με", (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
+    components: list[ScatterComponent] = []
+    for name, size in sizes.items():
+        coefficient = coefficients.get(scatter.model.scatter[name].symbol)
+        relative = by_name[name].value / coefficient if coefficient else None
+        components.append(ScatterComponent(deviation=by_name[name], relative=relative, share=size))
     result = ContactScatter(
         components=tuple(sorted(components, key=lambda one: -one.share)),
         instrument=tuple(one for one in scatter.deviations if one.name not in scatter.names),
