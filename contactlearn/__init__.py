@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from contactlearn.inference.evaluation.compare import compare
     from contactlearn.inference.identification.joint import Fit, fit
     from contactlearn.inference.identification.per_trial import fit_trials
+    from contactlearn.inference.identification.scatter import fit_scatter
     from contactlearn.inference.identification.shared import fit_subsets
     from contactlearn.inference.learning.recipe import Recipe, learn
     from contactlearn.laws import Law
@@ -67,6 +68,7 @@ __all__ = [
     "diagnose",
     "effects",
     "fit",
+    "fit_scatter",
     "fit_subsets",
     "fit_trials",
     "laws",
@@ -101,6 +103,7 @@ _HOME = {
     "compare": "inference.evaluation.compare",
     "diagnose": "diagnosis.pipeline",
     "fit": "inference.identification.joint",
+    "fit_scatter": "inference.identification.scatter",
     "fit_subsets": "inference.identification.shared",
     "fit_trials": "inference.identification.per_trial",
     "learn": "inference.learning.recipe",

@@ -18,6 +18,7 @@ unless its plausible limit is reached first.
 import math
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -47,6 +48,7 @@ def draw(
     effects: Sequence[str] | None = None,
     noise: float = 1.0,
     strength: tuple[float, float] = (2, 5),
+    scatter: float = 0.0,
 ) -> tuple[Impacts, dict[str, Any]]:
     """Drops and the truth about them; the same arguments give the same bits.
 
@@ -58,13 +60,14 @@ def draw(
         effects: names of `EFFECTS` or `UNKNOWN` to hide; None draws one to three of `EFFECTS`.
         noise: factor on the noise that is drawn.  Effects are measured by the noise at factor 1.
         strength: range in which the change by each effect lies, in units of the noise.
+        scatter: standard deviation of μ and ε from drop to drop, as a share of each, drawn independently.
 
     Returns:
         The impacts, and a dictionary of plain values: `seed`, `size`, `law`, `mu`, `eps`; `noise` with
-        the standard deviations of v (m/s) and ω (rad/s); `body`; `effects`, each with its name, form,
+        the standard deviations of v (m/s) and ω (rad/s); `scatter`; `body`; `effects`, each with its name, form,
         parameters, their units and the `relative_change` that it makes on its own; `v_post`, the
         outcomes as reported but without noise; `v_post_from_measured`, the true outcomes of the noisy
-        states, the best that a model can predict from them; and `v_post_without`, the outcomes
+        states without scatter, the best that a model can predict from them; and `v_post_without`, the outcomes
         without noise and hidden effects.
 
     Raises:
@@ -77,6 +80,8 @@ def draw(
         raise DataError(f"noise must be a finite factor, at least 0, got {noise!r}")
     if len(strength) != 2 or not 0 <= strength[0] <= strength[1] < math.inf:
         raise DataError(f"strength must be a range [low, high] with 0 ≤ low ≤ high, got {strength!r}")
+    if not 0 <= scatter < 1:
+        raise DataError(f"scatter must be a share of μ and ε, at least 0 and below 1, got {scatter!r}")
     names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
     shape, mass, plain, sigma = _laboratory(seed, names)
     pool = _pool(seed, size, shape, mass, noise * sigma)
@@ -88,7 +93,7 @@ def draw(
         raise DataError(
             f"only {len(drops.noise)} of {size} drops approach the floor clearly; use less noise than {noise}"
         )
-    v_post = world.outcome(drops.states)
+    v_post = _scattered(world, size, scatter, seed).outcome(drops.states)
     truth: dict[str, Any] = {
         "seed": seed,
         "size": size,
@@ -96,6 +101,7 @@ def draw(
         "mu": plain.mu,
         "eps": plain.eps,
         "noise": {"v": noise * sigma[0].item(), "omega": noise * sigma[2].item()},
+        "scatter": scatter,
         "body": {"semi_axes": list(shape.semi_axes), "mass": mass},
     }
     truth |= _account(plain, world, chosen, drops, v_post)
@@ -111,6 +117,17 @@ def _laboratory(seed: int, effects: Sequence[str]) -> tuple[Ellipse, float, Worl
     sigma = torch.tensor([rng.uniform(0.005, 0.015)] * 2 + [rng.uniform(0.2, 0.6)], dtype=torch.float64)
     compliant = "tangential_restitution" in effects
     return shape, mass, World(shape, mu, eps, energetic or compliant, compliant), sigma
+
+
+def _scattered(world: World, size: int, scatter: float, seed: int) -> World:
+    """The world of `size` drops whose μ and ε differ from drop to drop."""
+    if scatter == 0:
+        return world
+    unit = torch.randn(size, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    mu, eps = (1 + scatter * unit).unbind(-1)
+    return replace(
+        world, restitution=(*world.restitution, lambda _: eps), friction=(*world.friction, lambda _, slip: mu)
+    )
 
 
 def _account(

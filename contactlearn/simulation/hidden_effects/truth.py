@@ -18,7 +18,7 @@ DROPS, TRUTH = "drops.csv", "truth.json"
 _SEALED = "sealed.bin"  # the account that versions before truth.json wrote
 
 
-def load(seed: int, size: int = 500, folder: str | None = None) -> Impacts:
+def load(seed: int, size: int = 500, folder: str | None = None, scatter: float = 0.0) -> Impacts:
     """Drops with one to three hidden effects, all drawn from the seed; see `drops.draw`.
 
     The folder gets drops.csv, for `data=table`, and truth.json, for `reveal`.
@@ -27,11 +27,12 @@ def load(seed: int, size: int = 500, folder: str | None = None) -> Impacts:
         seed: an integer in [0, 2⁶³).
         size: number of drops.
         folder: where to write; None is outputs/mystery/seed_SEED.
+        scatter: standard deviation of μ and ε from drop to drop, as a share of each.
 
     Raises:
         DataError: a value out of its range, or a folder that cannot be written.
     """
-    impacts, truth = draw(seed, size=size)
+    impacts, truth = draw(seed, size=size, scatter=scatter)
     place = Path("outputs") / "mystery" / f"seed_{seed}" if folder is None else Path(folder)
     table.save(impacts, place / DROPS)
     try:
@@ -72,6 +73,8 @@ def _described(truth: Mapping[str, Any]) -> str:
         f"noise  σ = {noise['v']:.4f} m/s on v_x and v_y, {noise['omega']:.3f} rad/s on ω, before and after contact",
         f"hidden {', '.join(effect['name'] for effect in effects) or 'nothing'}",
     ]
+    if scatter := truth.get("scatter", 0.0):
+        lines.append(f"scatter of μ and ε from drop to drop: {scatter:.0%} of each")
     for effect in effects:
         values = effect["parameters"].items()
         parameters = ", ".join(f"{symbol} = {value:.4g} {effect['units'][symbol]}".rstrip() for symbol, value in values)
