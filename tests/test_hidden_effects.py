@@ -309,6 +309,17 @@ def test_drops_and_truth_are_written(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "b").iterdir()] == ["file"]
 
 
+def test_scatter_differs_from_drop_to_drop_and_changes_no_drop():
+    plain, scattered = (draw(3, size=40, effects=[], noise=0, scatter=x) for x in (0.0, 0.1))
+    assert torch.equal(plain[0].v_pre, scattered[0].v_pre)
+    assert plain[1]["v_post_from_measured"] == scattered[1]["v_post_from_measured"] == plain[1]["v_post"]
+    # A factor on ε alone changes v_n⁺ = −ε v_n⁻ by a tenth of itself on impacts that slide throughout.
+    ratio = [contact_velocity(drops.r, drops.v_post)[:, 1] / drops.v_c[:, 1] for drops, _ in (plain, scattered)]
+    assert (ratio[1] / ratio[0] - 1).std() == pytest.approx(0.1, rel=0.5)
+    with pytest.raises(DataError, match=r"scatter must be a share of μ and ε, at least 0 and below 1, got -0\.1"):
+        draw(3, scatter=-0.1)
+
+
 def test_reveal_command(tmp_path, capsys):
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps(draw(3, size=10, effects=["contact_patch", "surface_tilt"])[1]), encoding="utf-8")

@@ -8,20 +8,28 @@ from pathlib import Path
 
 import pytest
 import torch
+from diagnoses import few
 from spatial import in_space, tossed, velocities
 
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.diagnosis.options import DiagnoseOptions
+from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Record, Verdict
+from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.contact_scatter import contact_scatter
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects import State
 from contactlearn.effects.surface_tilt import SurfaceTiltSeen
-from contactlearn.inference.identification.joint import fit
+from contactlearn.inference.identification.joint import FitOptions, fit
 from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.inference.identification.variance_components import MixedModel, Mixture
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.shapes import Polygon
 from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, linearised, resolve
+from contactlearn.report.figures.diagnosis import drawn
+from contactlearn.report.text import headline
 from contactlearn.scatter import COMPONENTS, Component, ContactPoint, Friction, Normal, Restitution, find_component
 from contactlearn.simulation import synthetic
 
@@ -261,3 +269,56 @@ def test_scatter_has_no_structure():
         impacts, scatter = scattered(trials=150, seed=seed, sigma_eps=0.05, sigma_normal=math.radians(1.5))
         assert screen_deviations(scatter, impacts) == ()
     assert screen_deviations(replace(scatter, each={}), impacts) == ()
+
+
+# --- In a diagnosis -------------------------------------------------------------------------------
+
+FEW = DiagnoseOptions(candidates=few("spin_damping", "surface_tilt"), laws=[laws.find("wang_mason")])
+
+
+def diagnosed(stated=True, options=FEW, **planted):
+    return diagnose(simulated(World(**planted), 250, stated=stated), options=options)
+
+
+def test_pure_scatter_is_no_unknown_effect(tmp_path):
+    found = diagnosed(sigma_eps=0.05)
+    assert found.verdict is Verdict.NONE
+    (component,) = found.scatter.components
+    assert component.deviation.value == pytest.approx(0.05, rel=WITHIN)
+    assert component.relative == pytest.approx(0.1, rel=WITHIN)
+    shares, budget = found.budget.shares, found.budget
+    assert component.share == pytest.approx(shares.scatter)
+    assert shares.scatter > 0.5
+    assert budget.noise_source is NoiseSource.SCATTER
+    assert budget.instrument.mean < 0.25 * budget.noise.mean
+    assert "and contacts scatter: restitution by 0.0" in headline(found)
+    assert {"scatter", "budget"} <= set(drawn(found))
+    assert Diagnosis.from_json(found.to_json()) == found.without_record()
+    found.record.save(tmp_path, {})
+    (read,), (evidence,) = Record.load(tmp_path).deviations, found.record.deviations
+    assert (read.component, read.variable, read.unit) == ("restitution", evidence.variable, "–")
+    assert torch.equal(read.u, evidence.u)
+    assert len(read.x) == len(read.order) == len(read.u) == len(read.error) == len(found.record.impacts)
+
+
+def test_stated_noise_serves_as_covariances():
+    noise = replace(FEW, noise=(World().noise, World().noise, World().noise / 0.03))
+    found = diagnosed(stated=False, options=noise, sigma_normal=math.radians(1.5))
+    assert (found.verdict, found.scatter.stated) == (Verdict.NONE, True)
+    assert found.scatter.components[0].deviation.name == "normal"
+    assert found.scatter.instrument == ()
+
+
+@pytest.mark.parametrize("structure", ["pose", "speed", "memory"])
+def test_deviations_that_follow_something_stay_unknown(structure):
+    found = diagnosed(structure=structure)
+    assert found.verdict is Verdict.UNKNOWN
+    assert found.scatter.dependences
+    assert not found.scatter.random
+    assert found.budget.noise_source is NoiseSource.MEASURED
+    assert "and are no scatter" in headline(found)
+
+
+def test_nothing_scatters_where_data_are_exact_or_few():
+    for drops in (synthetic.load(60, velocity_noise=0, spin_noise=0), synthetic.load(30)):
+        assert contact_scatter(drops, fit(drops, LAW).model, FitOptions(), Thresholds()) is None
