@@ -459,7 +459,7 @@ def test_a_diagnosis_is_drawn_by_name(found):
     effects = [f"effect_{str(missing.effect).replace(':', '_')}" for missing in found.missing]
     assert found.effects == ("spin_damping",)
     audit = [f"audit_{finding.name}" for finding in found.findings]
-    assert list(figures) == [*audit, "regions", "residual", *effects, "ladder", "frontier"]
+    assert list(figures) == [*audit, "regions", "residual", *effects, "ladder", "budget", "frontier"]
     for name in ("regions", "residual", "ladder", "frontier"):
         assert_sound(figures[name])
     assert "regions" not in drawn(replace(found, regions=()))
