@@ -133,7 +133,7 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         text, size = headline(shown), phrase("size", shown)
         assert ("no effect missing" in text or "No known effect" in text) == (physics is Verdict.NONE), text
         assert ("unknown" in text or "does not describe" in text) == (physics is Verdict.UNKNOWN), text
-        scatters = physics in (Verdict.NONE, Verdict.EFFECTS) and shown.scatter is not None
+        scatters = physics in (Verdict.NONE, Verdict.EFFECTS) and (shares.scatter or 0) > MUCH
         assert ("contacts scatter: the normal by 0.647 ± 0.040°" in text) == scatters, text
         assert ("is scatter of the contact" in size) == (shares.scatter is not None)
         assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
