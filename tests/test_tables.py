@@ -213,7 +213,7 @@ BAD_HEADER = {
     "names of their own": ({"mass": "weight", "x": "right", "y": "high", "rx": None, "ry": None}, None, [
         "5 columns are missing, or have other names than ours",
         "'data.columns={mass: …, rx: …, ry: …, x: …, y: …}' says", "not used: 'weight', 'right', 'high'",
-        "data.shape={kind: …}, from which rx, ry are computed"]),
+        "data.shape={kind: …}, from which rx, ry, x, y are computed"]),
     "two near one": ({"vx": "vxx", "vy": None, "omega_post": "omega_pots", "omega": "omega_b"}, SHAPE,
         ["data.columns={vx: vxx, omega: omega_b, omega_post: omega_pots, vy: …}'"]),
     "two of one meaning": ({"x": "x_mm", "vx_post": "X [cm]"}, SHAPE,
@@ -334,7 +334,7 @@ def test_evaluation_reports_the_audit(tmp_path):
 
 def test_the_audit_alone(tmp_path):
     path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
-    printed = run("contactlearn", "audit", str(path), ELLIPSE)
+    printed = run("contactlearn", "audit", str(path), ELLIPSE, status=1)
     assert printed.startswith(f"{path}: 80 impacts\nwrong: θ and ω are positive clockwise: the moment balance")
     assert printed.endswith("\nto correct it: data.correct=[mirrored_theta] on any command\n")
     for mended in ("data.units.rotation=clockwise", "data.correct=[mirrored_theta]"):
@@ -342,7 +342,7 @@ def test_the_audit_alone(tmp_path):
         assert "note: The measurements are consistent" in printed
         assert "wrong" not in printed
     twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
-    printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]")
+    printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]", status=1)
     assert "to correct it: data.correct=[grams,mirrored_theta,traced_shape] on any command" in printed
     assert "synthetic drops (wang_mason, seed 0): 30" in run("contactlearn", "audit", "data=synthetic", "data.size=30")
     assert "too few" in run("contactlearn", "audit", "data=synthetic", "data.size=5")
@@ -406,12 +406,14 @@ def test_additions_of_spreadsheets_and_instruments_are_named(tmp_path, drops):
 
 @pytest.mark.parametrize("without", [("x", "y"), ("x", "y", "rx", "ry")], ids=len)
 def test_a_table_without_places(without, tmp_path):
-    """The shape gives the height; places along the floor are 0."""
+    """The contact point gives the height, of the table or of the shape; places along the floor are 0."""
     drops = synthetic.load(size=30)
-    drops.to_frame().drop(columns=[*without, "x_post", "y_post", "theta_post"]).to_csv(tmp_path / "a.csv", index=False)
-    found = table.read(tmp_path / "a.csv", shape=drops.shape)
+    frame = drops.to_frame().drop(columns=[*without, "x_post", "y_post", "theta_post"])
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    found = table.read(tmp_path / "a.csv", shape=drops.shape if "rx" in without else None)
     assert "place" in found.computed
     torch.testing.assert_close(found.impacts.q[:, 1], drops.q[:, 1])
     assert not found.impacts.q[:, 0].any()
-    with pytest.raises(DataError, match=r"missing column .*x, y.* from which .*x, y are computed"):
-        table.read(tmp_path / "a.csv")
+    frame.assign(**{"x [yd]": 1.0}).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(DataError, match=r"missing column .*x, y.*; not used: 'x \[yd\]'"):  # it may be the place
+        table.read(tmp_path / "a.csv", shape=drops.shape)

@@ -14,7 +14,14 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import is_motive, recording_files
-from contactlearn.data.table.columns import COMPUTED, NO_SPIN, columns_of, recognised_columns, required_in
+from contactlearn.data.table.columns import (
+    COMPUTED,
+    NO_SPIN,
+    columns_of,
+    computed_fields,
+    recognised_columns,
+    required_in,
+)
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -137,13 +144,15 @@ def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
     lacking = [column for column in required_in(space) if column not in names]
     if "inertia" in known.others:  # one for all axes
         lacking = [column for column in lacking if column not in SPACE.inertia]
-    computed = [column for columns in COMPUTED[space].values() if {*columns} <= {*lacking} for column in columns]
+    fields = computed_fields(space, lacking, known.others)
+    computed = [column for field in fields for column in COMPUTED[space][field]]
+    shaped = {*fields} - {"place"}
     units = Units(SI, known.units)
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")
     if "mass" in lacking:
         yield Setting(name="mass", value=OPEN, comment="of every body, kg; the table has no column mass")
-    about = f"from which {', '.join(computed)} are computed; " if computed else "null: unknown; "
-    yield Setting(name="shape", value=OPEN if computed else None, comment=f"of the body, {about}{_SHAPE}")
+    about = f"from which {', '.join(computed)} are computed; " if shaped else "null: unknown; "
+    yield Setting(name="shape", value=OPEN if shaped else None, comment=f"of the body, {about}{_SHAPE}")
     if {*space.inertia} <= {*lacking}:
         yield Setting(name="inertia", value=None, comment="of every body, kg m²; null: of uniform density")
     for column, name in names.items():

@@ -36,7 +36,7 @@ _MANY = 20  # trials from which on standard errors cover what they should
 _COMPUTED = {
     "r": "contact points from the shape and orientation (rad and counter-clockwise, unless data.units says otherwise)",
     "inertia": "the inertia from the shape and the mass, at uniform density",
-    "place": "the height from the contact point; places along the floor are 0, and nothing can be seen to depend on them",
+    "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
 }
 _MOST = 20  # runs in the table of a sweep
 _WIDEST = 5  # settings in it

@@ -281,7 +281,9 @@ def _impacts(
         raise DataError(
             f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
         )
-    absent = COMPUTED[space]["place"] if "place" in named.computed else ()  # 0, until the shape gives the height
+    absent = (
+        COMPUTED[space]["place"] if "place" in named.computed else ()
+    )  # 0, and the height is that of the contact point
     for field, names in space.components.items():
         names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
         if names[-1] in cells.header:
@@ -295,6 +297,8 @@ def _impacts(
     }
     if shape is not None:
         values |= _computed(cells.path, named.computed, shape, values)
+    if absent:
+        values["q"][:, space.d - 1] = -values["r"][:, space.d - 1]
     source, apparatus = str(cells.path), apparatus_of(cells)
     try:
         return Impacts(**values, shape=shape, source=source, validate=validate, apparatus=apparatus)
@@ -344,10 +348,6 @@ def _computed(
                 "is it in degrees? say data.units.angle=deg, otherwise take whole turns off"
             )
         found["r"] = contact_points(shape, body, theta)
-    if "place" in computed:
-        normal = 1 if planar else 2
-        found["q"] = values["q"].clone()
-        found["q"][:, normal] = -found.get("r", values.get("r"))[:, normal]
     if "inertia" in computed:
         mass = values["mass"][:, None]
         found["inertia"] = per_body(shape, body, lambda one: mass * one.gyration_squared()).squeeze(-1)

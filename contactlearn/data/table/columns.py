@@ -14,13 +14,21 @@ program that saves the table, and CSV.
 import re
 import shlex
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from itertools import product
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
-from contactlearn.data.table.names import NAMES, Recognised, impact_vocabulary, is_unit, recognise, unit_in
+from contactlearn.data.table.names import (
+    NAMES,
+    Recognised,
+    impact_vocabulary,
+    is_unit,
+    name_words,
+    recognise,
+    unit_in,
+)
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
@@ -84,7 +92,7 @@ NO_SPIN = (
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
 COMPUTED = {space: {"inertia": space.inertia, "r": space.position, "place": space.pose[: space.d]} for space in BOTH}
-"""Columns by the space and by what they fill, that a known shape may replace: the floor tells the height of a place."""
+"""Columns by the space and by what they fill, that a known shape may replace; a place needs r alone."""
 
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
@@ -114,6 +122,13 @@ def recognised_columns(header: Sequence[str], mapped: Collection[str] = ()) -> t
     if {*SPACE.pose[3:]} & {*known.names, *mapped}:
         return SPACE, known
     return PLANE, recognise(header, impact_vocabulary(PLANE))
+
+
+def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str]) -> tuple[str, ...]:
+    """Return the fields of `COMPUTED` all of whose columns a table lacks; no place if an unused column may be one."""
+    fields = [field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking}]
+    placed = any({"x", "y", "z"} & {*name_words(name)} for name in unused)
+    return tuple(field for field in fields if field != "place" or not placed)
 
 
 def name_columns(
@@ -159,8 +174,9 @@ def name_columns(
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
         ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
         lacking = [column for column in lacking if column not in SPACE.inertia]
-    computed = tuple(field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking})
-    spared = {column for field in computed if shaped for column in COMPUTED[space][field]}
+    computed = computed_fields(space, lacking, unused)
+    given = [field for field in computed if shaped or (field == "place" and "r" not in computed)]
+    spared = {column for field in given for column in COMPUTED[space][field]}
     needed = [column for column in lacking if column not in spared]
     free = [column for column in every if column not in ours and column not in names and column not in stated]
     slips = _slips(unused, needed, free)
