@@ -66,7 +66,7 @@ FRAME = DROPS.to_frame()
     (FRAME.assign(vy=-FRAME["vy"]), {}, r"DataFrame: row 1 .*column vy: must approach the floor"),
     (FRAME, {"units": {"length": "furlong"}}, "unknown unit in data.units.length: 'furlong'"),
     (FRAME[:0], {}, "DataFrame: has no rows"),
-    ([1, 2], {}, "a table is the path of a .csv or .parquet file, or a DataFrame; got list"),
+    ([1, 2], {}, "a table is the path of a file, such as drops.csv, or a DataFrame; got list"),
 ], ids=["missing", "empty cell", "leaves", "unit", "no rows", "list"])  # fmt: skip
 def test_a_frame_is_refused_as_a_file_is(frame, options, message):
     with pytest.raises(cl.ContactLearnError, match=message):

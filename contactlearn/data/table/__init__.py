@@ -283,7 +283,7 @@ def _impacts(
         )
     absent = (
         COMPUTED[space]["place"] if "place" in named.computed else ()
-    )  # 0, and the height is that of the contact point
+    )  # 0; the height is that of the contact point
     for field, names in space.components.items():
         names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
         if names[-1] in cells.header:
