@@ -34,6 +34,7 @@ from contactlearn.diagnosis.events import FILE, TaskProgress, read_events
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.shared import Box, cost_surface
 from contactlearn.inference.learning import curves
+from contactlearn.mechanics.features import Features
 from contactlearn.models import checkpoint
 from contactlearn.report.figures import laws as drawings
 from contactlearn.simulation import synthetic
@@ -289,7 +290,7 @@ def test_transfer(tmp_path):
 def test_export_of_a_feature_space(tmp_path):
     words = ("contactlearn", "export", "x1.parquet", "data.size=20", "--features")
     run(*words, "x1", cwd=tmp_path)
-    wanted = synthetic.load(size=20).features("x1")
+    wanted = Features.of(synthetic.load(size=20), "x1")
     assert pd.read_parquet(tmp_path / "x1.parquet").equals(wanted.table())
     assert "unknown feature space 'x3', did you mean 'x2'?" in run(*words, "x3", "--force", cwd=tmp_path, status=2)
 

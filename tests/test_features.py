@@ -12,7 +12,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.mechanics import rigid_body
-from contactlearn.mechanics.features import SPACES
+from contactlearn.mechanics.features import SPACES, Features
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.standardisation import Standardisation
@@ -36,21 +36,21 @@ def impacts() -> Impacts:
 
 
 def column(space: str, name: str, impacts: Impacts) -> Tensor:
-    return impacts.features(space).values[:, list(SPACES[space].columns).index(name)]
+    return Features.of(impacts, space).values[:, list(SPACES[space].columns).index(name)]
 
 
 @SPACE
 def test_a_row_a_trial_and_a_column_a_symbol(space, impacts):
-    x = impacts.features(space).values
+    x = Features.of(impacts, space).values
     assert x.shape == (len(impacts), len(SPACES[space].columns))
     assert x.dtype == torch.float64
     assert x.isfinite().all()
     assert x.std(0).min() > 0
     rows = torch.tensor([7, 499, 0, 7])
     picked = impacts[rows[:3]]
-    assert torch.equal(picked.features(space).values, impacts.features(space).values[rows[:3]])
+    assert torch.equal(Features.of(picked, space).values, Features.of(impacts, space).values[rows[:3]])
     later = impacts.replace(v_post=impacts.v_post + 1, q_post=impacts.q + 1, time=torch.arange(500.0))
-    assert torch.equal(later.features(space).values, impacts.features(space).values)
+    assert torch.equal(Features.of(later, space).values, Features.of(impacts, space).values)
 
 
 POWERS = {  # of kg, m and s
@@ -76,7 +76,7 @@ def test_units_are_those_that_the_numbers_scale_with(space, units, impacts):
     )
     powers = torch.tensor([POWERS[unit] for unit in SPACES[space].columns.values()], dtype=torch.float64)
     factor = (torch.tensor(units, dtype=torch.float64) ** powers).prod(-1)
-    close(other.features(space).values / factor, impacts.features(space).values, **CLOSE)
+    close(Features.of(other, space).values / factor, Features.of(impacts, space).values, **CLOSE)
 
 
 ODD = {"r_x", "x", "sin θ", "v_x", "ω", "M_c,tn", "v_t", "p_t", "angle"}
@@ -88,7 +88,7 @@ def test_mirror(space, impacts):
     flip = torch.tensor([-1.0, 1.0, -1.0])
     mirrored = impacts.replace(r=impacts.r * flip[:2], q=impacts.q * flip, v_pre=impacts.v_pre * flip)
     sign = torch.tensor([-1.0 if name in ODD else 1.0 for name in SPACES[space].columns])
-    close(mirrored.features(space).values, sign * impacts.features(space).values, rtol=1e-14, atol=1e-14)
+    close(Features.of(mirrored, space).values, sign * Features.of(impacts, space).values, rtol=1e-14, atol=1e-14)
 
 
 def test_state_is_the_measured_state(impacts):
@@ -105,23 +105,23 @@ def test_state_is_the_measured_state(impacts):
         **dict(zip(("v_x", "v_y", "ω"), impacts.v_pre.T, strict=True)),
     }
     assert list(wanted) == list(SPACES["state"].columns)
-    np.testing.assert_allclose(impacts.features("state").values, np.stack(list(wanted.values()), -1), rtol=1e-14)
+    np.testing.assert_allclose(Features.of(impacts, "state").values, np.stack(list(wanted.values()), -1), rtol=1e-14)
     with pytest.raises(UnknownNameError, match="unknown feature space 'x2_pola', did you mean 'x2_polar'"):
-        impacts.features("x2_pola")
+        Features.of(impacts, "x2_pola")
 
 
 @pytest.mark.parametrize("turns", [1, -1, 5])
 def test_a_full_turn_is_no_turn(turns, impacts):
     turned = impacts.replace(q=impacts.q + torch.tensor([0, 0, 2 * math.pi * turns], dtype=torch.float64))
     for space in SPACES:
-        close(turned.features(space).values, impacts.features(space).values, **CLOSE)
+        close(Features.of(turned, space).values, Features.of(impacts, space).values, **CLOSE)
     half = impacts.replace(q=impacts.q + torch.tensor([0, 0, math.pi], dtype=torch.float64))
-    assert (half.features("state").values - impacts.features("state").values).norm(dim=-1).min() > 1.9
+    assert (Features.of(half, "state").values - Features.of(impacts, "state").values).norm(dim=-1).min() > 1.9
 
 
 @pytest.mark.parametrize("space", ["x1", "x2", "x2_polar"])
 def test_contact_spaces_do_not_know_the_place(space, impacts):
-    assert torch.equal(impacts.replace(q=impacts.q + 1).features(space).values, impacts.features(space).values)
+    assert torch.equal(Features.of(impacts.replace(q=impacts.q + 1), space).values, Features.of(impacts, space).values)
 
 
 def test_x1_is_the_inverse_of_w_and_the_contact_points_velocity(impacts):
@@ -133,17 +133,17 @@ def test_x1_is_the_inverse_of_w_and_the_contact_points_velocity(impacts):
         J = np.array([[1, 0, -r_y], [0, 1, r_x]])
         M_c = np.linalg.inv(J @ np.diag([1 / mass, 1 / mass, 1 / inertia]) @ J.T)
         wanted.append([M_c[0, 0], M_c[0, 1], M_c[1, 1], *(J @ v)])
-    np.testing.assert_allclose(impacts.features("x1").values, wanted, rtol=ROUNDING, atol=ROUNDING)
-    stop = torch.nn.functional.pad(-impacts.features("x2").values, (0, 1))
+    np.testing.assert_allclose(Features.of(impacts, "x1").values, wanted, rtol=ROUNDING, atol=ROUNDING)
+    stop = torch.nn.functional.pad(-Features.of(impacts, "x2").values, (0, 1))
     v = rigid_body.apply_wrench(impacts.mass, impacts.inertia, impacts.r, impacts.v_pre, stop)
     # What is left, by the sizes of what was added up.
     size = impacts.v_pre.norm(dim=-1) + impacts.r.norm(dim=-1) * (v - impacts.v_pre).norm(dim=-1) + v.norm(dim=-1)
     left = rigid_body.contact_velocity(impacts.r, v).norm(dim=-1) / size
     assert left.max() < ROUNDING
-    tt, tn, nn, v_t, v_n = impacts.features("x1").values.T
-    close(impacts.features("x2").values, torch.stack((tt * v_t + tn * v_n, tn * v_t + nn * v_n), -1), **CLOSE)
-    angle, norm = impacts.features("x2_polar").values.T
-    close(impacts.features("x2").values, torch.stack((norm * angle.sin(), -norm * angle.cos()), -1), **CLOSE)
+    tt, tn, nn, v_t, v_n = Features.of(impacts, "x1").values.T
+    close(Features.of(impacts, "x2").values, torch.stack((tt * v_t + tn * v_n, tn * v_t + nn * v_n), -1), **CLOSE)
+    angle, norm = Features.of(impacts, "x2_polar").values.T
+    close(Features.of(impacts, "x2").values, torch.stack((norm * angle.sin(), -norm * angle.cos()), -1), **CLOSE)
     assert (norm > 0).all()
     assert (angle.abs() <= math.pi).all()
     # Straight down is the angle 0, and it grows towards +t.
@@ -155,12 +155,12 @@ def test_x1_is_a_point_mass_where_nothing_turns():
     impacts = synthetic.load(20)
     impacts = impacts.replace(inertia=1e12 * torch.ones(20), v_pre=impacts.v_pre * torch.tensor([1.0, 1.0, 0.0]))
     wanted = torch.stack((impacts.mass, 0 * impacts.mass, impacts.mass, *impacts.v_pre[:, :2].T), -1)
-    close(impacts.features("x1").values, wanted, **CLOSE)
+    close(Features.of(impacts, "x1").values, wanted, **CLOSE)
 
 
 @SPACE
 def test_a_table_has_units_in_its_header(space, impacts):
-    found = impacts.features(space)
+    found = Features.of(impacts, space)
     frame = found.table()
     assert tuple(frame.trial) == impacts.trial
     assert np.array_equal(frame.to_numpy()[:, 1:].astype(float), found.values)
@@ -249,7 +249,7 @@ def test_a_small_variation_about_a_large_mean_is_no_constant():
     close(Standardisation.of(x).apply(x), Standardisation.of(sample(30, 1)).apply(sample(30, 1)), rtol=1e-6, atol=1e-6)
     # A disc's contact is below its centre: M_c,tn says nothing, whatever its last digits are.
     disc = synthetic.load(40, shape={"kind": "ellipse", "semi_axes": [0.03, 0.03]})
-    scale = Standardisation.of(disc.features("x1").values).scale
+    scale = Standardisation.of(Features.of(disc, "x1").values).scale
     assert torch.isinf(scale[0, 1])
     assert torch.isfinite(scale[0, 3:]).all()
 
@@ -265,7 +265,7 @@ def test_statistics_are_of_the_training_rows_alone(space):
         mass=drops.mass * factor[:, 0], q=drops.q * factor, v_pre=drops.v_pre * factor, v_post=drops.v_post * factor
     )
     fits = [Regressor.fit(space, trials, rows, trials.wrench[rows]) for trials in (drops, other)]
-    assert torch.equal(fits[0].inputs.mean, drops.features(space).values[rows].mean(-2, keepdim=True))
+    assert torch.equal(fits[0].inputs.mean, Features.of(drops, space).values[rows].mean(-2, keepdim=True))
     for name in ("inputs", "outputs"):
         assert torch.equal(getattr(fits[0], name).mean, getattr(fits[1], name).mean)
         assert torch.equal(getattr(fits[0], name).scale, getattr(fits[1], name).scale)

@@ -12,7 +12,7 @@ from contactlearn.inference.evaluation.partial_residuals import partial_residual
 from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn, target_units
 from contactlearn.laws import find
-from contactlearn.mechanics.features import SPACES, feature_units
+from contactlearn.mechanics.features import SPACES, Features, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models import checkpoint
@@ -44,13 +44,13 @@ def turned(impacts: Impacts, angle: float) -> tuple[Impacts, torch.Tensor]:
 @pytest.mark.parametrize("name", IN_SPACE)
 def test_a_turn_about_the_normal_changes_no_feature(name):
     other, _ = turned(TOSSED, 1.1)
-    torch.testing.assert_close(other.features(name).values, TOSSED.features(name).values, **CLOSE)
-    assert TOSSED.features(name).values.shape == (90, len(feature_units(name, SPACE)))
+    torch.testing.assert_close(Features.of(other, name).values, Features.of(TOSSED, name).values, **CLOSE)
+    assert Features.of(TOSSED, name).values.shape == (90, len(feature_units(name, SPACE)))
 
 
 def test_features_are_those_of_the_plane_along_the_slip():
     """A planar body in space: what lies across the plane is 0, and signs are those of the slip."""
-    there, here = in_space(PLANAR).features("x1"), PLANAR.features("x1")
+    there, here = Features.of(in_space(PLANAR), "x1"), Features.of(PLANAR, "x1")
     sign = here.values[:, 3].sign()
     known = dict(zip(there.units, there.values.T, strict=True))
     for name, values in {"11": here.values[:, 0], "1n": sign * here.values[:, 1], "nn": here.values[:, 2]}.items():

@@ -19,6 +19,7 @@ from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box, fit_subsets
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.impacts import IMPULSE_TARGETS, Impacts, Prediction, measured_impulse
 from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipsoid, Sphere, contact_point
 from contactlearn.mechanics.space import BOTH
@@ -153,7 +154,7 @@ def test_mistakes_are_refused_in_one_line(name):
 
 
 PLANE_ALONE = {
-    "feature space": lambda: SPATIAL.features("x2_polar"),
+    "feature space": lambda: Features.of(SPATIAL, "x2_polar"),
     "law whittaker .fazeli2017.": lambda: find("whittaker", "fazeli2017").at(0.1, 0.5).impulse(SPATIAL.W, SPATIAL.v_c),
     "effect contact_patch": lambda: ContactModel(
         base=find("whittaker").at(0.1, 0.5), effects={"contact_patch": find_effect("contact_patch")()}

@@ -41,6 +41,7 @@ from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.mlls import ExactMarginalLogLikelihood
 from torch import Tensor
 
+from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.gp.bfgs import minimise
 from contactlearn.models.gp.evidence import LogEvidence
@@ -145,7 +146,7 @@ def draw(impacts: Impacts, n: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Standardised x [S, n, D] and y [S, O, n] of random subsets, and of held-out drops."""
     orders = [torch.randperm(len(impacts), generator=torch.Generator().manual_seed(seed)) for seed in range(SEEDS)]
     rows = torch.stack(orders)[:, : n + HELD_OUT]
-    x, y = impacts.features("x1").values[rows], impacts.wrench[rows]
+    x, y = Features.of(impacts, "x1").values[rows], impacts.wrench[rows]
     x, y = (Standardisation.of(part[:, :n]).apply(part) for part in (x, y))
     return x[:, :n], y[:, :n].mT, x[:, n:], y[:, n:].mT
 

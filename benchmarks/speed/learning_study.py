@@ -23,6 +23,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.data import ellipse_drops
+from contactlearn.mechanics.features import Features
 from contactlearn.models.standardisation import Standardisation
 from speed.gp_evidence import ZeroMeanGP, adam
 from speed.harness import seconds
@@ -51,10 +52,10 @@ def usual_way():
     pool, test = drops.split(0.25, generator)
     order, total = torch.randperm(len(pool), generator=generator), 0.0
     for size in SIZES:
-        x = pool.features("x1").values[order[:size]]
+        x = Features.of(pool, "x1").values[order[:size]]
         scale = Standardisation.of(x)
         y = Standardisation.of(pool.wrench[order[:size]]).apply(pool.wrench[order[:size]])
-        x, x_test = scale.apply(x), scale.apply(test.features("x1").values)
+        x, x_test = scale.apply(x), scale.apply(Features.of(test, "x1").values)
         median = statistics.median(seconds(process, x, column, x_test) for column in y.T)
         total += SEEDS * OUTPUTS * median
         print(f"  {size:4d} trials: {1e3 * median:6.0f} ms a process")

@@ -236,6 +236,7 @@ def run_export(options: argparse.Namespace) -> str:
     from contactlearn.cli.commands.export import export_model, refuse_existing
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data import table
+    from contactlearn.mechanics.features import Features
 
     if options.to is not None:
         data = load_data(_source("export", options.overrides)).impacts if options.overrides else None
@@ -247,7 +248,7 @@ def run_export(options: argparse.Namespace) -> str:
     if options.features is None:
         path = table.save(impacts, options.file)
     else:
-        path = table.write_columns([impacts.features(options.features).table().to_dict("list")], options.file)
+        path = table.write_columns([Features.of(impacts, options.features).table().to_dict("list")], options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
 
 

@@ -1,4 +1,4 @@
-"""Feature spaces: what a learned model sees of an impact.  `Impacts.features` gives each of them.
+"""Feature spaces: what a learned model sees of an impact.  `Features.of` gives each of them.
 
     state     10-D    {m, I, r_x, r_y, x, y, θ, v_x, v_y, ω}, θ as (cos θ, sin θ) because it is periodic
     x1        X1      {M_c,tt, M_c,tn, M_c,nn, v_t, v_n}, what the admissible impulses depend on
@@ -21,12 +21,11 @@ from torch import Tensor
 
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE, SPACE, Space, require_space
 
 if TYPE_CHECKING:  # pandas takes long to load
     import pandas as pd
-
-    from contactlearn.mechanics.impacts import Impacts
 
 
 class FeatureSpace(NamedTuple):
@@ -34,10 +33,10 @@ class FeatureSpace(NamedTuple):
 
     columns: dict[str, str]
     in_space: dict[str, str]
-    compute: "Callable[[Impacts], tuple[Tensor, ...]]"
+    compute: Callable[[Impacts], tuple[Tensor, ...]]
 
 
-def _state(impacts: "Impacts") -> tuple[Tensor, ...]:
+def _state(impacts: Impacts) -> tuple[Tensor, ...]:
     if impacts.space is SPACE:
         down = -rigid_body.rotation(impacts.q[:, 3:])[:, 2]
         vectors = _along_slip(impacts, impacts.r), down, _along_slip(impacts, impacts.v_pre)
@@ -47,13 +46,13 @@ def _state(impacts: "Impacts") -> tuple[Tensor, ...]:
     return impacts.mass, impacts.inertia, *impacts.r.unbind(-1), *pose, *impacts.v_pre.unbind(-1)
 
 
-def _along_slip(impacts: "Impacts", vector: Tensor) -> Tensor:
+def _along_slip(impacts: Impacts, vector: Tensor) -> Tensor:
     """Components in the axes of the slip, of a vector [N, d] or of a velocity [N, D]."""
     size = vector.shape[-1]
     return rigid_body.matvec(impacts.slip_axes.mT[:, :size, :size], vector)
 
 
-def _x1(impacts: "Impacts") -> tuple[Tensor, ...]:
+def _x1(impacts: Impacts) -> tuple[Tensor, ...]:
     d = impacts.space.d
     axes = impacts.slip_axes[:, :d, :d]
     M_c = axes.mT @ rigid_body.effective_inertia(impacts.W) @ axes
@@ -65,12 +64,12 @@ def _x1(impacts: "Impacts") -> tuple[Tensor, ...]:
     return *M_c[:, rows, columns].unbind(-1), v[:, 0], v[:, -1]
 
 
-def _x2(impacts: "Impacts") -> tuple[Tensor, ...]:
+def _x2(impacts: Impacts) -> tuple[Tensor, ...]:
     momentum = rigid_body.matvec(rigid_body.effective_inertia(impacts.W), impacts.v_c)
     return _along_slip(impacts, momentum).unbind(-1)
 
 
-def _x2_polar(impacts: "Impacts") -> tuple[Tensor, ...]:
+def _x2_polar(impacts: Impacts) -> tuple[Tensor, ...]:
     p_t, p_n = _x2(impacts)
     return torch.atan2(p_t, -p_n), torch.hypot(p_t, p_n)
 
@@ -130,8 +129,8 @@ class Features:
     trial: tuple[str, ...]
 
     @classmethod
-    def of(cls, space: str, impacts: "Impacts") -> "Features":
-        """Compute a feature space.
+    def of(cls, impacts: Impacts, space: str) -> "Features":
+        """Compute a feature space: `state`, `x1`, `x2` or `x2_polar`.
 
         Raises:
             UnknownNameError: no such space.

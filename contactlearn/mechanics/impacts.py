@@ -36,7 +36,6 @@ from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, shapes_among
-from contactlearn.mechanics.features import Features
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -391,14 +390,6 @@ class Impacts:
         moments = self.inertia[:, None] if self.space is PLANE else self.inertia.mean(-1, keepdim=True)
         d, D = self.space.d, self.space.D
         return torch.cat((self.mass[:, None].expand(-1, d), moments.expand(-1, D - d)), -1)
-
-    def features(self, space: str) -> Features:
-        """Return a feature space, `state` (10-D), `x1`, `x2` or `x2_polar`: see `contactlearn.mechanics.features`.
-
-        Raises:
-            UnknownNameError: no such space.
-        """
-        return Features.of(space, self)
 
     def fingerprint(self) -> str:
         """SHA-256 of the names and numbers, to tell later which data a result came from."""

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.mechanics.features import feature_units
+from contactlearn.mechanics.features import Features, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.process_options import ProcessOptions
@@ -71,7 +71,7 @@ class Regressor:
 
         if rows.shape[-1] < 2:
             raise DataError(f"a learned model needs at least 2 training trials, got {rows.shape[-1]}")
-        x = impacts.features(space).values[rows]
+        x = Features.of(impacts, space).values[rows]
         inputs, outputs = Standardisation.of(x), outputs or Standardisation.of(values)
         family = ExactGPs if rows.shape[-1] <= EXACT_LIMIT else SparseGPs
         noise = None if noise is None else noise / outputs.scale**2
@@ -127,7 +127,7 @@ class Regressor:
 
     def _inputs(self, impacts: Impacts) -> Float[Tensor, "*batch n d"]:
         """Standardised features of impacts in the space of the training."""
-        x = impacts.features(self.space).values
+        x = Features.of(impacts, self.space).values
         if (size := self.inputs.mean.shape[-1]) != x.shape[-1]:
             here, there = ("a plane", "space") if impacts.space is PLANE else ("space", "a plane")
             raise ContactLearnError(

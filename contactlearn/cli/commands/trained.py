@@ -6,7 +6,7 @@ from contactlearn.cli.checkpoints import TrainedModel
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.settings import SplitSettings
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.mechanics.features import feature_units
+from contactlearn.mechanics.features import Features, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
@@ -112,7 +112,7 @@ def _other_body(seen: DataSource, impacts: Impacts) -> Iterator[str]:
 
 def _other_features(regressor: Regressor, impacts: Impacts) -> Iterator[str]:
     """Yield the features that lie beyond the training's, and those of which the training had one value."""
-    columns, x = feature_units(regressor.space, impacts.space), impacts.features(regressor.space).values
+    columns, x = feature_units(regressor.space, impacts.space), Features.of(impacts, regressor.space).values
     known, new = regressor.gps.train_inputs[0][..., 0, :, :], regressor.inputs.apply(x)
     far = (new < known.amin(-2, keepdim=True) - 1) | (new > known.amax(-2, keepdim=True) + 1)
     if (share := far.any(-1).double().mean().item()) > _FEW:
