@@ -13,6 +13,7 @@ from repetitions import crossed, repeated
 
 from contactlearn import laws
 from contactlearn.cli.commands.fitting import fit_with_effects
+from contactlearn.core.events import ignore
 from contactlearn.data import table, tracks
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
@@ -20,7 +21,6 @@ from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import rig_notes, scale_findings
 from contactlearn.data.recordings.conventions import find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.floor import find_floor
-from contactlearn.diagnosis.events import ignore
 from contactlearn.effects import find_effect
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions, named_parameters

@@ -28,9 +28,10 @@ from contactlearn.cli.config_files import CONFIGS, choices, restrict_settings
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.events import TaskProgress
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
-from contactlearn.diagnosis.events import FILE, TaskProgress, read_events
+from contactlearn.diagnosis.events import FILE, read_events
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.shared import Box, cost_surface
 from contactlearn.inference.learning import curves

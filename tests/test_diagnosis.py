@@ -7,6 +7,7 @@ from observers import RecordingObserver
 from repetitions import repeated
 
 from contactlearn.core.errors import DataError
+from contactlearn.core.events import TaskProgress
 from contactlearn.data import table
 from contactlearn.diagnosis import events
 from contactlearn.diagnosis.events import AuditFindings, LawChanged, LawsCompared
@@ -254,7 +255,7 @@ def test_an_unknown_effect_is_reported_as_unknown(tmp_path):
     assert found.formulas[0].overrides()[0].startswith("+effect.mine.tau=")
     assert Diagnosis.from_json(found.to_json()) == found
     assert events.read_events(path) == recorded
-    assert [type(one).__name__ for one in recorded if not isinstance(one, events.TaskProgress)] == [
+    assert [type(one).__name__ for one in recorded if not isinstance(one, TaskProgress)] == [
         "AuditFindings", "LawsCompared", "LimitsEstimated", "RegionsFound", "EffectsFound", "RemainderLearned",
     ]  # fmt: skip
     assert [line.partition(":")[0] for line in event_lines(recorded[0])] == ["audit"]

@@ -4,15 +4,16 @@ import msgspec
 import pytest
 from observers import RecordingObserver
 
+from contactlearn.core.events import TaskProgress, track
 from contactlearn.diagnosis import events
-from contactlearn.diagnosis.events import TaskProgress, append_event, read_events, track
+from contactlearn.diagnosis.events import append_event, read_events
 
 
 def test_a_long_task_reports_its_first_and_last_step_and_some_between(monkeypatch):
     quick, every = RecordingObserver(), RecordingObserver()
     assert list(track(iter("abc"), "letters", quick)) == ["a", "b", "c"]
     assert [(one.done, one.total) for one in quick] == [(0, None), (3, 3)]
-    monkeypatch.setattr(events, "_INTERVAL", -1.0)
+    monkeypatch.setattr("contactlearn.core.events._INTERVAL", -1.0)
     assert list(track("abc", "letters", every)) == ["a", "b", "c"]
     assert [(one.done, one.total) for one in every] == [(0, 3), (1, 3), (2, 3), (3, 3), (3, 3)]
 

@@ -9,8 +9,9 @@ from diagnoses import ERROR, few, made_up, provenance_of
 from drops import seeded
 from observers import RecordingObserver
 
+from contactlearn.core.events import ignore
 from contactlearn.data.audit.trials import repeated
-from contactlearn.diagnosis.events import SubsampleStarted, ignore
+from contactlearn.diagnosis.events import SubsampleStarted
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.question import Question

@@ -4,10 +4,12 @@ Drops are synthetic, so that what is true is known: law, parameters and noise.
 """
 
 import math
+import statistics
 from itertools import pairwise
 
 import pytest
 import torch
+from observers import RecordingObserver
 from refusals import refused
 from repetitions import crossed
 from scipy.stats import chi2
@@ -17,6 +19,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.learning.events import RoundScored, TrainingRound
 from contactlearn.inference.learning.recipe import TARGETS, Recipe, learn
 from contactlearn.laws import Law, find
 from contactlearn.mechanics import rigid_body
@@ -458,21 +461,23 @@ def test_an_unknown_impulse_is_named(pool):
 @pytest.mark.parametrize("name", ["wrench", "likelihood"])
 def test_a_training_is_watched_round_by_round(name, pool, test):
     """The last round of the processes is the trained model, which watching does not change."""
-    recipe, rows, seen = RECIPES[name], torch.arange(40), []
+    recipe, rows, seen = RECIPES[name], torch.arange(40), RecordingObserver()
     base = recipe.law and recipe.law.at(MU, EPS)
-
-    def on_round(now):
-        seen.append((now.regressor.training.loss.mean().item(), now.model().predict(test)))
-
-    watched = learn(pool, recipe, rows=rows, base=base, on_round=on_round)
-    alone = learn(pool, recipe, rows=rows, base=base).predict(test)
-    assert torch.equal(watched.predict(test).covariance, alone.covariance)
-    assert torch.equal(seen[-1][1].covariance, alone.covariance)
-    assert not torch.equal(seen[0][1].v_post, alone.v_post)
-    assert seen[-1][0] == watched.processes.training.loss.mean().item()
+    watched = learn(pool, recipe, rows=rows, base=base, held_out=test, on_event=seen)
+    plain = learn(pool, recipe, rows=rows, base=base).predict(test)
+    assert torch.equal(watched.predict(test).covariance, plain.covariance)
+    rounds, scores = seen.of(TrainingRound), seen.of(RoundScored)
+    assert [one.round for one in rounds] == list(range(1, len(rounds) + 1))
+    powers = [2**k for k in range(len(rounds).bit_length())]
+    assert [one.round for one in scores] == sorted({*powers, len(rounds)})  # after 1, 2, 4, 8 … and the last
+    assert scores[-1].errors == {name: m.error(test, plain).mean().item() for name, m in metrics.METRICS.items()}
+    assert scores[0].errors != scores[-1].errors
+    losses = [statistics.fmean(one.loss.values()) for one in rounds]
+    assert losses[-1] == pytest.approx(watched.processes.training.loss.mean().item(), rel=1e-14)
+    assert {one.trained_on for one in rounds} == {40}
     if name == "wrench":  # a single fit; each start only falls
-        assert [loss for loss, _ in seen] == sorted((loss for loss, _ in seen), reverse=True)
-        assert len(seen) == len(watched.processes.training.history)
+        assert losses == sorted(losses, reverse=True)
+        assert len(rounds) == len(watched.processes.training.history)
 
 
 def test_training_rows_are_a_list_or_a_mask_without_repeats():

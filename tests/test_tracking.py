@@ -4,7 +4,6 @@ import html
 import json
 import re
 import warnings
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -25,7 +24,7 @@ from contactlearn.data import table
 from contactlearn.effects import catalogue, find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import robust
-from contactlearn.inference.learning.curves import Curve
+from contactlearn.inference.learning.curves import Curve, CurvePoints
 from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
 from contactlearn.mechanics.features import SPACES
@@ -388,8 +387,7 @@ def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
 def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there(tmp_path):
     """A size that is ready before a smaller one waits for it: TensorBoard drops what lies beyond a later step."""
     drops, seen = synthetic.load(40), RecordingObserver()
-    settings = SimpleNamespace(split=SimpleNamespace(seed=0), bootstrap=50)
-    points = curves._Points(settings, (10, 20, 30), drops, seen)
+    points = CurvePoints((10, 20, 30), drops, seed=0, resamples=50, on_event=seen)
     predicted = ContactModel(find("whittaker")).predict(drops)
     for model, size in [("a", 10), ("a", 30), ("b", 20), ("a", 20), ("b", 10)]:
         points.add(model, Curve.of(drops, {size: predicted}))

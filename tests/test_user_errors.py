@@ -16,9 +16,9 @@ from repetitions import repeated
 import contactlearn
 from contactlearn import ContactModel, Recipe, diagnose, laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.events import track
 from contactlearn.data import table
 from contactlearn.data.recordings.track import Recording
-from contactlearn.diagnosis.events import track
 from contactlearn.effects import find_effect, named_effects
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.shared import fit_subsets

@@ -12,11 +12,12 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from contactlearn.core.errors import DataError
+from contactlearn.core.events import ignore
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.evidence import evidence_arrays
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.discrimination.experiment import state_limits
-from contactlearn.diagnosis.events import AuditFindings, OnEvent, ignore
+from contactlearn.diagnosis.events import AuditFindings, OnEvent
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict

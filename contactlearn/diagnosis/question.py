@@ -4,7 +4,8 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from contactlearn.diagnosis.events import OnEvent, track
+from contactlearn.core.events import track
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from contactlearn.core.events import TaskProgress, ignore
 from contactlearn.diagnosis import events
-from contactlearn.diagnosis.events import FILE, Event, OnEvent, TaskProgress, append_event, ignore
+from contactlearn.diagnosis.events import FILE, Event, OnEvent, append_event
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, print_line

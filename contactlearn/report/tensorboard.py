@@ -34,8 +34,9 @@ from torch import Tensor
 from torch.utils.tensorboard import summary
 
 from contactlearn.core.numerics import Z_95, bin_edges
-from contactlearn.diagnosis.events import CurvePoint, EffectsFound, Event, LimitsEstimated, RoundScored, TrainingRound
+from contactlearn.diagnosis.events import EffectsFound, Event, LimitsEstimated
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.learning.events import CurvePoint, RoundScored, TrainingRound
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
 _KINDS: Mapping[type, tuple[str, int]] = {

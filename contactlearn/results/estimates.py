@@ -1,6 +1,5 @@
 """Fits and errors as plain numbers, of the types that result files hold."""
 
-import math
 from collections.abc import Mapping
 
 import torch
@@ -11,8 +10,7 @@ from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval
 from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.identification.shared import SubsetFit
-from contactlearn.inference.learning.recipe import Recipe, target_units
-from contactlearn.mechanics.features import feature_units
+from contactlearn.inference.learning.recipe import Recipe, named_numbers, target_units, trained_numbers
 from contactlearn.mechanics.space import Space
 from contactlearn.models.regressor import Regressor
 from contactlearn.results.types import (
@@ -82,25 +80,22 @@ def process_estimates(recipe: Recipe, regressor: Regressor, space: Space) -> tup
 
     Columns that are constant over the training trials have no length scale.
     """
-    training, spread = regressor.training, regressor.outputs.spread[0]
-    columns, varies = feature_units(recipe.features, space), regressor.inputs.scale[0].isfinite().tolist()
-    entries = []
-    for o, (output, unit) in enumerate(target_units(recipe.target, space).items()):
-        *lengths, scale, noise = regressor.gps.hyperparameters()[o].tolist()
-        entry = ProcessEstimate(
+    training = regressor.training
+    loss, noise, length_scales = named_numbers(recipe, space, *trained_numbers(regressor))
+    spread = (regressor.gps.hyperparameters()[:, -2].sqrt() * regressor.outputs.spread[0]).tolist()
+    return tuple(
+        ProcessEstimate(
             output=output,
             unit=unit,
-            length_scales={
-                name: x for name, x, kept in zip(columns, lengths, varies, strict=True) if kept and x < math.inf
-            },
-            spread=scale**0.5 * spread[o].item(),
-            noise=noise**0.5 * spread[o].item(),
-            loss=training.loss[o].item(),
+            length_scales=length_scales[output],
+            spread=spread[o],
+            noise=noise[output],
+            loss=loss[output],
             converged=bool(training.converged[o]),
             evaluations=int(training.evaluations[o]),
         )
-        entries.append(entry)
-    return tuple(entries)
+        for o, (output, unit) in enumerate(target_units(recipe.target, space).items())
+    )
 
 
 def error_table(sums: ErrorSums, norm: Norm, resamples: int, generator: torch.Generator) -> dict[str, ModelErrors]:

@@ -28,7 +28,8 @@ from typing import Any
 import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
-from contactlearn.diagnosis.events import OnEvent, ignore, track
+from contactlearn.core.events import ignore, track
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import Norm

@@ -28,11 +28,12 @@ from contactlearn.cli.config_files import choices
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.diagnosis.events import FILE, Event, LearningProgress, append_event, read_events
+from contactlearn.diagnosis.events import FILE, Event, append_event, read_events
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.learning.curves import nested_orders
+from contactlearn.inference.learning.events import LearningProgress
 from contactlearn.inference.learning.recipe import learn
 from contactlearn.workbench.commands import words_of
 from contactlearn.workbench.models import STARTS, Models, mean_error

@@ -8,16 +8,16 @@ import torch
 from dash import ClientsideFunction, Dash, Input, Output, State, ctx, no_update
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.events import TaskProgress
 from contactlearn.diagnosis.events import (
     AuditFindings,
     EffectsFound,
     Event,
     LawsCompared,
-    LearningProgress,
     RegionsFound,
     RemainderLearned,
-    TaskProgress,
 )
+from contactlearn.inference.learning.events import LearningProgress
 from contactlearn.report.events import event_lines
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.diagnosis import ERROR

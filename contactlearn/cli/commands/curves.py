@@ -1,10 +1,7 @@
 """Learning curves of an evaluation: every learned model, at every size, from every seed's subset."""
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import takewhile
-from pathlib import Path
 
 import torch
 from jaxtyping import Float
@@ -16,15 +13,15 @@ from contactlearn.cli.job import Run
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
-from contactlearn.diagnosis.events import CurvePoint, OnEvent, track
+from contactlearn.core.events import track
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.bounds import Norm
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning import curves as study
-from contactlearn.inference.learning.curves import Curve, Trained, count_trainings
-from contactlearn.inference.learning.recipe import target_units
+from contactlearn.inference.learning.curves import Curve, CurvePoints, count_trainings
+from contactlearn.inference.learning.events import CurvePoint
 from contactlearn.laws import Law
-from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
@@ -41,52 +38,6 @@ def charted(settings: EvaluateSettings) -> tuple[str, ...]:
         return ()
     joint = (fitting.augmented_name(settings.law.name, settings.effects),) if settings.effects else ()
     return (*settings.laws, *joint, *settings.learnable, BEST_POST_HOC, IRB)
-
-
-class _Points:
-    """Points of learning curves, each reported as soon as it and all before it on its curve are there.
-
-    All have the same resamples of the trials, so that they depend neither on each other nor on their order.
-    """
-
-    def __init__(self, settings: EvaluateSettings, sizes: Sequence[int], test: Impacts, on_event: OnEvent) -> None:
-        self._settings, self._on_event, self._sizes = settings, on_event, sizes
-        self._space, self._groups = test.space, test.groups
-        self.by_model = dict[str, dict[int, CurvePoint]]()
-
-    def add(self, model: str, curve: Curve, trained: Trained | None = None) -> None:
-        """Score some sizes of a model; of one that is trained, a single size."""
-        loss, noise, lengths = dict[str, float](), dict[str, float](), dict[str, dict[str, float]]()
-        if trained is not None:
-            recipe = self._settings.learnable[model]
-            outputs, features = target_units(recipe.target, self._space), feature_units(recipe.features, self._space)
-            loss |= zip(outputs, trained.loss, strict=True)
-            noise |= zip(outputs, trained.noise, strict=True)
-            for output, scales in zip(outputs, trained.length_scales, strict=True):
-                lengths[output] = {name: x for name, x in zip(features, scales, strict=True) if x < math.inf}
-        points = self.by_model.setdefault(model, {})
-        before = len(self._reported(points))
-        for place, size in enumerate(curve.sizes):
-            generator, density = torch.Generator().manual_seed(self._settings.split.seed), curve.density
-            points[size] = CurvePoint(
-                model=model,
-                trained_on=size,
-                errors={
-                    name: metrics.bootstrap(error[place], generator, self._settings.bootstrap, groups=self._groups)
-                    for name, error in curve.errors.items()
-                },
-                loss=loss,
-                noise=noise,
-                length_scales=lengths,
-                negative_log_density=None if density is None else density.negative_log[place].mean().item(),
-                coverage=None if density is None else density.coverage[place].mean().item(),
-            )
-        for size in self._reported(points)[before:]:
-            self._on_event(points[size])
-
-    def _reported(self, points: Mapping[int, CurvePoint]) -> list[int]:
-        """Sizes up to the first that is missing."""
-        return list(takewhile(lambda size: size in points, self._sizes))
 
 
 def learning_study(
@@ -113,13 +64,8 @@ def learning_study(
     orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder, tracker) as on_event:
-        points = _Points(settings, sizes, test, on_event)
+        points = CurvePoints(sizes, test, seed=settings.split.seed, resamples=settings.bootstrap, on_event=on_event)
         bases, curves = _law_curves(settings, pool, test, orders, sizes, points, on_event)
-
-        def add(trained: Trained) -> None:
-            (name,) = trained.key
-            points.add(name, Curve.of(test, {trained.size: trained.prediction}), trained)
-
         learned = study.learning_curves(
             recipes,
             pool,
@@ -129,26 +75,10 @@ def learning_study(
             bases,
             impulse=settings.identification.target,
             box=settings.identification.box,
-            work=training_work(settings, run.partial, on_event, "learned models", add),
+            work=study.Work(processes=settings.processes, cache=run.partial, on_event=on_event),
+            points=points,
         )
     return moved(curves | learned, "cpu"), points.by_model
-
-
-def training_work(
-    settings: EvaluateSettings,
-    partial: Path,
-    on_event: OnEvent,
-    description: str,
-    add: Callable[[Trained], None] = lambda trained: None,
-) -> study.Work:
-    """Return the processes, finished trainings and progress of a study; `add` takes each training when it is there."""
-
-    def progress(done: Iterable[Trained], total: int) -> Iterator[Trained]:
-        for trained in track(done, description, on_event, total):
-            add(trained)
-            yield trained
-
-    return study.Work(processes=settings.processes, cache=partial, progress=progress)
 
 
 def _law_curves(
@@ -157,7 +87,7 @@ def _law_curves(
     test: Impacts,
     orders: Tensor,
     sizes: list[int],
-    points: _Points,
+    points: CurvePoints,
     on_event: OnEvent,
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""

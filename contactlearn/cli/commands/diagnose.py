@@ -13,9 +13,9 @@ from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import available_memory
 from contactlearn.cli.settings import DiagnoseSettings
 from contactlearn.core import devices
+from contactlearn.core.events import track
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis import pipeline
-from contactlearn.diagnosis.events import track
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates

@@ -12,8 +12,9 @@ from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import EvaluateSettings, IdentificationSettings
 from contactlearn.core.devices import moved
+from contactlearn.core.events import track
 from contactlearn.data.blocks import sampled
-from contactlearn.diagnosis.events import OnEvent, track
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.effects import Effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.identification import joint, shared

@@ -7,10 +7,10 @@ import pandas as pd
 
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.core.events import track
 from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import to_json
 from contactlearn.data import table, tracks
-from contactlearn.diagnosis.events import track
 from contactlearn.report.events import progress
 from contactlearn.report.figures import style
 from contactlearn.report.figures.tracks import contact_figure, residuals_figure

@@ -22,6 +22,7 @@ from contactlearn.cli.resource_limits import FITTED, MEMORY_PER_BYTE, affordable
 from contactlearn.cli.settings import SourceSettings, SplitSettings
 from contactlearn.core.devices import described
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
+from contactlearn.core.events import TaskProgress
 from contactlearn.core.numerics import random_share
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import quick_audit
@@ -29,7 +30,7 @@ from contactlearn.data.blocks import BLOCK, Blocks, sampled
 from contactlearn.data.recordings import SOURCES
 from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
-from contactlearn.diagnosis.events import OnEvent, TaskProgress
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation.metrics import refuse_rest
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE

@@ -15,12 +15,13 @@ from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
-from contactlearn.diagnosis.events import OnEvent, RoundScored, TaskProgress, TrainingRound
+from contactlearn.core.events import TaskProgress
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.identification.shared import SubsetFit
-from contactlearn.inference.learning.recipe import Recipe, Round, learn
+from contactlearn.inference.learning.recipe import learn
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import feature_units
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -121,61 +122,20 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         name = fitting.augmented_name(settings.model, effects)
-        reporter = _RoundReporter(name, len(rows), recipe, moved(data.test, settings.device), on_event)
         start = None if settings.start is None else moved(settings.start.model.regressor, settings.device)
         models[name] = learn(
-            pool, recipe, rows=rows, base=base, impulse=how.target, box=how.box, like=start, on_round=reporter
+            pool,
+            recipe,
+            rows=rows,
+            base=base,
+            impulse=how.target,
+            box=how.box,
+            like=start,
+            held_out=moved(data.test, settings.device),
+            on_event=on_event,
         )
-        reporter.score(models[name])
     fits = (shared[law.name],) if law is not None and not effects else ()
     return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
-
-
-@dataclass
-class _RoundReporter:
-    """Reports each round of a training, and the held-out errors after rounds 1, 2, 4, 8 … and after the last."""
-
-    model: str
-    trained_on: int
-    recipe: Recipe
-    test: Impacts
-    on_event: OnEvent
-    rounds: int = 0
-    scored: int = 0
-
-    def __call__(self, now: Round) -> None:
-        self.rounds += 1
-        processes = estimates.process_estimates(self.recipe, now.regressor, self.test.space)
-        if not all(math.isfinite(one.loss) for one in processes):
-            return
-        self.on_event(
-            TrainingRound(
-                model=self.model,
-                trained_on=self.trained_on,
-                round=self.rounds,
-                loss={one.output: one.loss for one in processes},
-                noise={one.output: one.noise for one in processes},
-                length_scales={one.output: dict(one.length_scales) for one in processes},
-            )
-        )
-        if self.rounds & (self.rounds - 1) == 0:  # a power of two
-            self.score(now.model())
-
-    def score(self, model: ContactModel) -> None:
-        """Report the held-out errors of the model after the present round, once."""
-        if self.scored == self.rounds:
-            return
-        self.scored, prediction = self.rounds, model.predict(self.test)
-        errors = {name: metric.error(self.test, prediction) for name, metric in metrics.METRICS.items()}
-        self.on_event(
-            RoundScored(
-                model=self.model,
-                trained_on=self.trained_on,
-                round=self.rounds,
-                errors={name: error.mean().item() for name, error in errors.items()},
-                negative_log_density=metrics.negative_log_density(self.test, prediction).mean().item(),
-            )
-        )
 
 
 def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:

@@ -61,7 +61,12 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
                 data.generator,
                 impulse=settings.identification.target,
                 box=settings.identification.box,
-                work=curves.training_work(settings, run.partial / name, on_event, f"transfer of {name}"),
+                work=study.Work(
+                    processes=settings.processes,
+                    cache=run.partial / name,
+                    task=f"transfer of {name}",
+                    on_event=on_event,
+                ),
             )
         model, by_body = moved(learned, "cpu")
         checkpoint.save(model, run.folder / f"{name}.pt", provenance=asdict(provenance))

@@ -13,6 +13,7 @@ from concurrent.futures import as_completed
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, TypeVar
 from zipfile import BadZipFile
@@ -24,6 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
+from contactlearn.core.events import ignore, track
 from contactlearn.core.numerics import atomic_write
 from contactlearn.core.workers import WorkerPool
 from contactlearn.effects import Effect
@@ -32,7 +34,8 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box, SubsetFit, fit_subsets
-from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.inference.learning.events import CurvePoint, OnLearningEvent
+from contactlearn.inference.learning.recipe import Recipe, learn, named_numbers, trained_numbers
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import RESIDUALS, ContactModel
@@ -111,12 +114,14 @@ class Work:
     Args:
         processes: number of processes; 1 trains in this one.
         cache: folder of finished trainings with the same trials, recipes and options, which are not repeated.
-        progress: takes the trained models, one by one, and their number, so that a bar can show them.
+        task: what a user is told that the trainings are.
+        on_event: receives how many of them are done.
     """
 
     processes: int = 1
     cache: Path | None = None
-    progress: Callable[[Iterable[Trained], int], Iterable[Trained]] = lambda done, total: done
+    task: str = "learned models"
+    on_event: OnLearningEvent = ignore
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +171,57 @@ class Curve:
     def intervals(self, metric: str, generator: torch.Generator, resamples: int) -> tuple[Interval, ...]:
         """Compute the mean of a metric and its 95 % interval over trials and subsets at each size."""
         return tuple(metrics.bootstrap(error, generator, resamples) for error in self.errors[metric])
+
+
+class CurvePoints:
+    """Points of learning curves, each reported as soon as it and all before it on its curve are there.
+
+    All have the same resamples of the trials, so that they depend neither on each other nor on their order.
+
+    Args:
+        sizes: of the curves, increasing.
+        test: the held-out trials.
+        seed, resamples: of the bootstrap.
+        on_event: receives a `CurvePoint` for each.
+    """
+
+    def __init__(
+        self, sizes: Sequence[int], test: Impacts, *, seed: int, resamples: int, on_event: OnLearningEvent
+    ) -> None:
+        self._sizes, self._space, self._groups = sizes, test.space, test.groups
+        self._seed, self._resamples, self._on_event = seed, resamples, on_event
+        self.by_model = dict[str, dict[int, CurvePoint]]()
+
+    def add(self, model: str, curve: Curve, trained: Trained | None = None, recipe: Recipe | None = None) -> None:
+        """Score some sizes of a model; of one that is trained by a recipe, a single size."""
+        loss, noise, lengths = {}, {}, {}
+        if trained is not None and recipe is not None:
+            loss, noise, lengths = named_numbers(
+                recipe, self._space, trained.loss, trained.noise, trained.length_scales
+            )
+        points = self.by_model.setdefault(model, {})
+        before = len(self._reported(points))
+        for place, size in enumerate(curve.sizes):
+            generator, density = torch.Generator().manual_seed(self._seed), curve.density
+            points[size] = CurvePoint(
+                model=model,
+                trained_on=size,
+                errors={
+                    name: metrics.bootstrap(error[place], generator, self._resamples, groups=self._groups)
+                    for name, error in curve.errors.items()
+                },
+                loss=loss,
+                noise=noise,
+                length_scales=lengths,
+                negative_log_density=None if density is None else density.negative_log[place].mean().item(),
+                coverage=None if density is None else density.coverage[place].mean().item(),
+            )
+        for size in self._reported(points)[before:]:
+            self._on_event(points[size])
+
+    def _reported(self, points: Mapping[int, CurvePoint]) -> list[int]:
+        """Sizes up to the first that is missing."""
+        return list(takewhile(lambda size: size in points, self._sizes))
 
 
 def nested_orders(trials: int, seeds: int, generator: torch.Generator) -> Tensor:
@@ -223,6 +279,7 @@ def learning_curves(
     impulse: str = "momentum",
     box: Box | None = None,
     work: Work = Work(),
+    points: CurvePoints | None = None,
 ) -> dict[str, Curve]:
     """Train models on every subset, and compute their curves.
 
@@ -235,6 +292,7 @@ def learning_curves(
             effects if it has any.
         impulse, box: see `learning.learn`.
         work: how the trainings are run.
+        points: take each training as soon as it is there, and report it.
     """
     trainings = [
         _Training(
@@ -251,7 +309,12 @@ def learning_curves(
         for size in sorted(sizes)  # so that the curves grow
         for name, recipe in recipes.items()
     ]
-    found = _trained(trainings, work)
+    found: list[Trained] = []
+    for trained in _trained(trainings, work):
+        found.append(trained)
+        if points is not None:
+            (name,) = trained.key
+            points.add(name, Curve.of(test, {trained.size: trained.prediction}), trained, recipes[name])
     return {name: _curve(test, [one for one in found if one.key == (name,)]) for name in recipes}
 
 
@@ -272,24 +335,22 @@ class _Training:
     def run(self) -> Trained:
         """Train the model and predict the held-out trials."""
         model = learn(self.pool, self.recipe, rows=self.rows, base=self.base, impulse=self.impulse, box=self.box)
-        processes, training = model.processes, model.processes.training
-        found = processes.gps.hyperparameters()
-        noise = found[..., -1].sqrt() * processes.outputs.spread[..., 0, :]
-        lengths = found[..., :-2].where(processes.inputs.scale.isfinite(), torch.inf)
+        processes = model.processes
+        loss, noise, length_scales = trained_numbers(processes)
         return Trained(
             key=self.key,
             size=self.size,
             prediction=model.predict(self.test),
             kind=processes.kind,
-            converged=training.converged.double().mean().item(),
-            loss=tuple(training.loss.flatten(0, -2).mean(0).tolist()),
-            noise=tuple(noise.flatten(0, -2).mean(0).tolist()),
-            length_scales=tuple(map(tuple, lengths.flatten(0, -3).mean(0).tolist())),
+            converged=processes.training.converged.double().mean().item(),
+            loss=loss,
+            noise=noise,
+            length_scales=length_scales,
         )
 
 
-def _trained(trainings: Sequence[_Training], work: Work) -> list[Trained]:
-    """Run the trainings that the cache does not hold; cache each that is finished."""
+def _trained(trainings: Sequence[_Training], work: Work) -> Iterator[Trained]:
+    """Run the trainings that the cache does not hold; cache each that is finished, and report their number."""
 
     def every() -> Iterator[Trained]:
         missing = []
@@ -304,7 +365,7 @@ def _trained(trainings: Sequence[_Training], work: Work) -> list[Trained]:
                 save_trained(work.cache, trained)
             yield trained
 
-    return list(work.progress(every(), len(trainings)))
+    yield from track(every(), work.task, work.on_event, len(trainings))
 
 
 def _curve(test: Impacts, trained: Iterable[Trained]) -> Curve:
@@ -358,7 +419,7 @@ def transfer_curves(
             training = partial(_Training, size=size, pool=pool, test=test, rows=rows, impulse=impulse, box=box)
             trainings.append(training(key=(body, "prior"), recipe=correction, base=model))
             trainings.append(training(key=(body, "scratch"), recipe=recipe, base=law))
-    found = _trained(trainings, work)
+    found = list(_trained(trainings, work))
     for body, (_, test) in bodies.items():
         for way in ("prior", "scratch"):
             curves[body][way] = _curve(test, [one for one in found if one.key == (body, way)])

@@ -15,7 +15,7 @@ Source: Fazeli et al. (2017), Section 4.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,11 +24,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.inference.evaluation.metrics import CHI_SQUARED_95
+from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.inference.identification.shared import Box, fit_subsets
+from contactlearn.inference.learning.events import OnLearningEvent, RoundScored, TrainingRound
 from contactlearn.laws import Law
-from contactlearn.mechanics.features import SPACES
+from contactlearn.mechanics.features import SPACES, feature_units
 from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
 from contactlearn.mechanics.noise_weight import noise_variance, noise_weight
 from contactlearn.mechanics.rigid_body import matvec
@@ -126,19 +127,6 @@ class Recipe:
         return cls(processes.space, target, law, processes.gps.options)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Round:
-    """A training after one of its rounds.
-
-    Args:
-        regressor: its processes at this moment, whose hyperparameters go on changing.
-        model: makes the whole model of them, with its noise.
-    """
-
-    regressor: Regressor
-    model: Callable[[], ContactModel]
-
-
 def learn(
     impacts: Impacts,
     recipe: Recipe,
@@ -148,7 +136,8 @@ def learn(
     impulse: str = "momentum",
     box: Box | None = None,
     like: Regressor | None = None,
-    on_round: Callable[[Round], None] | None = None,
+    held_out: Impacts | None = None,
+    on_event: OnLearningEvent | None = None,
 ) -> ContactModel:
     """Train one model on each training subset.
 
@@ -161,7 +150,9 @@ def learn(
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
         like: processes of the same recipe, whose hyperparameters the training begins with.
-        on_round: receives the state of the training after each of its rounds.
+        held_out: trials that are not learnt from, whose errors are reported as the training goes on.
+        on_event: receives a `TrainingRound` after each round, and a `RoundScored` of the held-out trials after rounds
+            1, 2, 4, 8 … and after the last.
 
     Raises:
         DataError: fewer than two training trials, one twice, or one that is not there.
@@ -182,10 +173,12 @@ def learn(
     def finished(values: Tensor, regressor: Regressor) -> ContactModel:
         return _with_noise(replace(start, **{part: regressor}), impacts, rows, values)
 
+    watch = None if on_event is None else _Watch(recipe, impacts.space, rows.shape[-1], held_out, on_event)
+
     def listener(values: Tensor) -> OnRegressor | None:
-        if (receive := on_round) is None:
+        if (take := watch and watch.take) is None:
             return None
-        return lambda now: receive(Round(regressor=now, model=partial(finished, values, now)))
+        return lambda now: take(now, partial(finished, values, now))
 
     if recipe.target == "parameters_likelihood":
         P = measured_impulse(impacts, impulse)
@@ -206,7 +199,85 @@ def learn(
         stated = noise_weight(impacts, recipe.target), noise_variance(impacts, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
         regressor = fit(values, weight=weight, noise=noise, on_round=listener(values))
-    return finished(values, regressor)
+    model = finished(values, regressor)
+    if watch is not None:
+        watch.score(model)
+    return model
+
+
+_Row = tuple[float, ...]
+
+
+def trained_numbers(regressor: Regressor) -> tuple[_Row, _Row, tuple[_Row, ...]]:
+    """Return loss, noise and length scales by output, means over the training subsets.
+
+    The loss is in nats a trial, the noise in the output's unit, a length scale for each feature in standard deviations
+    of the feature, infinite where it is constant.
+    """
+    numbers = regressor.gps.hyperparameters()
+    noise = numbers[..., -1].sqrt() * regressor.outputs.spread[..., 0, :]
+    lengths = numbers[..., :-2].where(regressor.inputs.scale.isfinite(), math.inf)
+    loss, noise = (values.reshape(-1, values.shape[-1]).mean(0).tolist() for values in (regressor.training.loss, noise))
+    return tuple(loss), tuple(noise), tuple(map(tuple, lengths.reshape(-1, *lengths.shape[-2:]).mean(0).tolist()))
+
+
+def named_numbers(
+    recipe: Recipe, space: Space, loss: _Row, noise: _Row, length_scales: Sequence[_Row]
+) -> tuple[dict[str, float], dict[str, float], dict[str, dict[str, float]]]:
+    """Name `trained_numbers` by output and feature; only finite length scales are kept."""
+    outputs, features = target_units(recipe.target, space), feature_units(recipe.features, space)
+    finite = [{name: x for name, x in zip(features, row, strict=True) if x < math.inf} for row in length_scales]
+    return (
+        dict(zip(outputs, loss, strict=True)),
+        dict(zip(outputs, noise, strict=True)),
+        dict(zip(outputs, finite, strict=True)),
+    )
+
+
+@dataclass
+class _Watch:
+    """Reports each round of a training, and the held-out errors after some."""
+
+    recipe: Recipe
+    space: Space
+    trained_on: int
+    held_out: Impacts | None
+    on_event: OnLearningEvent
+    rounds: int = 0
+    scored: int = 0
+
+    def take(self, now: Regressor, model: Callable[[], ContactModel]) -> None:
+        """Report a round; `model` makes the whole model of the processes at this moment."""
+        self.rounds += 1
+        loss, noise, length_scales = named_numbers(self.recipe, self.space, *trained_numbers(now))
+        if not all(map(math.isfinite, loss.values())):
+            return
+        self.on_event(
+            TrainingRound(
+                trained_on=self.trained_on, round=self.rounds, loss=loss, noise=noise, length_scales=length_scales
+            )
+        )
+        # A score costs a prediction of all held-out trials: after 1, 2, 4, 8 … rounds their cost stays small.
+        if self.held_out is not None and self.rounds & (self.rounds - 1) == 0:
+            self.score(model())
+
+    def score(self, model: ContactModel) -> None:
+        """Report the held-out errors of the model after the present round, once."""
+        if self.held_out is None or self.scored == self.rounds:
+            return
+        self.scored, prediction = self.rounds, model.predict(self.held_out)
+        density = metrics.negative_log_density(self.held_out, prediction)
+        self.on_event(
+            RoundScored(
+                trained_on=self.trained_on,
+                round=self.rounds,
+                errors={
+                    name: metric.error(self.held_out, prediction).mean().item()
+                    for name, metric in metrics.METRICS.items()
+                },
+                negative_log_density=density.mean().item(),
+            )
+        )
 
 
 def _fitted_law(law: Law, impacts: Impacts, rows: Tensor, impulse: str, box: Box | None) -> Law:
@@ -317,7 +388,7 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
         middle = (low + high) / 2
         total = V + (middle.exp()[..., None, None] * E)[..., None, :, :]
         distance = (e * torch.linalg.solve(total, e)).sum(-1)
-        wide = distance.kthvalue(rank, -1).values <= CHI_SQUARED_95[impacts.space.D]
+        wide = distance.kthvalue(rank, -1).values <= metrics.CHI_SQUARED_95[impacts.space.D]
         low, high = torch.where(wide, low, middle), torch.where(wide, middle, high)
     return replace(model, noise=high.exp()[..., None, None] * E * unit)
 

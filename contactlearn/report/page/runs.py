@@ -18,8 +18,9 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.events import ignore
 from contactlearn.core.numerics import is_number
-from contactlearn.diagnosis.events import OnEvent, ignore
+from contactlearn.diagnosis.events import OnEvent
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
