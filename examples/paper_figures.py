@@ -43,7 +43,8 @@ for name, fit in fits.items():
 
 # Figure 2.3: the impulses that each law can give one drop, in its energy ellipse.
 identified = {name: fit.to_law() for name, fit in fits.items()}
-show(plot.reachable_impulses(test, 0, identified, box, target=target), chosen.out / "figure_2_3")
+drop = cl.inference.evaluation.impulse_space.ImpulseSpace.of(test[[0]], identified, box, target=target)
+show(plot.reachable_impulses(drop), chosen.out / "figure_2_3")
 
 # Figures 3.3 and 3.4: the cost over (μ, ε), and how the parameters settle with the number of trials.
 law = paper["whittaker"]

@@ -22,8 +22,8 @@ from contactlearn.data.blocks import joined
 from contactlearn.data.table import table_blocks
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.record import Record
-from contactlearn.diagnosis.regions import symmetry
 from contactlearn.effects import EffectId, State, columns, find_effect
+from contactlearn.inference.evaluation.variables import symmetry
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import assemble
 from contactlearn.mechanics.bodies import Shapes, contact_points, make_shapes, shapes_entries

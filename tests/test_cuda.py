@@ -175,7 +175,7 @@ def test_effects(kind, drops, device):
     assert_alike(computed(moved(drops, device)), computed(drops), device, CLOSED_FORM)
 
 
-@pytest.mark.parametrize("norm", bounds.NORMS)
+@pytest.mark.parametrize("norm", metrics.NORMS)
 def test_bounds(norm, drops, device):
     def computed(drops):
         models = {name: ContactModel(laws.find(name).at(0.2, 0.5)).predict(drops) for name in laws.PAPER_LAWS}

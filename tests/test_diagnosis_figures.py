@@ -24,10 +24,10 @@ from contactlearn.data.audit.trials import gross_outliers
 from contactlearn.diagnosis import result
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.regions import variables
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.evaluation.partial_residuals import Partial
+from contactlearn.inference.evaluation.variables import variables
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point

@@ -20,22 +20,19 @@ from scipy.spatial import cKDTree
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation.impulse_space import ImpulseSpace
+from contactlearn.inference.evaluation.reach import reached_cells
 from contactlearn.inference.identification import shared as fit
 from contactlearn.inference.identification.per_trial import fit_trials
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.hull import signed_areas
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.report.figures import laws as figures
 from contactlearn.report.figures import learning, style
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
-from contactlearn.report.figures.impulse_space import (
-    areas,
-    compared_impulses,
-    ellipse_vectors,
-    reach,
-    reachable_impulses,
-)
+from contactlearn.report.figures.impulse_space import compared_impulses, reachable_impulses
 from contactlearn.report.figures.style import LAW_STYLE, MODEL_STYLE, law_style, new_figure, plain, save
 from contactlearn.simulation import synthetic
 
@@ -53,6 +50,10 @@ HOSTILE = (
 TABLE = torch.tensor([[0.3, 0.2, 0.4], [0.2, 0.1, 0.25]])
 BOUND = (0.1, 0.08, 0.12)
 PIXEL = 1.5  # px at 100 dpi: text's own extent is rounded outwards
+
+
+def reached(impacts: Impacts, row: int, given):
+    return reachable_impulses(ImpulseSpace.of(impacts[[row]], given))
 
 
 @pytest.fixture(scope="module")
@@ -92,9 +93,9 @@ def patch(names=("anitescu_potra_newton", "best_post_hoc")):
 
 
 FIGURES = {
-    "ellipse inadmissible": lambda d: reachable_impulses(inadmissible(d), 0, six("fazeli2017")),
-    "ellipse one": lambda d: reachable_impulses(inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}),
-    "ellipse seven": lambda d: reachable_impulses(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
+    "ellipse inadmissible": lambda d: reached(inadmissible(d), 0, six("fazeli2017")),
+    "ellipse one": lambda d: reached(inadmissible(d), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)}),
+    "ellipse seven": lambda d: reached(d, 5, {n: laws.find(n).at(0.1, 0.5) for n in laws.names()}),
     "cost surface": surface,
     "convergence": lambda d: figures.convergence(shared(d)),
     "convergence once": lambda d: figures.convergence(shared(d, sizes=(3,), repetitions=1)),
@@ -248,14 +249,14 @@ def test_a_browser_shows_bars_boxes_and_hidden_markers(drops):
 
 def test_a_browser_shows_every_law_in_impulse_space(drops):
     laws_ = six("fazeli2017")
-    shown = as_plotly(compared_impulses(drops[[3]], laws_))
+    shown = as_plotly(compared_impulses(ImpulseSpace.of(drops[[3]], laws_, reached=1)))
     traces = traces_of(shown)
     for place, law in enumerate(laws_.values()):
         P = 1e3 * law.impulse(drops.W[3], drops.v_c[3])
         assert traces[f"law {place}"]["x"] + traces[f"law {place}"]["y"] == pytest.approx(P.tolist())
     assert shown["layout"]["xaxis"]["title"]["text"] == "Tangential impulse P<sub>t</sub> (mN s)"
     assert shown["layout"]["yaxis"]["scaleanchor"] == "x"
-    vectors = ellipse_vectors(drops.W, drops.v_c)
+    vectors = rigid_body.ellipse_vectors(drops.W, drops.v_c)
     angle = torch.linspace(0, 6, 30, dtype=torch.float64)[:, None, None]
     P = vectors[:, 0] + angle.cos() * vectors[:, 1] + angle.sin() * vectors[:, 2]
     energy = (drops.v_c * vectors[:, 0]).sum(-1).abs()
@@ -271,7 +272,7 @@ def test_names_in_a_browser_are_text(name):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_are_shown_as_they_are(name, drops):
-    figure = reachable_impulses(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
+    figure = reached(inadmissible(drops, name), 0, {"mirtich": laws.find("mirtich").at(0.1, 0.5)})
     assert_fits(figure)
     shown = " ".join(name.split())[:9]
     assert shown in figure.get_suptitle().replace(r"\$", "$")
@@ -328,8 +329,8 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
     mu, eps = torch.rand(2, 4000, 1, generator=generator, dtype=torch.float64)
     for row in (3, 8):
         W, v_c = drops.W[row], drops.v_c[row]
-        cells = reach(laws.find(name, variant).at(0.1, 0.5), W, v_c, fit.Box())
-        assert (areas(cells) >= -1e-12).all()
+        cells = reached_cells(laws.find(name, variant).at(0.1, 0.5), W, v_c, fit.Box())
+        assert (signed_areas(cells) >= -1e-12).all()
         P = impulse(name, drops.W[[row]], drops.v_c[[row]], mu**2, eps, variant=variant)[:, 0].numpy()
         size = np.ptp(rigid_body.energy_ellipse(W, v_c).numpy(), axis=0).max()
         # Every impulse lies at a cell, and every cell at an impulse of a dense sweep.  Whittaker's P̂ jumps,
@@ -343,13 +344,13 @@ def test_reach_holds_what_the_law_gives_and_nothing_else(name, variant, drops):
 
 def test_ellipse_shows_measurement_prediction_and_bound(drops):
     impacts, law = inadmissible(drops), laws.find("wang_mason").at(0.12, 0.55)
-    axes = reachable_impulses(impacts, 0, {"wang_mason": law}).axes[0]
+    axes = reached(impacts, 0, {"wang_mason": law}).axes[0]
     points = [line.get_xydata()[0] for line in axes.lines if len(line.get_xydata()) == 1]
     expected = (law.impulse(impacts.W, impacts.v_c)[0], impacts.wrench[0, :2], bounds.irb(impacts).wrench[0, :2])
     np.testing.assert_allclose(np.sort(points, 0), np.sort(1e3 * torch.stack(expected).numpy(), 0), rtol=1e-12)
     shaded = torch.from_numpy(axes.patches[0].get_xy() / 1e3)
     assert rigid_body.admissible(impacts.W[0], impacts.v_c[0], shaded, tolerance=1e-9).all()
-    inside = reachable_impulses(drops, 3, {"wang_mason": law})
+    inside = reached(drops, 3, {"wang_mason": law})
     assert "IRB bound" not in [text.get_text() for text in inside.legends[0].get_texts()]
 
 
@@ -384,7 +385,7 @@ def test_trials_that_leave_friction_open_are_intervals(drops):
 
 
 BAD = {
-    "no laws": (lambda d: reachable_impulses(d, 0, {}), "at least one law"),
+    "no laws": (lambda d: reached(d, 0, {}), "at least one law"),
     "other impacts": (lambda d: figures.trial_parameters(fit_trials(d[:4], laws.find("mirtich")), d), "4 .* 80"),
     "no models": (lambda d: error_comparison({}, {}, "e (–)"), "any model"),
     "no interval": (lambda d: error_comparison({"mirtich": torch.ones(3)}, {}, "e (–)"), "none for mirtich"),

@@ -52,7 +52,7 @@ def test_errors_are_their_formulas(case):
     torch.testing.assert_close(actual, expected, rtol=EXACT, atol=0)
 
 
-@pytest.mark.parametrize("norm", bounds.NORMS)
+@pytest.mark.parametrize("norm", metrics.NORMS)
 def test_bounds_are_least_in_the_metrics_of_their_norm(norm):
     """Trial by trial: of the laws, and of the impulses that no law gives but a rigid point contact can."""
     impacts, generator = synthetic.load(size=40), torch.Generator().manual_seed(0)
@@ -72,10 +72,10 @@ def test_bounds_are_least_in_the_metrics_of_their_norm(norm):
 
 
 def test_every_norm_has_a_headline_of_its_own():
-    assert {norm: metrics.headline_metric(norm) for norm in bounds.NORMS} == {
+    assert {norm: metrics.headline_metric(norm) for norm in metrics.NORMS} == {
         "mass": "mass_error", "euclidean": "euclidean_error",
     }  # fmt: skip
-    bounded = [name for norm in bounds.NORMS for name in metrics.bounded_metrics(norm)]
+    bounded = [name for norm in metrics.NORMS for name in metrics.bounded_metrics(norm)]
     assert set(metrics.METRICS) - set(bounded) == {"velocity_error"}
     assert len(bounded) == len(set(bounded))
 
@@ -86,7 +86,7 @@ def test_velocity_error_is_bounded_by_nothing():
     impacts = impacts.replace(v_post=impacts.v_post + torch.tensor((0.0, 0.0, 5.0), dtype=torch.float64))
     law = ContactModel(find("wang_mason").at(0.12, 0.55)).predict(impacts)
     error = metrics.velocity_error
-    for norm in bounds.NORMS:
+    for norm in metrics.NORMS:
         assert error(impacts, bounds.irb(impacts, norm)).mean() > error(impacts, law).mean()
 
 

@@ -10,10 +10,11 @@ from scipy.stats import mannwhitneyu
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.serialisation import from_json, to_json
-from contactlearn.diagnosis.regions import Variable, find_regions, improvement_by_region, symmetry, variables
+from contactlearn.diagnosis.regions import find_regions, improvement_by_region
 from contactlearn.diagnosis.result.effects import Region
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.inference.evaluation.variables import Variable, symmetry, variables
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon

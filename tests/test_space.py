@@ -13,7 +13,7 @@ from contactlearn.data import table
 from contactlearn.effects import State, find_effect
 from contactlearn.effects import catalogue as effect_catalogue
 from contactlearn.inference.evaluation import bounds
-from contactlearn.inference.evaluation.metrics import METRICS, back_spin, outside_admissible
+from contactlearn.inference.evaluation.metrics import METRICS, NORMS, back_spin, outside_admissible
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box, fit_subsets
@@ -49,7 +49,7 @@ def test_metrics_agree_with_the_plane():
     for metric in METRICS.values():
         plane, space = (metric.error(*pair) for pair in zip((PLANAR, SPATIAL), predictions, strict=True))
         torch.testing.assert_close(space, plane, **EXACT)
-    for norm in bounds.NORMS:
+    for norm in NORMS:
         there = bounds.distance(SPATIAL, velocities(predicted), norm)
         torch.testing.assert_close(there, bounds.distance(PLANAR, predicted, norm), **EXACT)
     assert torch.equal(back_spin(SPATIAL, velocities(predicted)), back_spin(PLANAR, predicted))
@@ -175,7 +175,7 @@ def test_a_spatial_table_needs_its_columns(tmp_path):
         table.load(path)
 
 
-@pytest.mark.parametrize("norm", bounds.NORMS)
+@pytest.mark.parametrize("norm", NORMS)
 def test_the_bound_agrees_with_the_plane(norm):
     plane, space = bounds.irb(PLANAR, norm), bounds.irb(SPATIAL, norm)
     distances = [bounds.distance(x, found.v_post, norm) for x, found in ((PLANAR, plane), (SPATIAL, space))]
@@ -210,7 +210,7 @@ def least(impacts, row, norm):
     return np.sqrt(missed @ D @ missed)
 
 
-@pytest.mark.parametrize("norm", bounds.NORMS)
+@pytest.mark.parametrize("norm", NORMS)
 def test_the_bound_is_that_of_a_solver(norm):
     """Outcomes of every kind: inside, of too much energy, that pull, that penetrate, and those at two limits."""
     found = bounds.irb(TOSSED, norm)

@@ -27,8 +27,8 @@ from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompa
 from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
+from contactlearn.inference.evaluation.variables import map_variables
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.report.page.trials import map_variables
 from contactlearn.report.text import brief_interval, names_by_level
 from contactlearn.report.text.numbers import error
 from contactlearn.results.folder import read_result

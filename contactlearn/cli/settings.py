@@ -37,7 +37,7 @@ from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
 from contactlearn.effects import Effect, catalogue, from_settings
 from contactlearn.effects.checks import describe, lost_gradients, violations
 from contactlearn.effects.formula.effect import formula
-from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
@@ -172,7 +172,7 @@ class TrainSettings:
     law: Law | None
     laws: Mapping[str, Law]
     effects: Mapping[str, Effect]
-    norm: bounds.Norm
+    norm: metrics.Norm
     start: TrainedModel | None = None
 
     @classmethod
@@ -256,7 +256,7 @@ class EvaluateSettings:
     effects: Mapping[str, Effect]
     recipes: Mapping[str, Recipe]
     trained: Mapping[str, TrainedModel]
-    norm: bounds.Norm
+    norm: metrics.Norm
     patch: float
     curve_sizes: tuple[int, ...]
     curve_seeds: int
@@ -457,7 +457,7 @@ _RULES: Mapping[str, _Rule] = {
 }
 _CHOICES = {
     "train.target": ("impulse target", IMPULSE_TARGETS),
-    "bounds.norm": ("norm", bounds.NORMS),
+    "bounds.norm": ("norm", metrics.NORMS),
     "tables": ("table format", FORMATS),
 }
 _NAMING = ("effect", "candidate", "model", "transfer.bodies")  # parts whose keys become names of files and charts

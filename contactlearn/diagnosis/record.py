@@ -22,9 +22,12 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
+from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.evaluation.partial_residuals import Partial
+from contactlearn.inference.evaluation.variables import Variable, map_variables
 from contactlearn.mechanics.bodies import make_shapes, shapes_entries
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 
@@ -85,6 +88,22 @@ class Record:
         self.outcomes: Final = outcomes
         self.residuals: Final = residuals
         self.deviations: Final = deviations
+
+    def variables(self) -> list[Variable]:
+        """Compute the variables of the trials; the law's prediction decides which of them stick."""
+        return map_variables(self.impacts, self.base.predict(self.impacts))
+
+    def errors(self) -> dict[str, Float[Tensor, "n"]]:
+        """Compute the mass errors of `base`, and of `model` if it has further effects, on the trials of their fit."""
+        models = {"base": self.base}
+        if self.model.effects.keys() - self.base.effects.keys():
+            models["model"] = self.model
+        return {name: mass_error(self.impacts, one.predict(self.impacts)) for name, one in models.items()}
+
+    def residual(self) -> Float[Tensor, "n D"]:
+        """Compute the measured wrench less that of the model without processes, in the axes of the slip."""
+        left = self.impacts.wrench - self.model.base_prediction(self.impacts).wrench
+        return matvec(self.impacts.slip_axes.mT, left)
 
     def save(self, folder: Path, provenance: Mapping[str, Any]) -> None:
         """Write the files of the module's table into a folder; each appears whole or not at all.

@@ -33,7 +33,7 @@ from contactlearn.data.audit.model_checks import find_model_outliers
 from contactlearn.diagnosis.error_budget import noise_floor
 from contactlearn.diagnosis.events import SampleConfirmed, SubsampleStarted
 from contactlearn.diagnosis.question import Question
-from contactlearn.diagnosis.regions import Variable, find_regions, variables
+from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.result import (
     Answer,
     Confirmation,
@@ -49,6 +49,7 @@ from contactlearn.diagnosis.stages import diagnose_audited
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
+from contactlearn.inference.evaluation.variables import Variable, variables
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel

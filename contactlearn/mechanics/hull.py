@@ -98,3 +98,9 @@ def mesh_points(file: str | Path) -> tuple[tuple[float, ...], ...]:
     if not found:
         raise DataError(f"{path} has no vertices; is it a {kind[1:].upper()} file?")
     return tuple(found)
+
+
+def signed_areas(cells: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray, " n"]:
+    """Return the areas of quadrilaterals, positive where the corners run counter-clockwise."""
+    across, up = cells[:, 2] - cells[:, 0], cells[:, 3] - cells[:, 1]
+    return 0.5 * (across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0])

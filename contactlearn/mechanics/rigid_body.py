@@ -269,6 +269,20 @@ def energy_ellipse(
     return centre[..., None, :] + radius[..., None, None] * offsets
 
 
+def ellipse_vectors(W: Float[Tensor, "*b 2 2"], v_c: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 4 2"]:
+    """Return centre −M_c v_c of the energy ellipse and its chords c, n and s [..., 4, 2] in N s.
+
+    The ellipse is centre + cos φ c + sin φ n.  On centre ± c, the line of maximum compression, the contact has no
+    normal velocity, and beyond it, sin φ > 0, it separates; on centre ± s it sticks.  dᵀ W d = v_cᵀ M_c v_c of each.
+    """
+    centre = -matvec(effective_inertia(W), v_c)
+    none = torch.zeros_like(W[..., 0, 0])
+    components = ((W[..., 1, 1], -W[..., 0, 1]), (none, W[..., 1, 1]), (W[..., 0, 1], -W[..., 0, 0]))
+    chords = torch.stack([torch.stack(pair, -1) for pair in components], -2)
+    size = -(v_c * centre).sum(-1, keepdim=True) / ((chords @ W) * chords).sum(-1)
+    return torch.cat((centre[..., None, :], chords * size.clamp_min(0).sqrt()[..., None]), -2)
+
+
 def admissible(
     W: Float[Tensor, "*#batch d d"],
     v_c: Float[Tensor, "*#batch d"],

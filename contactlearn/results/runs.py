@@ -32,8 +32,7 @@ from contactlearn.core.events import ignore, track
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import Interval, headline_metric
+from contactlearn.inference.evaluation.metrics import Interval, Norm, headline_metric
 from contactlearn.results.folder import FILES, find_results, read_result
 from contactlearn.results.state import read_done
 from contactlearn.results.tables import FORMATS, write_frames

@@ -24,10 +24,12 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
 from contactlearn.data.table import table_blocks
-from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import METRICS, outside_admissible
+from contactlearn.inference.evaluation.impulse_space import LawImpulses
+from contactlearn.inference.evaluation.metrics import METRICS, Norm, outside_admissible
+from contactlearn.inference.evaluation.variables import Variable, map_variables
 from contactlearn.inference.identification.per_trial import TrialFit
 from contactlearn.inference.learning.curves import Curve
+from contactlearn.laws import find
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import Space
@@ -188,6 +190,19 @@ class HeldOut:
     def bounds(self) -> dict[str, Prediction]:
         """The predictions of the bounds alone."""
         return {name: self.predictions[name] for name in (BEST_POST_HOC, IRB)}
+
+    def law_impulses(self, result: Evaluation) -> LawImpulses:
+        """What the laws of an evaluation give these trials, and can give them.
+
+        Raises:
+            UnknownNameError: a law of another package that has not been imported.
+        """
+        laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
+        return LawImpulses.of(self.impacts, laws)
+
+    def variables(self, model: str) -> list[Variable]:
+        """The variables of the trials; the prediction of a model decides which of them stick."""
+        return map_variables(self.impacts, self.predictions[model])
 
     @classmethod
     def load(cls, folder: Path, result: Evaluation) -> "HeldOut":

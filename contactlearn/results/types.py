@@ -16,8 +16,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import EffectId
-from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, bounded_metrics, headline_metric
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, Norm, bounded_metrics, headline_metric
 from contactlearn.mechanics.apparatus import KnownParameter
 
 # --- Provenance -----------------------------------------------------------------------------------

@@ -15,8 +15,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.diagnosis.regions import Variable
+from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.partial_residuals import changes, partial_residuals
+from contactlearn.inference.evaluation.variables import Variable, map_variables
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
@@ -33,7 +34,7 @@ _CURVE_TRIALS = 5000  # up to which curves are drawn
 
 def of_data(impacts: Impacts, prediction: Prediction) -> dict[str, Any]:
     """Return the trials of the page; the prediction decides which of them stick."""
-    return of_trials(impacts, prediction, lambda values, _: floats(values))
+    return of_trials(impacts, map_variables(impacts, prediction), lambda values, _: floats(values))
 
 
 def of_model(impacts: Impacts, alone: Tensor, v_post: Tensor, model: ContactModel) -> dict[str, Any]:
@@ -69,7 +70,7 @@ def _drawn(impacts: Impacts, model: ContactModel) -> list[str]:
 
 def of_trial(impacts: Impacts, row: int, fitted: Mapping[str, Law]) -> dict[str, Any]:
     """Return the laws at their fitted parameters, and their impulses and reach for one trial."""
-    laws, found = of_laws(impacts[[row]], fitted)
+    laws, found = of_laws(LawImpulses.of(impacts[[row]], fitted))
     arrays = {
         name: digits((values[0] if name == "ellipse" else values[:, 0]).double()) for name, values in found.items()
     }

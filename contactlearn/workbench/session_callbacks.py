@@ -26,12 +26,13 @@ from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.numerics import is_number
 from contactlearn.data.audit.findings import audit
-from contactlearn.diagnosis.regions import variables
 from contactlearn.effects import find_effect
+from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.evaluation.variables import map_variables, variables
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.space import PLANE
-from contactlearn.report.page.trials import impulse_figure, map_variables
+from contactlearn.report.page.trials import impulse_figure
 from contactlearn.report.text import law_label, sentence
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
@@ -297,7 +298,9 @@ class SessionCallbacks:
         rows = arrays.inside(session.windows, among).nonzero()[:, 0].tolist() if session.windows else None
         windows = [{"variable": one.variable, "low": one.low, "high": one.high} for one in session.windows]
         trial = arrays.of_trial(impacts, self.actions.trial(session), known)
-        figure = self._figures.get(tuple(known), lambda: impulse_figure(impacts, known))  # of the laws alone
+        figure = self._figures.get(
+            tuple(known), lambda: impulse_figure(LawImpulses.of(impacts[[0]], known).first)
+        )  # of the laws alone
         return trial | {"law": session.law, "figure": figure}, {"windows": windows, "rows": rows}
 
     def compare(self, address: str) -> tuple[Any, Any]:

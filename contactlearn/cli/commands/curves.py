@@ -16,8 +16,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.events import track
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
-from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import Interval, Norm
 from contactlearn.inference.learning import curves as study
 from contactlearn.inference.learning.curves import Curve, CurvePoints, count_trainings
 from contactlearn.inference.learning.events import CurvePoint

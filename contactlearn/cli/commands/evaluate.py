@@ -20,6 +20,7 @@ from contactlearn.core.devices import moved
 from contactlearn.core.errors import DataError
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation.impulse_space import ImpulseSpace, SlipDiagram
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.evaluation.reach import reached_share
 from contactlearn.inference.learning.curves import Curve
@@ -260,7 +261,7 @@ def _errors_drawn(
         patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
         rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
         drawn = {
-            "energy_ellipse": reachable_impulses(test, row, laws, how.box, target=how.target),
+            "energy_ellipse": reachable_impulses(ImpulseSpace.of(test[[row]], laws, how.box, target=how.target)),
             "patch_curve": patch_curve((1e3 * widths).tolist(), rows, levels, headline.axis),
         }
     else:
@@ -268,7 +269,7 @@ def _errors_drawn(
         prediction = Prediction(v_post, held_out.predictions[result.model].wrench[[row]])
         ordered = {best: laws[best], **laws}
         drawn = {
-            "slip_hodograph": slip_hodograph(trial, ordered, prediction),
+            "slip_hodograph": slip_hodograph(SlipDiagram.of(trial, ordered, prediction)),
             "body_at_contact": body_at_contact(trial, prediction),
         }
     for name, suffix in _bounded(result).items():

@@ -16,7 +16,7 @@ from contactlearn.core.events import track
 from contactlearn.data.blocks import sampled
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.effects import Effect
-from contactlearn.inference.evaluation import bounds
+from contactlearn.inference.evaluation import bounds, metrics
 from contactlearn.inference.identification import joint, shared
 from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.inference.identification.per_trial import TrialFit, fit_trials
@@ -110,7 +110,7 @@ class Comparison:
     joint: Mapping[str, Fit]
     trained: Mapping[str, ContactModel]
     trials: Mapping[str, TrialFit]
-    norm: bounds.Norm
+    norm: metrics.Norm
     device: torch.device
 
     def predict(self, trials: Impacts) -> dict[str, Prediction]:

@@ -13,8 +13,7 @@ from contactlearn.cli.job import Run
 from contactlearn.data.tracks import Tracked
 from contactlearn.effects import catalogue
 from contactlearn.inference.evaluation import metrics
-from contactlearn.inference.evaluation.bounds import NORMS
-from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.evaluation.metrics import NORMS, Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel

@@ -26,9 +26,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.diagnosis.regions import symmetry
 from contactlearn.diagnosis.result.effects import Drop, Experiment, Separation
 from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.variables import symmetry
 from contactlearn.inference.identification.joint import linearise
 from contactlearn.inference.validation import robust_covariance
 from contactlearn.laws import Law

@@ -50,11 +50,13 @@ from contactlearn.diagnosis.result.remainder import (
     StateDependence,
     VariableShare,
     WrenchComponent,
+    wrench_columns,
 )
 from contactlearn.diagnosis.result.sample import Answer, Confirmation, ErrorMap, FailingRegion, Limit, Sample
 from contactlearn.diagnosis.result.scatter import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.laws import Law, find
 from contactlearn.models.contact_model import ContactModel
@@ -66,7 +68,7 @@ __all__ = [
     "FittedParameter", "Formula", "FrontierModel", "Improvement", "LaggedVariable", "LawFit", "Level", "Limit",
     "MissingEffect", "NoiseSource", "PlausibleModel", "Record", "Region", "Remainder", "Rival", "Rung", "RungKind",
     "Sample", "ScatterComponent", "Separation", "SerialDependence", "StateDependence", "VariableShare",
-    "Verdict", "WrenchComponent",
+    "Verdict", "WrenchComponent", "wrench_columns",
 ]  # fmt: skip
 
 
@@ -304,6 +306,16 @@ class Diagnosis:
         if self.record is None:
             raise ContactLearnError(f"the diagnosis has no record of its trials, and so no model: {self!r}")
         return self.record.model
+
+    def law_impulses(self) -> LawImpulses:
+        """What every law that was compared gives the trials of the record, and can give them.
+
+        Raises:
+            ContactLearnError: the data were refused, or the diagnosis was read without its record.
+        """
+        if self.record is None:
+            raise ContactLearnError(f"the diagnosis has no record of its trials, and so no impulses: {self!r}")
+        return LawImpulses.of(self.record.impacts, {one.name: one.law() for one in self.laws})
 
     @property
     def corrections(self) -> tuple[str, ...]:

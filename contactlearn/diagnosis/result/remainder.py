@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.mechanics.space import Space
 
 
 class WrenchComponent(StrEnum):
@@ -17,6 +18,12 @@ class WrenchComponent(StrEnum):
     def output(self, axis: str = "") -> str:
         """Name the component in a formula: Pt, Pn or tau; along an axis of the slip P1, P2, tau1, tau2, taun."""
         return {"t": "P" if axis else "Pt", "n": "Pn", "tau": "tau"}[self.value] + axis
+
+
+def wrench_columns(space: Space) -> dict[WrenchComponent, list[int]]:
+    """List the columns of each component in a wrench in the axes of the slip."""
+    friction, moments = range(space.d - 1), range(space.d, space.D)
+    return dict(zip(WrenchComponent, ([*friction], [space.d - 1], [*moments]), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)

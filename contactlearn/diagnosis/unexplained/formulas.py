@@ -28,9 +28,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, install_hint
-from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent
+from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent, wrench_columns
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.remainder import wrench_columns
 from contactlearn.effects import Effect, State
 from contactlearn.effects.formula.effect import formula
 from contactlearn.effects.formula.expression import Expression

@@ -29,7 +29,13 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import MAD_SCALE, wrapped
-from contactlearn.diagnosis.result.remainder import ComponentTest, Remainder, VariableShare, WrenchComponent
+from contactlearn.diagnosis.result.remainder import (
+    ComponentTest,
+    Remainder,
+    VariableShare,
+    WrenchComponent,
+    wrench_columns,
+)
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
@@ -39,7 +45,7 @@ from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.mechanics.rigid_body import matvec, rotation
-from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.standardisation import Standardisation
 
@@ -107,12 +113,6 @@ class Processes:
         """Predict the wrench of the rows, or of other inputs of theirs, in their units."""
         mean = self._mean(self.inputs.apply(self.x[rows] if x is None else x))
         return self.outputs.undo(mean.mT) * self.unit[rows]
-
-
-def wrench_columns(space: Space) -> dict[WrenchComponent, list[int]]:
-    """List the columns of each component in a wrench in the axes of the slip."""
-    friction, moments = range(space.d - 1), range(space.d, space.D)
-    return dict(zip(_COMPONENTS, ([*friction], [space.d - 1], [*moments]), strict=True))
 
 
 def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:

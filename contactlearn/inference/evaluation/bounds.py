@@ -25,20 +25,16 @@ Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 """
 
 from collections.abc import Mapping
-from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.inference.evaluation.metrics import NORMS
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import SPACE, require_space
-
-Norm = Literal["mass", "euclidean"]
-NORMS: tuple[Norm, ...] = get_args(Norm)
-"""√(eᵀ M e), in √J, and ‖e‖₂ over (v_x, v_y, ω), which adds metres to radians as the paper does."""
 
 _TINY = torch.finfo(torch.float64).tiny
 _EDGE = 1e-11  # of the ball's radius, by which a point may lie beyond an edge that it is computed on

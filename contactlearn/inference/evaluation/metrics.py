@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -27,6 +27,10 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import Z_95
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import admissible, contact_velocity, effective_inertia, matvec, squared_mass_norm
+
+Norm = Literal["mass", "euclidean"]
+NORMS: tuple[Norm, ...] = get_args(Norm)
+"""√(eᵀ M e), in √J, and ‖e‖₂ over (v_x, v_y, ω), which adds metres to radians as the paper does."""
 
 
 def mass_error(impacts: Impacts, prediction: Prediction) -> Float[Tensor, "*batch n"]:

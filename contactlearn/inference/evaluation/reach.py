@@ -2,18 +2,27 @@
 
 import math
 
+import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.inference.identification.shared import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.hull import signed_areas
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import require_space
 
 _NODES = 33, 17  # of μ and ε; eight times as many change no share of the published drops by 0.01
 _JUMP = 0.2  # of the energy ellipse's radius: a wider cell spans a jump of the law
+
+_CELL_JUMP = 0.03  # of the ellipse's size, between the corners of a cell that is drawn
+_RESOLUTION = 4000  # steps across the ellipse: finer than a printer's dot
+_PAGE_NODES, _PAGE_FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
+_PAGE_JUMP = 0.15  # of the momentum, between neighbours of the finer grid
+
+Cells = Float[np.ndarray, "_ 4 2"]
 
 
 def grid(box: Box, nodes: tuple[int, int], finer: int = 1) -> tuple[Float[Tensor, " a"], Float[Tensor, " b"]]:
@@ -40,3 +49,55 @@ def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[T
     counted = rigid_body.admissible(W, v_c, (P[1:, 1:] + P[:-1, :-1]) / 2) & (width < _JUMP * radius)
     area = 0.5 * (across[..., 0] * along[..., 1] - across[..., 1] * along[..., 0]).abs()
     return (area * counted).sum((0, 1)) / (math.pi / 2 * radius**2 / torch.linalg.det(W).sqrt())
+
+
+def reached_cells(
+    law: Law,
+    W: Float[Tensor, "2 2"],
+    v_c: Float[Tensor, "2"],
+    box: Box,
+    nodes: tuple[int, int] = (65, 33),
+    finer: int = 4,
+) -> Cells:
+    """The cells of a (μ, ε) grid as a law maps them, each as its four corners in N s, counter-clockwise.
+
+    Sticking makes μ void, and maps many cells onto one; one of them is kept.  Where P̂ jumps (Whittaker's does) a cell
+    would hold impulses that the law cannot give: it is split, and parts that jump still are left out.
+    """
+    mu, eps = grid(box, nodes, finer)
+    P = _array(law.at(mu[:, None], eps).impulse(W, v_c))
+    size = np.linalg.norm(np.ptp(_array(rigid_body.energy_ellipse(W, v_c)), axis=0))
+    parts, coarse = _cells(P), _cells(P[::finer, ::finer])
+    jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _CELL_JUMP * size
+    split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))
+    parts = parts[~jumps & split.repeat(finer, 0).repeat(finer, 1)]
+    unit = size / _RESOLUTION
+    cells = np.round(np.concatenate((coarse[~split], parts)) / unit)
+    cells = np.where((signed_areas(cells) < 0)[:, None, None], cells[:, ::-1], cells)
+    return np.unique(cells, axis=0) * unit
+
+
+def reached_nodes(
+    law: Law, W: Float[Tensor, "n 2 2"], v_c: Float[Tensor, "n 2"]
+) -> tuple[Float[Tensor, "n a b 2"], Bool[Tensor, "n c d"]]:
+    """Return impulses at nodes of (μ, ε), and whether they jump between neighbours, c = a − 1 by d = b − 1.
+
+    Impulses are in units of the momentum ‖M_c v_c‖.
+    """
+    mu, eps = grid(Box(), _PAGE_NODES, _PAGE_FINER)
+    P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
+    momentum = (rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
+    P = (P / momentum[:, None]).movedim(2, 0)
+    along, across = ((step.norm(dim=-1) > _PAGE_JUMP) for step in (P.diff(dim=1), P.diff(dim=2)))
+    jumps = along[:, :, 1:] | across[:, 1:]
+    cells = jumps.unflatten(2, (_PAGE_NODES[1] - 1, _PAGE_FINER)).unflatten(1, (_PAGE_NODES[0] - 1, _PAGE_FINER))
+    return P[:, ::_PAGE_FINER, ::_PAGE_FINER], cells.any(4).any(2)
+
+
+def _cells(P: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "c d 4 2"]:
+    """Corners of the cells between nodes, c = a − 1 by d = b − 1."""
+    return np.stack((P[:-1, :-1], P[1:, :-1], P[1:, 1:], P[:-1, 1:]), 2)
+
+
+def _array(values: Tensor) -> np.ndarray:
+    return values.detach().cpu().numpy()

@@ -4,10 +4,9 @@
     body_at_contact   the body with its velocities before and after contact, as measured and as predicted
 
 Distances across the slip are drawn obliquely, at 45° and half their length (a cabinet projection), so that the plane of
-slip and normal is to scale.  Source of the path: Keller (1986).
+slip and normal is to scale.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -15,10 +14,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from contactlearn.inference.evaluation.bounds import irb
-from contactlearn.laws import Law
-from contactlearn.laws.contact import SpatialContact
-from contactlearn.laws.hodograph import Hodograph, after_impulse
+from contactlearn.inference.evaluation.impulse_space import SlipDiagram
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -27,54 +23,33 @@ from contactlearn.report.figures import style as st
 _OBLIQUE = 0.5**1.5  # half the length, at 45°
 CABINET = torch.tensor([[1, _OBLIQUE, 0], [0, _OBLIQUE, 1]], dtype=torch.float64)
 """The projection of points in space, the second axis away from the eye."""
-_STEPS = 24  # of a path
 _POINT: dict[str, Any] = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
 
 
-def slip_after(impacts: Impacts, v_post: Float[Tensor, "*batch n 6"]) -> Float[Tensor, "*batch n 2"]:
-    """Slip [..., N, 2] of the contact point with a velocity of the body, along the slip before contact and across."""
-    v_c = rigid_body.contact_velocity(impacts.r, v_post)
-    return rigid_body.matvec(impacts.slip_axes.mT[:, :2, :2], v_c[..., :2])
-
-
-def slip_paths(impacts: Impacts, law: Law, steps: int = _STEPS) -> Float[Tensor, "n {steps}+1 2"]:
-    """Routh's path of the slip [N, steps + 1, 2] in m/s at the friction of a law, up to its normal impulse."""
-    contact, _ = SpatialContact.of(impacts.W, impacts.v_c)
-    path, P_n = Hodograph(contact, law.coefficients[0].to(impacts.mass)), law.impulse(impacts.W, impacts.v_c)[:, 2]
-    shares = torch.linspace(0, 1, steps + 1, dtype=torch.float64).to(P_n)
-    points = [path.followed(path.start(), after_impulse(share * P_n)) for share in shares]
-    return torch.stack([torch.stack((one.v_1, one.v_2), -1) for one in points], 1)
-
-
 @st.look()
-def slip_hodograph(trial: Impacts, laws: Mapping[str, Law], prediction: Prediction | None = None) -> Figure:
+def slip_hodograph(slip: SlipDiagram) -> Figure:
     """Draw the slip of one impact before and after contact, and the path between them at the friction of the first law.
 
-    Args:
-        trial: one impact in space.
-        laws: at their identified parameters, by name.
-        prediction: of a further model; None for a browser, whose script places it.
+    The chosen model of a diagram without one is drawn as measured, for a browser, whose script places it.
     """
     figure = st.new_figure(st.COLUMN, 3.9)
     axes = st.name_axes(figure.subplots(), "Slip along its first direction (m/s)", "Slip across it (m/s)")
     axes.axhline(0, color="#AAAAAA", linewidth=0.6, zorder=1)
     axes.axvline(0, color="#AAAAAA", linewidth=0.6, zorder=1)
-    first = next(iter(laws.values()))
-    path: dict[str, Any] = {"color": st.law_style(first.name).color, "label": "Routh's path", "gid": "path"}
-    axes.plot(*st.array(slip_paths(trial, first)[0]).T, **path, zorder=2)
-    axes.plot(*st.array(slip_after(trial, trial.v_pre)[0]), "o", color=st.DARK, label="Before", gid="before", zorder=3)
-    for place, law in enumerate(laws.values()):
+    path: dict[str, Any] = {"color": st.law_style(slip.laws[0].name).color, "label": "Routh's path", "gid": "path"}
+    axes.plot(*st.array(slip.path).T, **path, zorder=2)
+    axes.plot(*st.array(slip.before), "o", color=st.DARK, label="Before", gid="before", zorder=3)
+    for place, (law, end) in enumerate(zip(slip.laws, slip.ends, strict=True)):
         style = st.law_style(law.name)
-        end = trial.v_c + rigid_body.matvec(trial.W, law.impulse(trial.W, trial.v_c))
-        end = rigid_body.matvec(trial.slip_axes.mT[:, :2, :2], end[:, :2])[0]
         axes.plot(*st.array(end), style.marker, color=style.color, **_POINT, label=style.label, gid=f"law {place}")
-    ends = {"Measured": ("x", trial.v_post, "black")}
-    if prediction is not None:
-        ends["IRB bound"] = ("o", irb(trial).v_post, st.DARK)
-    ends["Chosen model"] = ("s", (prediction or trial).v_post, st.CONTRAST[1])
-    for label, (marker, v_post, color) in ends.items():
+    ends = {"Measured": ("x", slip.measured, "black")}
+    if slip.bound is not None:
+        ends["IRB bound"] = ("o", slip.bound, st.DARK)
+    chosen = slip.measured if slip.predicted is None else slip.predicted
+    ends["Chosen model"] = ("s", chosen, st.CONTRAST[1])
+    for label, (marker, end, color) in ends.items():
         look: dict[str, Any] = {"color": color, "markerfacecolor": "white", "markersize": 7, "linestyle": "none"}
-        axes.plot(*st.array(slip_after(trial, v_post)[0]), marker, **look, label=label, gid=label, zorder=6)
+        axes.plot(*st.array(end), marker, **look, label=label, gid=label, zorder=6)
     axes.set_aspect("equal", adjustable="datalim")
     figure.legend(loc="outside lower center", ncols=2, columnspacing=1.0)
     return figure

@@ -38,7 +38,6 @@ from contactlearn.data.audit.evidence import (
     OutlineEvidence,
     ShapeEvidence,
 )
-from contactlearn.diagnosis.regions import Variable, variables
 from contactlearn.diagnosis.result import (
     ComponentTest,
     Deviations,
@@ -49,13 +48,13 @@ from contactlearn.diagnosis.result import (
     Region,
     Remainder,
     RungKind,
+    wrench_columns,
 )
-from contactlearn.diagnosis.unexplained.remainder import wrench_columns
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, mass_error
+from contactlearn.inference.evaluation.metrics import METRICS, Interval
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
-from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.inference.evaluation.variables import Variable
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
@@ -208,11 +207,9 @@ def regions_figure(regions: tuple[Region, ...], record: Record) -> Figure:
     A second median is that with the missing effects, if there are any.  Both models are fitted to all of these
     trials.  The axes leave out the outermost percent of the trials.
     """
-    impacts, prediction = record.impacts, record.base.predict(record.impacts)
-    known = {variable.name: variable for variable in variables(impacts, prediction)}
-    errors = {"Law": mass_error(impacts, prediction)}
-    if record.model.effects.keys() - record.base.effects.keys():
-        errors["With effects"] = mass_error(impacts, record.model.predict(impacts))
+    known = {variable.name: variable for variable in record.variables()}
+    names = {"base": "Law", "model": "With effects"}
+    errors = {names[model]: values for model, values in record.errors().items()}
     columns = min(2, len(regions))
     rows = math.ceil(len(regions) / columns)
     figure = st.new_figure((st.COLUMN, st.PAGE)[columns - 1], 0.4 + 2.2 * rows)
@@ -331,7 +328,7 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     known, named = of_state(State.of(impacts)), IN_SPACE if space is SPACE else SYMBOLS
     if space is PLANE:
         known["theta"] = wrapped(known["theta"])
-    residual = matvec(impacts.slip_axes.mT, impacts.wrench - record.model.base_prediction(impacts).wrench) * st.MILLI
+    residual = record.residual() * st.MILLI
     columns = {
         name: max(those, key=lambda k: residual[:, k].square().mean()) for name, those in wrench_columns(space).items()
     }

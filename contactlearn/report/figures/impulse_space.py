@@ -2,13 +2,10 @@
 
     reachable_impulses   one panel a law
     compared_impulses    all laws in one panel, for a browser
-    reach                the region of impulses that a law can give: its image of a box of (μ, ε), as a union of cells
 
 Impulses are computed in N s and shown in mN s.  The figure number is that of Fazeli et al. (2017).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,15 +17,11 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
-from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError
-from contactlearn.inference.evaluation.bounds import irb
-from contactlearn.inference.evaluation.reach import grid
-from contactlearn.inference.identification.shared import Box
-from contactlearn.laws import Law
+from contactlearn.inference.evaluation.impulse_space import ImpulseSpace
 from contactlearn.mechanics import rigid_body
-from contactlearn.mechanics.impacts import Impacts, measured_impulse
+from contactlearn.mechanics.hull import signed_areas
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 
 _GUESS: dict[str, Any] = {"markersize": 8, "markeredgecolor": "white", "markeredgewidth": 0.7, "linestyle": "none"}
@@ -45,51 +38,16 @@ _LINES: dict[str, dict[str, Any]] = {
 _ADMISSIBLE: dict[str, Any] = {"facecolor": "#EFEFEF", "edgecolor": "none"}
 _ELLIPSE: dict[str, Any] = {"color": "#777777", "linewidth": 0.8}
 _HIGHEST = 8.5  # in, of the figure
-_JUMP = 0.03  # of the ellipse's size, between the corners of a cell
-_RESOLUTION = 4000  # steps across the ellipse: finer than a printer's dot
-
-Cells = Float[np.ndarray, "_ 4 2"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Space:
-    """One impact in impulse space; impulses in N s."""
-
-    trial: Impacts
-    laws: Sequence[Law]
-    ellipse: Float[np.ndarray, "n 2"]
-    points: Float[np.ndarray, "p 2"]  # measured, and that of the IRB bound where it is not admissible
-    reaches: Sequence[Cells]
-    predicted: Float[np.ndarray, "laws 2"]
-
-    @property
-    def outside(self) -> bool:
-        """Whether the measured impulse is not admissible."""
-        return len(self.points) > 1
 
 
 @st.look()
-def reachable_impulses(
-    impacts: Impacts, row: int, laws: Mapping[str, Law], box: Box | None = None, *, target: str = "momentum"
-) -> Figure:
+def reachable_impulses(space: ImpulseSpace) -> Figure:
     """Draw the impulses that each law can give one impact with any (μ, ε) in the box (Fig. 2.3).
 
-    One panel a law, in impulse space: the admissible impulses, the law's reach in them, its
-    prediction, and the measured impulse.  A measurement that is not admissible is joined to the
-    impulse of the IRB bound (norm `mass`).
-
-    Args:
-        impacts, row: the impact, counted from 0.
-        laws: at their identified parameters, by name; each panel is titled by its law.
-        box: the parameters that a law may take; μ and ε in [0, 1] if left out.
-        target: the measured impulse that is drawn, see `impacts.measured_impulse`.
-
-    Raises:
-        ContactLearnError: no laws.
+    One panel a law, titled by it, in impulse space: the admissible impulses, the law's reach in them, its prediction,
+    and the measured impulse.  A measurement that is not admissible is joined to the impulse of the IRB bound.
     """
-    if not laws:
-        raise ContactLearnError("reachable_impulses needs at least one law, got none")
-    space = _space(impacts[[row]], list(laws.values()), box or Box(), target)
+    laws = space.laws
     low, high = _limits(space)
     columns = len(laws) if len(laws) <= 3 else {4: 2, 5: 3, 6: 3}.get(len(laws), 4)
     legend_columns = 2 if columns == 1 else 5
@@ -107,20 +65,19 @@ def reachable_impulses(
 
 
 @st.look()
-def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
+def compared_impulses(space: ImpulseSpace) -> Figure:
     """Draw all laws and the reach and friction cone of the first in the impulse space of one impact.
 
     The figure is for a browser, whose script exchanges the impact, the law and the `model`, here the measurement.
     """
-    space = _space(trial, list(laws.values()), Box(), "momentum", reached=1)
     figure = st.new_figure(st.COLUMN, st.COLUMN)
     axes = st.name_axes(figure.subplots(), "Tangential impulse $P_t$ (mN s)", "Normal impulse $P_n$ (mN s)")
     _draw_panel(axes, space, 0)
     for place, law in enumerate(space.laws[1:], 1):
-        style, guess = st.law_style(law.name), space.predicted[place] * st.MILLI
+        style, guess = st.law_style(law.name), st.array(space.predicted[place]) * st.MILLI
         label = st.plain(style.label)
         axes.plot(*guess, style.marker, color=style.color, **_GUESS, zorder=5, label=label, gid=f"law {place}")
-    mu, top = float(space.laws[0].mu), st.MILLI * space.ellipse[:, 1].max()
+    mu, top = float(space.laws[0].mu), st.MILLI * space.ellipse[:, 1].max().item()
     cone: dict[str, Any] = {"color": st.law_style(space.laws[0].name).color, "linestyle": "--"}
     axes.plot((-mu * top, 0, mu * top), (top, 0, top), **cone, zorder=3, label="Friction cone", gid="cone")
     model: dict[str, Any] = {
@@ -129,31 +86,20 @@ def compared_impulses(trial: Impacts, laws: Mapping[str, Law]) -> Figure:
         "markersize": 10,
         "linestyle": "none",
     }
-    axes.plot(*space.points[0] * st.MILLI, "o", **model, zorder=6, label="Chosen model", gid="model")
+    axes.plot(*st.array(space.measured) * st.MILLI, "o", **model, zorder=6, label="Chosen model", gid="model")
     axes.set_aspect("equal")
     return figure
 
 
-def _space(trial: Impacts, laws: Sequence[Law], box: Box, target: str, reached: int | None = None) -> _Space:
-    """One impact, its image under the laws, and the reach of the first few, else of all."""
-    W, v_c, measured = trial.W[0], trial.v_c[0], measured_impulse(trial, target)[0]
-    points = [measured]
-    if not bool(rigid_body.admissible(W, v_c, measured)):
-        points.append(irb(trial).wrench[0, :2])
-    return _Space(
-        trial=trial,
-        laws=laws,
-        ellipse=st.array(rigid_body.energy_ellipse(W, v_c)),
-        points=st.array(torch.stack(points)),
-        reaches=[reach(law, W, v_c, box) for law in laws[:reached]],
-        predicted=st.array(torch.stack([law.impulse(W, v_c) for law in laws])),
-    )
+def _points(space: ImpulseSpace) -> Float[np.ndarray, "p 2"]:
+    """The measured impulse, and that of the IRB bound where it is not admissible."""
+    return st.array(torch.stack([space.measured] if space.bound is None else [space.measured, space.bound]))
 
 
-def _limits(space: _Space) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+def _limits(space: ImpulseSpace) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Corners (low, high) in mN s of the shown part of impulse space, at least 0.8 as wide as high."""
-    ellipse, points = space.ellipse, np.concatenate((space.points, space.predicted))
-    reached, span = np.concatenate(space.reaches).reshape(-1, 2), np.ptp(space.ellipse, axis=0)
+    ellipse, points = st.array(space.ellipse), np.concatenate((_points(space), st.array(space.predicted)))
+    reached, span = np.concatenate(space.reaches).reshape(-1, 2), np.ptp(ellipse, axis=0)
     low = np.minimum(ellipse.min(0), np.maximum(reached.min(0), ellipse.min(0) - 0.25 * span))
     high = np.maximum(ellipse.max(0), np.minimum(reached.max(0), ellipse.max(0) + 0.25 * span))
     low, high = np.minimum(low, points.min(0)), np.maximum(high, points.max(0))
@@ -163,30 +109,30 @@ def _limits(space: _Space) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2
     return np.array((low[0] - short / 2, low[1])) * st.MILLI, np.array((high[0] + short / 2, high[1])) * st.MILLI
 
 
-def _new_figure(space: _Space, columns: int, legend_columns: int, aspect: float) -> Figure:
+def _new_figure(space: ImpulseSpace, columns: int, legend_columns: int, aspect: float) -> Figure:
     """An empty figure whose panels are `aspect` times as high as wide."""
     count = len(space.laws)
     rows, width = -(-count // columns), st.COLUMN if columns == 1 else st.PAGE
     panel = (width - 0.6) / columns * aspect
     titles = 0.4 + 0.13 * any(law.variant != "textbook" for law in space.laws)
     ragged = columns * rows > count  # a panel of the last row but one then has axis labels, too
-    legend = 0.8 + 0.17 * -(-(7 + len(space.points)) // legend_columns)
+    legend = 0.8 + 0.17 * -(-(7 + len(_points(space))) // legend_columns)
     return st.new_figure(width, min(rows * (panel + titles) + 0.35 * ragged + legend, _HIGHEST))
 
 
-def _draw_panel(axes: Axes, space: _Space, place: int) -> None:
+def _draw_panel(axes: Axes, space: ImpulseSpace, place: int) -> None:
     """The impact, one law's reach and prediction, and the measurement."""
     style = st.law_style(space.laws[place].name)
     _draw_space(axes, space)
     _draw_reach(axes, space.reaches[place] * st.MILLI, style.color)
-    label, guess = st.plain(style.label), space.predicted[place] * st.MILLI
+    label, guess = st.plain(style.label), st.array(space.predicted[place]) * st.MILLI
     axes.plot(*guess, style.marker, color=style.color, **_GUESS, zorder=5, label=label, gid=f"law {place}")
-    axes.plot(*space.points.T * st.MILLI, color=st.DARK, linewidth=0.8, zorder=6)
-    for point, marker in zip(space.points, _MEASURED, strict=False):
+    axes.plot(*_points(space).T * st.MILLI, color=st.DARK, linewidth=0.8, zorder=6)
+    for point, marker in zip(_points(space), _MEASURED, strict=False):
         axes.plot(*point * st.MILLI, **marker, linestyle="none", zorder=7, gid=marker["label"])
 
 
-def _name_panel(axes: Axes, space: _Space, place: int, columns: int) -> None:
+def _name_panel(axes: Axes, space: ImpulseSpace, place: int, columns: int) -> None:
     """The law and its parameters above, axis labels at the outer panels."""
     law = space.laws[place]
     variant = "" if law.variant == "textbook" else f"({st.plain(law.variant)})\n"
@@ -198,10 +144,10 @@ def _name_panel(axes: Axes, space: _Space, place: int, columns: int) -> None:
     axes.tick_params(labelbottom=bottom)
 
 
-def _draw_reach(axes: Axes, cells: Cells, color: str) -> None:
+def _draw_reach(axes: Axes, cells: Float[np.ndarray, "_ 4 2"], color: str) -> None:
     """The union of the cells in a tint with an outline; its one-dimensional parts as lines."""
     # One path a layer, filled by the winding rule: no seams and no overlaps, and a small file.
-    solid = cells[areas(cells) > 1e-6 * np.ptp(cells.reshape(-1, 2), axis=0).prod()]
+    solid = cells[signed_areas(cells) > 1e-6 * np.ptp(cells.reshape(-1, 2), axis=0).prod()]
     for corners, fill, linewidth in ((cells, color, 1.4), (solid, st.tint(color, 0.45), 0.3)):
         closed = np.concatenate((corners, corners[:, :1]), 1)
         codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corners))
@@ -213,13 +159,15 @@ def _draw_reach(axes: Axes, cells: Cells, color: str) -> None:
         )  # add_patch would fit the axes to all corners, slowly
 
 
-def _draw_space(axes: Axes, space: _Space) -> None:
+def _draw_space(axes: Axes, space: ImpulseSpace) -> None:
     """Energy ellipse, admissible impulses, and the lines of the contact's kinematics."""
-    W, v_c, ellipse = st.array(space.trial.W[0]), st.array(space.trial.v_c[0]), space.ellipse * st.MILLI
+    W, v_c, ellipse = st.array(space.trial.W[0]), st.array(space.trial.v_c[0]), st.array(space.ellipse) * st.MILLI
     admissible = clipped(clipped(ellipse[:-1], np.array((0.0, 1.0)), 0.0), W[1], -v_c[1] * st.MILLI)
     axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1, label="Admissible", gid="admissible"))
     axes.plot(*ellipse.T, **_ELLIPSE, zorder=2, label="Energy ellipse", gid="ellipse")
-    centre, compression, _, sticking = st.array(ellipse_vectors(space.trial.W, space.trial.v_c)[0]) * st.MILLI
+    centre, compression, _, sticking = (
+        st.array(rigid_body.ellipse_vectors(space.trial.W, space.trial.v_c)[0]) * st.MILLI
+    )
     for chord, name in zip((compression, sticking), ("Maximum compression", "Sticking"), strict=True):
         ends = np.stack((centre - chord, centre + chord))
         axes.plot(*ends.T, **_LINES[name], zorder=4, label=name, gid=name)
@@ -234,7 +182,7 @@ def _title(figure: Figure, trial: Impacts, columns: int) -> None:
     figure.suptitle(f"Trial {name}" + ("\n" if columns == 1 or len(name) > 15 else ": ") + values)
 
 
-def _legend(figure: Figure, space: _Space, columns: int) -> None:
+def _legend(figure: Figure, space: ImpulseSpace, columns: int) -> None:
     styles = [st.law_style(law.name) for law in space.laws]
     first = styles[0].color if len(styles) == 1 else "#AAAAAA"
     guess: dict[str, Any] = _GUESS | {"markersize": 6.0}
@@ -246,60 +194,11 @@ def _legend(figure: Figure, space: _Space, columns: int) -> None:
         "Reach over (μ, ε)": Patch(facecolor=first, edgecolor=st.DARK, linewidth=0.8),
         "Identified (μ, ε)": guesses,
     }
-    handles |= {m["label"]: Line2D([], [], **m, linestyle="none") for m in _MEASURED[: 1 + space.outside]}
+    handles |= {m["label"]: Line2D([], [], **m, linestyle="none") for m in _MEASURED[: len(_points(space))]}
     figure.legend(
         list(handles.values()), list(handles), loc="outside lower center", ncols=columns, columnspacing=1.0,
         handlelength=2.0, handletextpad=0.6, handler_map={tuple: HandlerTuple(ndivide=None, pad=0.6)},
     )  # fmt: skip
-
-
-# --- The region that a law can give ----------------------------------------------------------------
-
-
-def ellipse_vectors(W: Float[Tensor, "*b 2 2"], v_c: Float[Tensor, "*b 2"]) -> Float[Tensor, "*b 4 2"]:
-    """Return centre −M_c v_c of the energy ellipse and its chords c, n and s [..., 4, 2] in N s.
-
-    The ellipse is centre + cos φ c + sin φ n.  On centre ± c, the line of maximum compression, the contact has no
-    normal velocity, and beyond it, sin φ > 0, it separates; on centre ± s it sticks.  dᵀ W d = v_cᵀ M_c v_c of each.
-    """
-    centre = -(rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0]
-    none = torch.zeros_like(W[..., 0, 0])
-    components = ((W[..., 1, 1], -W[..., 0, 1]), (none, W[..., 1, 1]), (W[..., 0, 1], -W[..., 0, 0]))
-    chords = torch.stack([torch.stack(pair, -1) for pair in components], -2)
-    size = -(v_c * centre).sum(-1, keepdim=True) / ((chords @ W) * chords).sum(-1)
-    return torch.cat((centre[..., None, :], chords * size.clamp_min(0).sqrt()[..., None]), -2)
-
-
-def reach(
-    law: Law,
-    W: Float[Tensor, "2 2"],
-    v_c: Float[Tensor, "2"],
-    box: Box,
-    nodes: tuple[int, int] = (65, 33),
-    finer: int = 4,
-) -> Cells:
-    """The cells of a (μ, ε) grid as a law maps them, each as its four corners in N s, counter-clockwise.
-
-    Sticking makes μ void, and maps many cells onto one; one of them is kept.  Where P̂ jumps (Whittaker's does) a cell
-    would hold impulses that the law cannot give: it is split, and parts that jump still are left out.
-    """
-    mu, eps = grid(box, nodes, finer)
-    P = st.array(law.at(mu[:, None], eps).impulse(W, v_c))
-    size = np.linalg.norm(np.ptp(st.array(rigid_body.energy_ellipse(W, v_c)), axis=0))
-    parts, coarse = _cells(P), _cells(P[::finer, ::finer])
-    jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _JUMP * size
-    split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))
-    parts = parts[~jumps & split.repeat(finer, 0).repeat(finer, 1)]
-    unit = size / _RESOLUTION
-    cells = np.round(np.concatenate((coarse[~split], parts)) / unit)
-    cells = np.where((areas(cells) < 0)[:, None, None], cells[:, ::-1], cells)
-    return np.unique(cells, axis=0) * unit
-
-
-def areas(cells: Cells) -> Float[np.ndarray, " cells"]:
-    """Signed areas of cells."""
-    across, up = cells[:, 2] - cells[:, 0], cells[:, 3] - cells[:, 1]
-    return 0.5 * (across[:, 0] * up[:, 1] - across[:, 1] * up[:, 0])
 
 
 def clipped(polygon: Float[np.ndarray, "n 2"], normal: Float[np.ndarray, "2"], bound: float) -> np.ndarray:
@@ -310,8 +209,3 @@ def clipped(polygon: Float[np.ndarray, "n 2"], normal: Float[np.ndarray, "2"], b
         kept += [p] if h >= 0 else []
         kept += [p + h / (h - k) * (q - p)] if h * k < 0 else []
     return np.array(kept)
-
-
-def _cells(P: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "c d 4 2"]:
-    """Corners of the cells between nodes, c = a − 1 by d = b − 1."""
-    return np.stack((P[:-1, :-1], P[1:, :-1], P[1:, 1:], P[:-1, 1:]), 2)

@@ -231,13 +231,13 @@ def _arrays(found: Diagnosis) -> dict[str, Any]:
     """Trials, the laws' impulses and reach, the outcome of every choice, the change by each effect."""
     record = found.record
     assert record is not None
-    impacts, laws = record.impacts, {one.name: one.law() for one in found.laws}  # fitted to all trials
-    fitted, arrays = of_laws(impacts, laws)
+    impacts, given = record.impacts, found.law_impulses()
+    fitted, arrays = of_laws(given)
     arrays |= of_outcomes(impacts, record.outcomes)
     if record.residuals:
         arrays["explained"] = torch.stack([partial.explained for partial in record.residuals], -1)
-    trials = of_trials(impacts, record.base.predict(impacts))
-    return {"fitted": fitted, "impulses": impulse_figure(impacts, laws), "trials": trials, **packed(arrays, STEPS)}
+    trials = of_trials(impacts, record.variables())
+    return {"fitted": fitted, "impulses": impulse_figure(given.first), "trials": trials, **packed(arrays, STEPS)}
 
 
 def sample_content(found: Diagnosis) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from typing import Any
 import torch
 
 from contactlearn.inference.evaluation.metrics import METRICS
-from contactlearn.laws import find
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison
 from contactlearn.report.figures.learning import learning_curve
@@ -32,9 +31,9 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     test, predictions = held_out.impacts, held_out.predictions
     labels = model_labels(result)
     names = [result.best, *result.differences, *(name for name in BOUNDS if name in predictions)]
-    laws = {fit.law: find(fit.law, fit.variant, **fit.options).at(fit.mu, fit.eps) for fit in result.fits}
-    closest = min(laws, key=lambda name: result.errors[name].of(result.metric).mean)
-    fitted, arrays = of_laws(test, laws)
+    closest = min((fit.law for fit in result.fits), key=lambda name: result.errors[name].of(result.metric).mean)
+    given = held_out.law_impulses(result)
+    fitted, arrays = of_laws(given)
     sentences = _sentences(result, labels, closest, len(test))
     arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]), result.norm)
     return {
@@ -65,9 +64,9 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         ),
         "chosen": 0,
         "yardstick": names.index(closest),
-        "trials": of_trials(test, predictions[closest]),
+        "trials": of_trials(test, held_out.variables(closest)),
         "fitted": fitted,
-        "impulses": impulse_figure(test, laws),
+        "impulses": impulse_figure(given.first),
         "curves": _curves(result),
         "figures": _figures(result, held_out, {name: labels[name] for name in names}),
         "reproduce": reproduced(result.provenance),

@@ -5,32 +5,25 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.diagnosis.regions import Variable, variables
-from contactlearn.inference.evaluation.bounds import Norm
-from contactlearn.inference.evaluation.metrics import METRICS, Interval, headline_metric
-from contactlearn.inference.evaluation.reach import grid
-from contactlearn.inference.identification.shared import Box
-from contactlearn.laws import Law
+from contactlearn.inference.evaluation.impulse_space import ImpulseSpace, LawImpulses, SlipDiagram
+from contactlearn.inference.evaluation.metrics import METRICS, Interval, Norm, headline_metric
+from contactlearn.inference.evaluation.variables import Variable
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.space import PLANE, SPACE, Space
-from contactlearn.models.contact_model import ContactModel
+from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.report.figures.browser import as_plotly, plotly_style
-from contactlearn.report.figures.contact_in_space import slip_after, slip_hodograph, slip_paths
-from contactlearn.report.figures.impulse_space import compared_impulses, ellipse_vectors
+from contactlearn.report.figures.contact_in_space import slip_hodograph
+from contactlearn.report.figures.impulse_space import compared_impulses
 from contactlearn.report.figures.style import MILLI
 
 EMBEDDED = 1500
 """Trials of a large table that its page has one by one, at most."""
 STEPS = {"reach": 0.002, "torn": 1.0, "parts": 0.004}
 """Steps of the arrays of a page: reachable impulses are in units of the momentum of the contact."""
-_NODES, _FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
-_PATH = 12  # steps of a path of the slip
-_JUMP = 0.15  # of the momentum, between neighbours of the finer grid
 
 
 def digits(x: Any, count: int = 5) -> Any:
@@ -47,13 +40,13 @@ def digits(x: Any, count: int = 5) -> Any:
 
 
 def of_trials(
-    impacts: Impacts, prediction: Prediction, written: Callable[[Tensor, int], Any] = digits
+    impacts: Impacts, among: Sequence[Variable], written: Callable[[Tensor, int], Any] = digits
 ) -> dict[str, Any]:
     """Return names, states, outcomes with their wrench, the outlines of bodies, and the variables of the map.
 
     Args:
         impacts: of the page.
-        prediction: of the law; it decides which trials stick.
+        among: variables of the map, see `variables.map_variables`.
         written: writes the numbers of all trials, which need so many significant digits.
     """
     return {
@@ -63,9 +56,7 @@ def of_trials(
         **{name: written(values, 6) for name, values in trial_columns(impacts).items()},
         "outlines": outlines(impacts),
         "space": of_space(impacts.space),
-        "variables": [
-            axis_content(one) | {"values": written(axis_values(one), 4)} for one in map_variables(impacts, prediction)
-        ],
+        "variables": [axis_content(one) | {"values": written(axis_values(one), 4)} for one in among],
     }
 
 
@@ -116,48 +107,22 @@ def outlines(impacts: Impacts) -> dict[str, Any]:
     return {name: digits(one.outline(91).T) for name, one in shapes_among(impacts.shape).items()}
 
 
-def of_laws(impacts: Impacts, fitted: Mapping[str, Law]) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:
-    """Return the laws at their fitted parameters, and arrays: their impulses [L, N, 2] in mN s, and their reach.
-
-    `ellipse` [N, 4, 2] are the vectors of `ellipse_vectors` in mN s.
-    `reach` [L, N, A, B, 2] is the impulse at nodes of (μ, ε), in units of the momentum ‖M_c v_c‖; between nodes where
-    `torn` [L, N, A − 1, B − 1] is 1 it jumps.  In space the arrays are the
-    `path` of the slip at each law's friction and the slip at its `end` in m/s, see `contact_in_space`.
-    """
+def of_laws(given: LawImpulses) -> tuple[list[dict[str, Any]], dict[str, Tensor]]:
+    """Return the laws at their fitted parameters, and the arrays of `LawImpulses`, impulses in mN s."""
     entries = [
         {"name": name, "mu": digits(float(law.mu), 4), "eps": digits(float(law.eps), 4), **plotly_style(name)}
-        for name, law in fitted.items()
+        for name, law in given.laws.items()
     ]
-    if impacts.space is SPACE:
-        v_post = torch.stack([ContactModel(law).predict(impacts).v_post for law in fitted.values()])
-        paths = torch.stack([slip_paths(impacts, law, _PATH) for law in fitted.values()])
-        return entries, {"path": paths, "end": slip_after(impacts, v_post)}
-    W, v_c = impacts.W, impacts.v_c
-    impulses = torch.stack([law.impulse(W, v_c).detach() for law in fitted.values()])
-    reach, torn = zip(*(_reach(law, W, v_c) for law in fitted.values()), strict=True)
-    found = {"impulse": MILLI * impulses, "ellipse": MILLI * ellipse_vectors(W, v_c)}
-    return entries, found | {"reach": torch.stack(reach), "torn": torch.stack(torn)}
+    return entries, {
+        name: MILLI * values if name in ("impulse", "ellipse") else values for name, values in given.arrays.items()
+    }
 
 
-def impulse_figure(impacts: Impacts, fitted: Mapping[str, Law]) -> dict[str, Any]:
+def impulse_figure(first: ImpulseSpace | SlipDiagram) -> dict[str, Any]:
     """Return the figure of impulse space, or of the hodograph, in which a script shows any trial, here the first."""
-    compared = compared_impulses if impacts.space is PLANE else slip_hodograph
-    figure = as_plotly(compared(impacts[[0]], fitted))
+    drawn = compared_impulses(first) if isinstance(first, ImpulseSpace) else slip_hodograph(first)
+    figure = as_plotly(drawn)
     return digits(figure | {"data": [trace | {"x": [], "y": []} for trace in figure["data"] if trace["meta"]]})
-
-
-def _reach(
-    law: Law, W: Float[Tensor, "n 2 2"], v_c: Float[Tensor, "n 2"]
-) -> tuple[Float[Tensor, "n a b 2"], Bool[Tensor, "n c d"]]:
-    """Impulses at nodes of (μ, ε), and whether they jump between neighbours, c = a − 1 by d = b − 1."""
-    mu, eps = grid(Box(), _NODES, _FINER)
-    P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
-    momentum = (rigid_body.effective_inertia(W) @ v_c[..., None])[..., 0].norm(dim=-1)
-    P = (P / momentum[:, None]).movedim(2, 0)
-    along, across = ((step.norm(dim=-1) > _JUMP) for step in (P.diff(dim=1), P.diff(dim=2)))
-    jumps = along[:, :, 1:] | across[:, 1:]
-    cells = jumps.unflatten(2, (_NODES[1] - 1, _FINER)).unflatten(1, (_NODES[0] - 1, _FINER))
-    return P[:, ::_FINER, ::_FINER], cells.any(4).any(2)
 
 
 def bounded(x: Interval) -> dict[str, float | None]:
@@ -170,13 +135,6 @@ def bounded(x: Interval) -> dict[str, float | None]:
 def finely(x: Any) -> Any:
     """Round errors to seven significant digits, so that their four decimals are those of the numbers themselves."""
     return digits(x, 7)
-
-
-def map_variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
-    """Return the variables in which the map is drawn: those of regions, and the velocity before impact."""
-    linear = zip(impacts.space.symbols, impacts.v_pre.T[: impacts.space.d], strict=False)
-    plain = [Variable(name, name, "m/s", values) for name, values in linear]
-    return [*variables(impacts, prediction), *plain]
 
 
 def axis_content(one: Variable) -> dict[str, Any]:
