@@ -7,6 +7,7 @@ from observers import RecordingObserver
 from contactlearn.core.events import TaskProgress, track
 from contactlearn.diagnosis import events
 from contactlearn.diagnosis.events import append_event, read_events
+from contactlearn.inference.learning.events import RoundScored
 
 
 def test_a_long_task_reports_its_first_and_last_step_and_some_between(monkeypatch):
@@ -29,3 +30,13 @@ def test_a_file_of_events_is_read_while_it_is_written(tmp_path):
     with pytest.raises(msgspec.ValidationError, match="Unknown"):
         read_events(path)
     assert read_events(tmp_path / "none") == []
+
+
+def test_rounds_of_older_runs_are_read(tmp_path):
+    """They name their model as well."""
+    path = tmp_path / events.FILE
+    event = RoundScored(trained_on=9, round=1, errors={"mass_error": 0.5}, negative_log_density=1.0)
+    append_event(path, event)
+    path.write_bytes(path.read_bytes().replace(b'"trained_on"', b'"model":"x1_wrench","trained_on"'))
+    assert b"x1_wrench" in path.read_bytes()
+    assert read_events(path) == [event]

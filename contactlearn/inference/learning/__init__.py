@@ -1,6 +1,7 @@
 """Learned models of the paper.
 
 recipe   one model from one set of training trials
+events   rounds of a training, their held-out errors, points of learning curves
 curves   learning curves of every model, and its transfer to other bodies
 """
 
