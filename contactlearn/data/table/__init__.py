@@ -281,9 +281,7 @@ def _impacts(
         raise DataError(
             f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
         )
-    absent = (
-        COMPUTED[space]["place"] if "place" in named.computed else ()
-    )  # 0; the height is that of the contact point
+    absent = COMPUTED[space]["place"] if "place" in named.computed else ()  # 0; the height is that of the contact point
     for field, names in space.components.items():
         names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
         if names[-1] in cells.header:
