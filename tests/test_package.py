@@ -148,7 +148,7 @@ def test_every_package_that_is_needed_has_a_lower_bound_to_be_tested(versions, m
 
 def test_a_fresh_install_has_the_torch_of_the_lock_and_the_python_of_the_readme(versions):
     assert re.fullmatch(r"torch==\d+\.\d+\.\d+", versions.locked("torch"))
-    assert "from contactlearn import diagnose" in versions.snippet()
+    assert "import contactlearn as cl" in versions.snippet()
 
 
 @pytest.mark.parametrize(("words", "message"), [

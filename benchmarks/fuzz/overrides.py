@@ -16,6 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from contactlearn.cli.command_line import quoted
 from contactlearn.cli.config_files import CONFIGS, check_choices, explain_error, restrict_settings
 from contactlearn.cli.config_security import check_targets
+from contactlearn.cli.hydra_main import readable_errors
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
@@ -42,7 +43,8 @@ def read(content: bytes) -> None:
     try:
         words = quoted(words)
         check_choices(words, command)
-        cfg = composed(command, words)
+        with readable_errors():
+            cfg = composed(command, words)
         restrict_settings(cfg, command, words)
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)

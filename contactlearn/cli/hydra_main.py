@@ -278,6 +278,26 @@ def compose(config_name: str, overrides: Sequence[str], *, return_hydra_config: 
     return _composed(config_name, words, check=config_name, return_hydra_config=return_hydra_config)
 
 
+@contextmanager
+def readable_errors() -> Generator[None]:
+    """Put into words what Hydra has no error of its own for while it composes, such as law=null.
+
+    Raises:
+        ContactLearnError: for an error of Python's.
+    """
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException, ContactLearnError):
+        raise
+    except RecursionError as error:
+        raise ContactLearnError("configuration files refer to each other without an end") from error
+    except (TypeError, ValueError, AttributeError, AssertionError) as error:
+        seen = " ".join(str(error).split())
+        raise ContactLearnError(
+            f"a word of the command line cannot be read: {seen}; --help lists all settings"
+        ) from error
+
+
 def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydra_config: bool = True) -> DictConfig:
     """A checked configuration, before Hydra makes anything of it.
 
@@ -285,23 +305,12 @@ def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydr
         ContactLearnError: see `compose`.
     """
     folder = os.path.abspath(CONFIGS)
-    with defer_interrupts(), hydra.initialize_config_dir(version_base="1.3", config_dir=folder, job_name=check):
-        try:
-            cfg = hydra.compose(config_name, [*words], return_hydra_config=return_hydra_config)
-        except (HydraException, OmegaConfBaseException, ContactLearnError):
-            raise
-        except RecursionError as error:
-            raise ContactLearnError("configuration files refer to each other without an end") from error
-        except (
-            TypeError,
-            ValueError,
-            AttributeError,
-            AssertionError,
-        ) as error:  # for what Hydra has no error of its own, such as law=null
-            seen = " ".join(str(error).split())
-            raise ContactLearnError(
-                f"a word of the command line cannot be read: {seen}; --help lists all settings"
-            ) from error
+    with (
+        defer_interrupts(),
+        hydra.initialize_config_dir(version_base="1.3", config_dir=folder, job_name=check),
+        readable_errors(),
+    ):
+        cfg = hydra.compose(config_name, [*words], return_hydra_config=return_hydra_config)
     restrict_settings(cfg, config_name, words)
     check_targets(cfg, words)
     OmegaConf.to_container(OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"]), resolve=True)

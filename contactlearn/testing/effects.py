@@ -47,6 +47,7 @@ def _drops(shape: Shape | None) -> Impacts:
     generator = torch.Generator().manual_seed(6)
     v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
     v[::2, 0] *= -1
+    v[::10] *= 0.2  # some effects act on slow impacts alone
     steep = v[:, 1] + drops.r[:, 0] * v[:, 2] < -0.1
     return drops[steep].replace(v_pre=v[steep])
 
