@@ -75,6 +75,7 @@ ROWS = (
     Row("audit.scale_off", measurements.SCALE),
     Row("audit.convention_gain", conventions.CONVENTIONS),
     Row("audit.consistent", conventions.CONVENTIONS),
+    Row("audit.sound", conventions.INCLINED),
     Row("audit.inertia_factor", conventions.INERTIA, zero=1),
     Row("audit.impossible", conventions.IMPOSSIBLE),
     Row("audit.open_balance", conventions.OPEN),

@@ -1,5 +1,6 @@
 """Studies of the audit of units and axes, of the inertia, and of data that no rigid impact made."""
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -7,7 +8,9 @@ import torch
 from contactlearn.data.audit.conventions import ConventionComparison, compare, impossible_findings
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import synthetic
 from sensitivity.studies.cases import (
@@ -86,6 +89,34 @@ CONVENTIONS = Study(
     name="units and axes",
     null=each(3, "clean", "disturbed", "rough", "driven", "torn", "round"),
     planted=(*each(13, "one", "one, round"), *each(4, "two")), prepare=_written, alarm=_corrected,
+)  # fmt: skip
+
+
+def _on_a_floor(kind: str, seed: int) -> Impacts:
+    """Drops onto a level floor, also with effects that bend the balance, or onto one that is inclined by 6 to 60°."""
+    if kind == "disturbed":
+        return simulated(seed, (_STRONG[seed % len(_STRONG)],), _SIZES[seed % 3], strength=(5, 10))[0]
+    level = between(0.01, 0.1, seed)
+    impacts = textbook(seed, _SIZES[seed % 3], level, 20 * level, body(seed))
+    if kind == "level":
+        return impacts
+    angle = torch.full((len(impacts),), math.radians(between(6, 60, seed)), dtype=torch.float64)
+    q, v_pre, v_post = (
+        torch.cat((rotate(x[:, :2], angle), x[:, 2:]), -1) for x in (impacts.q, impacts.v_pre, impacts.v_post)
+    )
+    q[:, 2] += angle
+    r = contact_points(impacts.shape, impacts.body, q[:, 2])  # as one computes them for a level floor
+    return impacts.replace(q=q, q_post=None, r=r, v_pre=v_pre, v_post=v_post, validate=False)
+
+
+def _is_inclined(impacts: Impacts, thresholds: Thresholds) -> bool:
+    """Whether the audit finds that the floor is inclined."""
+    return any(finding.name == "inclined_floor" for finding in audit(impacts, thresholds.audit))
+
+
+INCLINED = Study(
+    name="inclined floors", null=each(12, "level", "disturbed"), planted=each(20, "inclined"),
+    prepare=_on_a_floor, alarm=_is_inclined,
 )  # fmt: skip
 
 
