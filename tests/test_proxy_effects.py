@@ -68,7 +68,7 @@ def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     drag = EffectId("side_drag", "linear")
     fit = SimpleNamespace(
         model=SimpleNamespace(effects={one.name: SimpleNamespace(equation="") for one in (curve, drag)}),
-        parameters=(), values=torch.zeros(0), standard_errors=torch.zeros(0),
+        parameters=(), values=torch.zeros(0), standard_errors=torch.zeros(0), at_ends=set,
     )  # fmt: skip
 
     def chosen(*effects):

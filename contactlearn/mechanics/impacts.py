@@ -305,6 +305,8 @@ class Impacts:
 
     def __getitem__(self, rows: Int[Tensor, "k"] | Bool[Tensor, "n"] | Sequence[int] | int | slice) -> "Impacts":
         """The trials at `rows` (one index, several, a boolean mask or a slice), in that order."""
+        if isinstance(rows, int) and not -len(self) <= rows < len(self):
+            raise IndexError(f"trial {rows} of {len(self)}")  # which also ends a loop over the trials
         index = self.numbered(rows).reshape(-1).cpu()
         picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
