@@ -25,7 +25,7 @@ from contactlearn.inference.identification.joint import FitOptions, fit
 from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.inference.identification.variance_components import MixedModel, Mixture
 from contactlearn.mechanics.body_state import BodyState
-from contactlearn.mechanics.shapes import Polygon
+from contactlearn.mechanics.shapes import Disc, Polygon
 from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.report.figures.diagnosis import drawn
@@ -238,6 +238,22 @@ def test_a_component_of_a_users_own_is_five_lines():
     assert {*found.names} <= {"slip_scatter", "restitution"}
     with pytest.raises(TypeError, match="Nameless must state its symbol"):
         type("Nameless", (Component,), {"perturb": SlipScatter.perturb})
+
+
+def test_a_component_that_no_trial_shows_is_none():
+    """Vertical drops of a ball have no slip: neither friction nor a contact point can be seen to scatter."""
+    generator = torch.Generator().manual_seed(3)
+    drops = synthetic.load(size=200, shape=Disc(0.03), velocity_noise=0, spin_noise=0, seed=3)
+    speed = 1 + 3 * torch.rand(200, generator=generator, dtype=torch.float64)
+    eps = 0.6 + 0.03 * torch.randn(200, generator=generator, dtype=torch.float64)
+    still = torch.zeros_like(speed)
+    noise = 1e-3 * torch.randn(200, 3, generator=generator, dtype=torch.float64)
+    v_pre, v_post = (torch.stack((still, v, still), -1) for v in (-speed, eps * speed))
+    drops = drops.replace(v_pre=v_pre, v_post=v_post + noise * torch.tensor((1.0, 1.0, 50.0)))
+    model = ContactModel(laws.find("whittaker").at(0.2, 0.6))
+    found = fit_scatter(drops, model)
+    assert found.names == ("restitution",)
+    assert found.deviations[-1].value == pytest.approx(0.03, rel=WITHIN)
 
 
 def test_what_cannot_be_estimated_is_refused():

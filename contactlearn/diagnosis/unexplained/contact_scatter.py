@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.record import Deviations
 from contactlearn.diagnosis.result import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -44,14 +45,17 @@ class ScatterEstimate:
 def contact_scatter(
     impacts: Impacts, model: ContactModel, options: FitOptions, thresholds: Thresholds
 ) -> ScatterEstimate | None:
-    """Estimate the scatter around a model and test it for structure; None of few or of exact data."""
+    """Estimate the scatter around a model and test it for structure; None of few or exact data, or where it fails."""
     some = _with_stated_noise(impacts[impacts.order.argsort(stable=True)[-_TRIALS:]], options)
     if len(some) < MIN_TRIALS:
         return None
     error = mass_error(some, model.base_prediction(some))
     if error.median() <= _EXACT:
         return None
-    scatter = fit_scatter(some, model)
+    try:
+        scatter = fit_scatter(some, model)
+    except ContactLearnError:  # of states so alike that they determine nothing
+        return None
     dependences = screen_deviations(scatter, some, thresholds)
     instrument, floor, sizes = _drawn(some, scatter)
     by_name = {one.name: one for one in scatter.deviations}

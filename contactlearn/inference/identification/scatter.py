@@ -197,7 +197,7 @@ def fit_scatter(
 
     Raises:
         DataError: fewer than `MIN_TRIALS` impacts.
-        ContactLearnError: the model has a learned part, or no law.
+        ContactLearnError: the model has a learned part, or no law, or the impacts determine too little.
     """
     require_impacts(impacts)
     if model.regressor is not None:
@@ -205,6 +205,18 @@ def fit_scatter(
     if len(impacts) < MIN_TRIALS:
         raise DataError(f"{impacts.source}: scatter needs at least {MIN_TRIALS} impacts, got {len(impacts)}")
     candidates = [kind() for kind in COMPONENTS] if components is None else list(components)
+    try:
+        return _fitted(impacts, model, candidates, thresholds)
+    except torch.linalg.LinAlgError as error:  # pyright: ignore[reportPrivateImportUsage]
+        raise ContactLearnError(
+            f"{impacts.source}: the scatter cannot be estimated, for these impacts determine too little: {error}"
+        ) from error
+
+
+def _fitted(
+    impacts: Impacts, model: ContactModel, candidates: Sequence[Component], thresholds: ScatterThresholds
+) -> Scatter:
+    """Search the components, and estimate the best sets anew."""
     problem = _Problem.of(replace(model, scatter={one.name: one for one in candidates}), impacts)
     theta, every = torch.stack([x.mean() for x in model.values]), torch.ones(len(problem.starts), dtype=torch.bool)
     whole = _estimate(problem, theta, every)

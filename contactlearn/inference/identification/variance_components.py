@@ -112,7 +112,11 @@ class MixedModel:
         return 0.5 * (seen - turned.diagonal(dim1=-2, dim2=-1).sum((-1, -2)) + lost), information
 
     def fit(self, start: Float[Tensor, " c"], free: Bool[Tensor, " c"], mixture: Mixture) -> "MixedFit":
-        """Maximise the restricted likelihood over the variances that are `free`; the others are 0."""
+        """Maximise the restricted likelihood over the variances that are `free`; the others are 0.
+
+        So is that of a component which no trial shows, such as the friction of impacts that all stick.
+        """
+        free = free & (self.bases.abs().amax((1, 2, 3)) > 0)
         fit = self.at(torch.where(free, start, 0.0), mixture)
         for _ in range(_ROUNDS):
             mixture = fit.mixture.updated(fit.distance, self.residual.shape[-1])
@@ -131,7 +135,9 @@ class MixedModel:
             return None
         inside = information[rows][:, rows]
         step = torch.zeros_like(gradient)
-        step[rows] = torch.linalg.solve(inside + 1e-9 * torch.diag(inside.diagonal()), gradient[rows])
+        size = inside.diagonal().sqrt()  # of variances in units that differ
+        ridge = 1e-9 * torch.eye(len(rows), dtype=size.dtype)
+        step[rows] = torch.linalg.solve(inside / (size[:, None] * size) + ridge, gradient[rows] / size) / size
         whole = torch.einsum("nij,cnji->cn", fit.inverse, self.bases).mean(-1)  # share of a unit variance
         for length in (1.0, 0.5, 0.25, 0.1, 0.02):
             tried = torch.maximum(fit.variances + length * step, _FASTEST * fit.variances)
