@@ -7,6 +7,7 @@ import pytest
 import torch
 from corruptions import CORRUPTIONS, UNITS, corrupt
 from repetitions import crossed, repeated
+from spatial import in_space
 
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.conventions import compare
@@ -583,3 +584,12 @@ def test_contradictions_are_shares_without_unit():
     heavy = clean.replace(mass=1e3 * clean.mass, inertia=1e3 * clean.inertia)
     assert mistakes(audit(heavy)) == []
     assert compare(heavy).given.total.tolist() == pytest.approx(compare(clean).given.total.tolist(), abs=1e-12)
+
+
+def test_lengths_in_millimetres_beside_a_shape_in_space():
+    ball = in_space(drops(seed=1))
+    assert "shape_unit" not in {one.name for one in audit(ball)}
+    lengths = torch.tensor((1e3, 1e3, 1e3, 1, 1, 1, 1))
+    found, *_ = audit(ball.replace(q=ball.q * lengths, r=1e3 * ball.r, q_post=None, validate=False))
+    assert found.mistake
+    assert "are lengths in mm? say data.units.length=mm" in found.sentence

@@ -417,3 +417,17 @@ def test_a_table_without_places(without, tmp_path):
     frame.assign(**{"x [yd]": 1.0}).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(DataError, match=r"missing column .*x, y.*; not used: 'x \[yd\]'"):  # it may be the place
         table.read(tmp_path / "a.csv", shape=drops.shape)
+
+
+def test_a_name_like_a_reference_is_a_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table.save(synthetic.load(size=30), "x${y}.csv")
+    assert run("contactlearn", "audit", "x${y}.csv", ELLIPSE, cwd=".").startswith("x${y}.csv: 30 impacts")
+
+
+def test_a_column_that_may_be_the_surface_is_pointed_out(tmp_path):
+    frame = synthetic.load(size=30).to_frame().assign(racket_vy=0.5)
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    assert "look at  'racket_vy': if it is the velocity of the surface" in run(
+        "contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE
+    )

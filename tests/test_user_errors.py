@@ -210,3 +210,9 @@ def test_one_index_is_one_trial_and_a_loop_ends():
         LAW.impulse(DROPS.W, DROPS.v_pre)
     with pytest.raises(ContactLearnError, match=r"must be tensors, .* got ndarray \[30, 2, 2\]"):
         LAW.impulse(DROPS.W.numpy(), DROPS.v_c.numpy())
+
+
+def test_a_plugin_that_is_not_installed_is_named():
+    printed = run("train.py", "-m", "hydra/sweeper=nevergrad", "seed=1,2", status=2)
+    assert "hydra/sweeper=nevergrad is not installed" in printed
+    assert "pip install hydra-nevergrad-sweeper" in printed

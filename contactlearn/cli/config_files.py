@@ -239,6 +239,9 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
         in_files = {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
         return str(_unknown(refused[1], _declared(command) | in_files))
     message = " ".join(str(error).partition("Config search path")[0].split())
+    if plugin := re.search(r"Could not find 'hydra/(sweeper|launcher)/(\w+)'", message):
+        kind, name = plugin.groups()
+        return f"hydra/{kind}={name} is not installed, or no {kind} of Hydra's: pip install hydra-{name}-{kind}"
     unread = any(sign in message for sign in ("Unknown function", "no viable alternative", "mismatched input"))
     return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
 

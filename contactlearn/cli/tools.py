@@ -174,7 +174,7 @@ def _source(command: str, words: Sequence[str], path: str | None = None) -> "Sou
             raise ContactLearnError(f"{command} only takes data=… and data.KEY=…, got {word}{_in_data(word)}")
     cfg = compose("evaluate", list(words))
     if path is not None:
-        cfg.data.path = path
+        cfg.data.path = path.replace("${", "\\${")  # a name in a file system, and no reference
     return SourceSettings.from_config(cfg)
 
 

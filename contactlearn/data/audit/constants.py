@@ -14,6 +14,7 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.units import MISWRITTEN
+from contactlearn.data.table.units import UNIT_FACTORS
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 
@@ -92,6 +93,22 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
                 ("ratio", middle), ("contradictions_before", before), ("contradictions_after", after)
             )
             return [Finding(name=name, sentence=sentence, evidence=evidence, correction=name)]
+    return []
+
+
+def shape_findings_in_space(impacts: Impacts) -> list[Finding]:
+    """Find a stated shape whose size differs from the height above the floor by a constant of units, in space."""
+    if impacts.shape is None:
+        return []
+    expected = -contact_points(impacts.shape, impacts.body, impacts.q[:, 3:])[:, 2]
+    middle = (impacts.q[:, 2] / expected).median().item()
+    for length, factor in UNIT_FACTORS["length"].items():
+        if length != "m" and middle > 0 and abs(math.log(middle * factor)) <= _UNIT_AGREES:
+            sentence = (
+                f"heights at contact are {number(middle, 3)} times what the shape gives: are lengths in {length}? say "
+                f"data.units.length={length}, with the shape in m"
+            )
+            return [Finding(name="shape_unit", sentence=sentence, evidence=evidence_of(("ratio", middle)))]
     return []
 
 

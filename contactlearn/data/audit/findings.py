@@ -34,7 +34,7 @@ from dataclasses import replace
 import torch
 
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
-from contactlearn.data.audit.constants import constant_notes, shape_unit_findings, spin_notes
+from contactlearn.data.audit.constants import constant_notes, shape_findings_in_space, shape_unit_findings, spin_notes
 from contactlearn.data.audit.conventions import compare, convention_findings, impossible_findings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
@@ -75,6 +75,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     if impacts.space is SPACE:
         moving = moving_floor_findings(impacts)
         return (
+            *shape_findings_in_space(impacts),
             *moving,
             *findings,
             *order_findings(impacts),
