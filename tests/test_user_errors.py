@@ -214,5 +214,5 @@ def test_one_index_is_one_trial_and_a_loop_ends():
 
 def test_a_plugin_that_is_not_installed_is_named():
     printed = run("train.py", "-m", "hydra/sweeper=nevergrad", "seed=1,2", status=2)
-    assert "hydra/sweeper=nevergrad is not installed" in printed
+    assert "no hydra/sweeper 'nevergrad' is installed; there are basic" in printed
     assert "pip install hydra-nevergrad-sweeper" in printed

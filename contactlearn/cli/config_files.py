@@ -241,7 +241,11 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     message = " ".join(str(error).partition("Config search path")[0].split())
     if plugin := re.search(r"Could not find 'hydra/(sweeper|launcher)/(\w+)'", message):
         kind, name = plugin.groups()
-        return f"hydra/{kind}={name} is not installed, or no {kind} of Hydra's: pip install hydra-{name}-{kind}"
+        installed = message.rpartition(":")[2].split()
+        return (
+            f"no hydra/{kind} {name!r} is installed{suggest(name, installed)}; there are {', '.join(installed)}; "
+            f"others are plugins of Hydra's, such as pip install hydra-{name}-{kind}"
+        )
     unread = any(sign in message for sign in ("Unknown function", "no viable alternative", "mismatched input"))
     return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
 
