@@ -241,7 +241,7 @@ def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
     message = " ".join(str(error).partition("Config search path")[0].split())
     if plugin := re.search(r"Could not find 'hydra/(sweeper|launcher)/(\w+)'", message):
         kind, name = plugin.groups()
-        installed = message.rpartition(":")[2].split()
+        installed = message.rsplit(": ", 1)[-1].split()
         return (
             f"no hydra/{kind} {name!r} is installed{suggest(name, installed)}; there are {', '.join(installed)}; "
             f"others are plugins of Hydra's, such as pip install hydra-{name}-{kind}"
