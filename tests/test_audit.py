@@ -5,7 +5,7 @@ import math
 
 import pytest
 import torch
-from corruptions import CORRUPTIONS, UNITS, corrupt
+from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, UNITS, corrupt, exchanged
 from repetitions import crossed, repeated
 from spatial import in_space
 
@@ -30,6 +30,10 @@ BODIES = {
 LAWS = ["wang_mason", "mirtich", "anitescu_potra_newton", "whittaker"]
 KNOWN = {"shape known": True, "shape unknown": False}
 NOISE = 0.03  # relative: the noise leaves this of the coefficients and factors that are found
+
+
+SYMBOLS = {"vx": "v_x before impact", "vy": "v_y before impact", "omega": "ω before impact"}
+SYMBOLS |= {"vx_post": "v_x after impact", "vy_post": "v_y after impact", "omega_post": "ω after impact"}
 
 
 def drops(body: str = "ellipse", seed: int = 0, size: int = 150, known: bool = True, **options) -> Impacts:
@@ -377,6 +381,34 @@ def test_shuffled_outcomes_are_impossible():
         (finding,) = audit(clean.replace(v_post=clean.v_post[rows]))
         assert (finding.name, finding.fatal, finding.correction) == ("impossible", True, None)
         assert "Do before and after belong to the same trials?" in finding.sentence
+
+
+@pytest.mark.parametrize("pair", [("vx", "vy"), ("vx", "vx_post"), ("vy", "vy_post"), ("omega", "omega_post")])
+def test_two_columns_that_were_mixed_up(monkeypatch, pair):
+    """No correction of axes or units exchanges two columns alone; some make the data look less wrong."""
+    monkeypatch.setitem(CORRUPTIONS_AND_UNITS, "columns", exchanged(pair))
+    finding, *_ = audit(corrupt(drops(size=300), "columns"))
+    assert (finding.name, finding.fatal, finding.correction) == ("exchanged_columns", True, None)
+    first, second = (SYMBOLS[column] for column in pair)
+    assert finding.sentence.startswith(f"{first} and {second} are exchanged: ")
+
+
+@pytest.mark.parametrize(("component", "symbol"), [*enumerate(("v_x", "v_y", "ω"))])
+def test_outcomes_that_nobody_measured(component, symbol):
+    impacts = drops(size=100)
+    v_post = impacts.v_post.clone()
+    v_post[:, component] = 0.0
+    finding, *_ = audit(impacts.replace(v_post=v_post))
+    assert (finding.name, finding.fatal) == ("outcome_not_measured", True)
+    assert f"{symbol} after impact is 0 in all 100 trials" in finding.sentence
+
+
+def test_a_restitution_of_zero_is_an_outcome():
+    """A disc that stays on the floor has v_y⁺ = 0 in every trial."""
+    body = drops("disc", size=100)
+    v_post = body.v_post.clone()
+    v_post[:, 1] = 0.0
+    assert not [finding for finding in audit(body.replace(v_post=v_post)) if finding.name == "outcome_not_measured"]
 
 
 def test_duplicates():

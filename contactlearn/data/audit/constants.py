@@ -1,4 +1,4 @@
-"""Columns without a measurement: the same value in every trial, a spin that nobody measured, a shape in another unit.
+"""Columns without a measurement: one value in every trial, outcomes that nobody measured, a shape in another unit.
 
 They are looked for before anything else is asked of the data, since a constant shows no dependence, and zeros for a
 spin contradict every impulse that turns the body.
@@ -67,6 +67,28 @@ def spin_notes(impacts: Impacts) -> list[Finding]:
     evidence = evidence_of(("moment", moment.abs().median().item(), "rad/s"))
     name = "spin_not_measured"
     return [Finding(name=name, sentence=sentence, evidence=evidence, correction="spin_from_moments", mistake=False)]
+
+
+def unmeasured_findings(impacts: Impacts) -> list[Finding]:
+    """Find velocities after impact that are one number in all trials though nothing before it is; fatal.
+
+    A spin that is one number before impact, too, is that of `spin_notes`; v_y⁺ = 0 of a centre above its contact is a
+    restitution of zero.
+    """
+    found = []
+    for k, (name, unit) in enumerate((("v_x", "m/s"), ("v_y", "m/s"), ("ω", "rad/s"))):
+        plastic = k == 1 and _same(impacts.r[:, 0], impacts.r)
+        if plastic or not _same(impacts.v_post[:, k], impacts.v_post) or _same(impacts.v_pre[:, k], impacts.v_pre):
+            continue
+        value = impacts.v_post[0, k].item() + 0.0
+        sentence = (
+            f"{name} after impact is {number(value, 3)} in all {len(impacts)} trials, though {name} before impact "
+            f"varies: it was not measured, and no law can be compared with it. Is the outcome in another column? Say "
+            "which with data.columns"
+        )
+        evidence = evidence_of(("value", value, unit), ("trials", float(len(impacts))))
+        found.append(Finding(name="outcome_not_measured", sentence=sentence, evidence=evidence, fatal=True))
+    return found
 
 
 def shape_unit_findings(impacts: Impacts) -> list[Finding]:

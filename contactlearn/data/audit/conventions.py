@@ -11,6 +11,7 @@ Constants of units come before constants of bodies: where a known unit explains 
 is fitted to them, it is the unit.  Last comes a floor that is inclined by any angle, beyond what an effect describes.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,6 +64,8 @@ _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that i
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 _LEFT = 0.15  # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
+_EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
+_VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
 _DEPTH = 4  # corrections at once: no table that anybody brought had more than three
 _SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
 _BESIDE = 2  # other corrections that a rare unit may come with
@@ -387,3 +390,33 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
         ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()
     )
     return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]
+
+
+def exchanged_findings(comparison: ConventionComparison) -> list[Finding]:
+    """Two columns of velocities that were mixed up: their exchange closes what no other hypothesis does; fatal."""
+    best, impacts = comparison.best, comparison.given.impacts
+    velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
+    exchanges = []
+    for pair in itertools.combinations(range(velocities.shape[-1]), 2):
+        order = [*range(velocities.shape[-1])]
+        order[pair[0]], order[pair[1]] = reversed(pair)
+        v_pre, v_post = velocities[:, order].split(3, -1)
+        exchanged = impacts.replace(validate=False, v_pre=v_pre, v_post=v_post)
+        names = tuple(_VELOCITIES[k] for k in pair)
+        exchanges.append(Hypothesis(names=names, impacts=exchanged, thresholds=best.thresholds))
+    exchange = min(exchanges, key=lambda tried: tried.score)
+    clearly = exchange.score < _EXCHANGED * best.score and _sigmas(best.total - exchange.total) > _SIGMAS
+    if not exchange.closed or not clearly:
+        return []
+    first, second = exchange.names
+    sentence = (
+        f"{first} and {second} are exchanged: with these two columns mixed up the contradictions per trial fall from "
+        f"{comparison.given.score:.2f} to {exchange.score:.2f}, and under the best of {comparison.tried} hypotheses "
+        f"about units and axes ({best}) to {best.score:.2f} alone; name the columns the other way round (data.columns)"
+    )
+    evidence = evidence_of(
+        ("contradictions_before", comparison.given.score),
+        ("contradictions_after", exchange.score),
+        ("contradictions_otherwise", best.score),
+    )
+    return [Finding(name="exchanged_columns", sentence=sentence, evidence=evidence, fatal=True)]

@@ -19,6 +19,8 @@
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
+    exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
+    outcome_not_measured      a velocity after impact that is one number while that before it varies: fatal
     constant_columns          columns with one value, and what they cannot show: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
@@ -34,8 +36,19 @@ from dataclasses import replace
 import torch
 
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
-from contactlearn.data.audit.constants import constant_notes, shape_findings_in_space, shape_unit_findings, spin_notes
-from contactlearn.data.audit.conventions import compare, convention_findings, impossible_findings
+from contactlearn.data.audit.constants import (
+    constant_notes,
+    shape_findings_in_space,
+    shape_unit_findings,
+    spin_notes,
+    unmeasured_findings,
+)
+from contactlearn.data.audit.conventions import (
+    compare,
+    convention_findings,
+    exchanged_findings,
+    impossible_findings,
+)
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
@@ -94,8 +107,11 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     spins = spin_notes(sound)
     sound = correct(sound, [one.correction for one in spins if one.correction])
     first += spins
+    unmeasured = unmeasured_findings(sound)
+    if unmeasured:
+        return (*unmeasured, *findings, *first, *notes)
     comparison = compare(_subsample(sound), thresholds)
-    fatal = impossible_findings(comparison, thresholds)
+    fatal = exchanged_findings(comparison) or impossible_findings(comparison, thresholds)
     if fatal:
         return (*fatal, *findings, *first, *order_findings(sound), *notes)
     corrected = convention_findings(comparison)
