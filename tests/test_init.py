@@ -144,6 +144,11 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
             id="in space",
         ),
         pytest.param(
+            ["time", *(f"{body}_{name}" for body in ("puck", "mallet") for name in ("x", "y", "theta"))],
+            {"body": OPEN, "shape": OPEN},
+            id="two bodies",
+        ),
+        pytest.param(
             ["t", "x1", "y1", "x2", "y2", "x3", "y3"],
             {"columns.markers": [["x1", "y1"], ["x2", "y2"], ["x3", "y3"]], "shape": None},
             id="markers",

@@ -5,7 +5,7 @@ required setting that the names do not state is left open.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import is_motive, recording_files
+from contactlearn.data.recordings.readers.columns import bodies_in_names
 from contactlearn.data.table.columns import (
     COMPUTED,
     NO_SPIN,
@@ -41,7 +42,8 @@ _MEANINGS = {
     "theta": "of the body, counter-clockwise", "vx": "to the right", "vy": "up", "omega": "counter-clockwise",
     "rx": "contact point minus centre of mass, to the right", "ry": "contact point minus centre of mass, up",
 }  # fmt: skip
-_FRAME = ("time", "x", "y", "z", "theta", "qw", "qx", "qy", "qz", "recording")
+_POSE = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
+_FRAME = ("time", *_POSE, "recording")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +82,14 @@ def propose(path: Path) -> FileContents:
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
     if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
-        return FileContents(source="tracks", settings=tuple(_body(path, [])))
+        return FileContents(source="tracks", settings=(*_body(path),))
     cells = table.preview(first)
     space, impacts = recognised_columns(cells.header)
     frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
+    bodies = {} if markers or "x" in frames.names else bodies_in_names(cells.header, _POSE)
+    if bodies:
+        ours = {name: column for names in bodies.values() for name, column in names.items()}
+        frames = recognise([*dict.fromkeys(ours.get(name, name) for name in cells.header)], _frame_units())
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
@@ -98,7 +104,7 @@ def propose(path: Path) -> FileContents:
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
-        return FileContents(source="tracks", settings=(*_body(path, markers), *_layout(frames, markers)))
+        return FileContents(source="tracks", settings=(*_body(path, markers, bodies), *_layout(frames, markers)))
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
@@ -191,9 +197,11 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")
 
 
-def _body(path: Path, markers: Sequence[Sequence[str]]) -> Iterator[Setting]:
-    """The settings that every recording needs."""
+def _body(path: Path, markers: Sequence[Sequence[str]] = (), bodies: Iterable[str] = ()) -> Iterator[Setting]:
+    """The settings that every recording needs, of one of several bodies where the names of columns have them."""
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")
+    if bodies:
+        yield Setting(name="body", value=OPEN, comment=f"{' or '.join(bodies)}, as in names of columns")
     yield Setting(name="mass", value=OPEN, comment="of the body, kg")
     hull = "null: the convex hull of its markers; " if len(markers) > 2 else ""
     yield Setting(name="shape", value=None if hull else OPEN, comment=f"of the body, {hull}{_SHAPE}")

@@ -9,7 +9,7 @@ An empty cell is a coordinate that the tracker lost.
 
 import re
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
@@ -131,22 +131,29 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
         DataError: it is not stated which body.
     """
     known = [*layout.position, *layout.quaternion, *([] if layout.angle is None else [layout.angle])]
-    if layout.markers or {*layout.position[:2]} <= {*table.columns}:
-        return table
-    named: dict[str, dict[str, str]] = {}  # our name by that of the file, of each body
-    for column in map(str, table.columns):
-        for name in known:
-            start, end = (
-                re.fullmatch(rf"{re.escape(name)}[_ .:-]?(.+)", column),
-                re.fullmatch(rf"(.+?)[_ .:-]?{re.escape(name)}", column),
-            )
-            for match in (start, end):
-                if match:
-                    named.setdefault(match[1], {})[column] = name
-    bodies = {body: names for body, names in named.items() if {*layout.position[:2]} <= {*names.values()}}
-    if len(bodies) < 2:
+    bodies = {} if layout.markers else bodies_in_names([*map(str, table.columns)], known)
+    if not bodies:
         return table
     return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
+
+
+def bodies_in_names(header: Sequence[str], known: Sequence[str]) -> dict[str, dict[str, str]]:
+    """For each of several bodies, our names of columns by those of the file, such as x_red, y_red, x_blue and y_blue.
+
+    Args:
+        header: names in the file.
+        known: our names of a body's columns, the two of its position first.
+    """
+    if {*known[:2]} <= {*header}:
+        return {}
+    named: dict[str, dict[str, str]] = {}
+    for column, name in product(header, known):
+        start = re.fullmatch(rf"{re.escape(name)}[_ .:-]?(.+)", column)
+        end = re.fullmatch(rf"(.+?)[_ .:-]?{re.escape(name)}", column)
+        for match in filter(None, (start, end)):
+            named.setdefault(match[1], {})[column] = name
+    bodies = {body: names for body, names in named.items() if {*known[:2]} <= {*names.values()}}
+    return bodies if len(bodies) > 1 else {}
 
 
 def _rows_of_body(place: str, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
