@@ -129,6 +129,14 @@ def test_a_unit_is_named_beside_a_wrong_inertia(name):
     assert corrections(found) == [name]
 
 
+def test_a_unit_beside_a_hollow_ball_that_was_taken_for_a_solid_one():
+    """The two together look like one inertia, 0.14 of the stated one, by the moments; slips tell them apart."""
+    impacts = corrupt(drops("disc", size=180), "rpm_omega")
+    (finding, *others) = audit(impacts.replace(inertia=impacts.inertia * 0.75))
+    assert finding.correction == "rpm_omega"
+    assert not [one for one in others if one.correction == "inertia_scaled"]
+
+
 def test_no_inertia_beyond_that_of_a_hoop_is_proposed():
     clean = drops("disc", 1)
     small = clean.replace(inertia=clean.inertia / 1.9)

@@ -8,6 +8,7 @@ import shlex
 from itertools import takewhile
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from commands import run
@@ -425,9 +426,34 @@ def test_a_name_like_a_reference_is_a_name(tmp_path, monkeypatch):
     assert run("contactlearn", "audit", "x${y}.csv", ELLIPSE, cwd=".").startswith("x${y}.csv: 30 impacts")
 
 
+@pytest.mark.parametrize("names", [("racket_vx", "racket_vy"), ("Racket vx [mm/s]", "v_y of floor [cm/s]")])
+def test_velocities_are_made_relative_to_a_moving_surface(names):
+    drops = synthetic.load(size=30)
+    surface = np.linspace(-1.0, 1.0, 30)
+    frame = drops.to_frame()
+    for name, column, factor in zip(names, ("vx", "vy"), (1e3, 1e2) if "[" in names[0] else (1, 1), strict=True):
+        frame[name] = factor * surface
+        frame[column] += surface
+        frame[f"{column}_post"] += surface
+    units = {"length": "m"}
+    found = table.read(frame, shape=drops.shape, units=units)
+    torch.testing.assert_close(found.impacts.v_pre, drops.v_pre)
+    torch.testing.assert_close(found.impacts.v_post, drops.v_post)
+    assert any("velocities relative to the surface" in line for line in found.read_as)
+    assert not found.unused
+
+
+def test_a_surface_that_another_velocity_has_after_contact():
+    drops = synthetic.load(size=30)
+    frame = drops.to_frame().assign(racket_vy=0.5, racket_vy_post=0.25)
+    found = table.read(frame, shape=drops.shape)
+    torch.testing.assert_close(found.impacts.v_pre[:, 1], drops.v_pre[:, 1] - 0.5)
+    torch.testing.assert_close(found.impacts.v_post[:, 1], drops.v_post[:, 1] - 0.25)
+
+
 def test_a_column_that_may_be_the_surface_is_pointed_out(tmp_path):
-    frame = synthetic.load(size=30).to_frame().assign(racket_vy=0.5)
+    frame = synthetic.load(size=30).to_frame().assign(racket_speed=0.5)
     frame.to_csv(tmp_path / "a.csv", index=False)
-    assert "look at  'racket_vy': if it is the velocity of the surface" in run(
+    assert "look at  'racket_speed': if it is the velocity of the surface" in run(
         "contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE
     )

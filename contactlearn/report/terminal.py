@@ -16,6 +16,7 @@ from rich.text import Text
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
+from contactlearn.data.table.descriptions import SURFACES
 from contactlearn.data.table.names import name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text import NO_INTERVAL, correct_setting, join_words, measured, phrase, sentence
@@ -39,7 +40,6 @@ _COMPUTED = {
     "inertia": "the inertia from the shape and the mass, at uniform density",
     "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
 }
-_SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
 _MOST = 20  # runs in the table of a sweep
 _WIDEST = 5  # settings in it
 
@@ -250,7 +250,7 @@ def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequen
         )
     for name in unused:
         words = {*name_words(name)}
-        if words & _SURFACES and words & {"v", "vx", "vy", "vz", "velocity", "speed"}:
+        if words & SURFACES and words & {"v", "velocity", "speed"}:
             print_line(
                 f"look at  {name!r}: if it is the velocity of the surface, subtract it from those of the body before "
                 "and after contact, for tables are of a surface at rest"

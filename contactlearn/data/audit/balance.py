@@ -116,7 +116,7 @@ def _consistent_note(fit: Balance) -> Finding:
     elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):
         closes = (
             "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
-            "velocities, a wrong inertia, or something after contact)"
+            "velocities, a floor that is not level, a wrong inertia, or something after contact)"
         )
     else:
         closes = "closes"

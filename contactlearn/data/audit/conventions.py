@@ -195,17 +195,26 @@ def _inclined(given: Hypothesis) -> list[Hypothesis]:
 def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> ConventionComparison:
     """The best of accepted hypotheses: one without a fitted number if it is nearly as good as the others."""
     least = min(accepted, key=lambda h: h.score)
-    margin = _UNIT_MARGIN if "inertia_scaled" in least.names else 0.0
     known = [
         h
         for h in accepted
-        if not _FITTED.intersection(h.names) and h.score < least.score + (margin if h.fits else 0.0) + _INDISTINCT
+        if not _FITTED.intersection(h.names) and h.score < least.score + _margin(h, least) + _INDISTINCT
     ]
     new = min(known or accepted, key=lambda h: h.score)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
     equal = [h for h in equal if h.fits] or equal  # 3.6 and 1/0.3048 differ by less than an effect may
     best, *equals = sorted(equal, key=lambda h: (len(h.names), [*map([*CORRECTIONS].index, h.names)]))
     return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
+
+
+def _margin(unit: Hypothesis, least: Hypothesis) -> float:
+    """Contradictions that a unit may leave beyond those of an inertia that is preferred to it otherwise.
+
+    What it leaves of the moments alone, as of a hollow ball that was taken for a solid one, is a wrong inertia too.
+    """
+    if "inertia_scaled" not in least.names:
+        return 0.0
+    return _UNIT_MARGIN if unit.fits else max(0.0, unit.means()["moment"] - least.means()["moment"])
 
 
 def _better(new: Hypothesis, given: Hypothesis) -> bool:

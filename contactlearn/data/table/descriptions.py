@@ -3,10 +3,12 @@
     two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
     speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
     quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
+    a racket, club or floor       vx, vy, racket_vx, racket_vy     velocities are made relative to it
 
 Heights of drop and rebound, or speeds alone, are refused: they have neither friction nor spin.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -26,6 +28,9 @@ _CLEARLY = 3  # times less spread of the floor, with which a quaternion is read;
 _SEEN = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
 _TURNING = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
+SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
+"""Words for what a body hits, in names of columns."""
+_SURFACE = re.compile(rf"[_ .:-]*(?:{'|'.join(sorted(SURFACES))})[_ .:-]*", re.IGNORECASE)
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -50,10 +55,11 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings, or that of
             bounces along the normal alone.
     """
-    chosen = {str(name) for name in (mapped or {}).values()} if isinstance(mapped, dict) else set[str]()
+    chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     phase = phase_column(cells)
     cells = cells if phase is None else _paired(cells, phase)
-    return _by_components(_with_quaternion(cells, chosen, shape, units, asked=asked), units, chosen)
+    cells = _by_components(_with_quaternion(cells, chosen, shape, units, asked=asked), units, chosen)
+    return _relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {})
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -215,6 +221,36 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
             del columns[header.index(name)]
             header.remove(name)
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, "velocities by speed and angle"))
+
+
+def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+    """The table with velocities relative to a racket, club or floor whose own velocity stands in it."""
+    moving = {name: _SURFACE.sub("", name) for name in cells.header if SURFACES.intersection(name_words(name))}
+    for name in mapped.values():
+        moving.pop(str(name), None)
+    surface = recognised_columns([*moving.values()])[1]
+    by_bare = {bare: name for name, bare in moving.items()}
+    own = recognised_columns([name for name in cells.header if name not in moving])[1]
+    names = {**own.names, **{ours: name for ours, name in mapped.items() if name in cells.header}}
+    columns, used = [*cells.columns], dict[str, None]()
+    for column in ("vx", "vy", "vz"):
+        for end in ("", "_post"):
+            source = f"{column}{end}" if f"{column}{end}" in surface.names else column
+            if source not in surface.names or f"{column}{end}" not in names:
+                continue
+            name, moved = names[f"{column}{end}"], by_bare[surface.names[source]]
+            units_of = [Units(units.stated, known.units) for known in (own, surface)]
+            factors = [known.factor(one) for known, one in zip(units_of, (f"{column}{end}", source), strict=True)]
+            velocity = cells.numbers(moved, units_of[1].text(source), factors[1] / factors[0])
+            place = cells.header.index(name)
+            columns[place] = cells.numbers(name, units_of[0].text(f"{column}{end}")) - velocity
+            used[moved] = None
+    if not used:
+        return cells
+    said = f"velocities relative to the surface: {' and '.join(map(repr, used))} taken off before and after contact"
+    kept = [k for k, name in enumerate(cells.header) if name not in used]
+    header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
+    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
 
 
 def _directed(known: Recognised, end: str = "") -> str | None:
