@@ -17,6 +17,7 @@ from contactlearn.data.headers import propose
 from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.simulation import synthetic
 
@@ -320,13 +321,50 @@ def test_speed_and_angle(frame):
         table.read(polar.rename(columns=lambda name: name.replace("angle from floor", "direction")), **BODY)
 
 
-@pytest.mark.parametrize("names", [("v_in", "v_out"), ("drop height [m]", "rebound height [m]"), ("h", "h'")], ids=str)
-def test_bounces_along_the_normal_are_refused_in_a_line(tmp_path, names):
+@pytest.mark.parametrize(
+    ("names", "speeds"),
+    [
+        pytest.param(("v_in", "v_out"), (1.0, 1.0), id="speeds"),
+        pytest.param(("drop height [m]", "rebound height [m]"), (0.5, 0.5), id="heights"),
+        pytest.param(("h", "h'"), (0.5, 0.5), id="h"),
+        pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
+    ],
+)
+def test_bounces_along_the_normal(tmp_path, names, speeds):
+    """A disc without slip and spin: heights are those of falls in vacuum."""
+    speed = np.array([[1.0, 2.0, 3.0], [0.8, 1.5, 2.2]])
+    values = [v if power == 1.0 else v**2 / (2 * GRAVITY) for v, power in zip(speed, speeds, strict=True)]
     path = tmp_path / "drops.csv"
-    pd.DataFrame({name: [1.0, 2.0, 3.0] for name in names}).to_csv(path, index=False)
-    for call in (table.read, propose):
-        with refused([f"{names[0]!r}", f"{names[1]!r}", "bounces along the normal alone", "not read yet"]):
-            call(path)
+    pd.DataFrame(dict(zip(names, values, strict=True))).to_csv(path, index=False)
+    found = table.read(path, shape={"kind": "disc", "radius": 0.02}, mass=0.1)
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1], -speed[0])
+    np.testing.assert_allclose(found.impacts.v_post[:, 1], speed[1])
+    assert not found.impacts.v_pre[:, ::2].any()
+    assert not found.impacts.v_post[:, ::2].any()
+    assert {"slip", "spin", "orientation", "place", "r"} <= {*found.computed}
+    open_settings = [setting.name for setting in propose(path).settings if setting.value == "???"]
+    assert open_settings == ["mass", "shape"]
+
+
+def test_a_spin_that_nobody_measured_is_that_of_the_moments():
+    """A disc that does not spin before contact is read exactly without its spins and angle."""
+    drops = synthetic.load(size=30, shape={"kind": "disc", "radius": 0.03})
+    frame = drops.to_frame().assign(omega=0.0)
+    P = drops.mass[:, None] * (drops.v_post - drops.v_pre)[:, :2]
+    omega = (drops.r[:, 0] * P[:, 1] - drops.r[:, 1] * P[:, 0]) / drops.inertia
+    missing = frame.drop(columns=["omega", "omega_post", "theta", "rx", "ry"])
+    found = table.read(missing, shape=drops.shape)
+    torch.testing.assert_close(found.impacts.v_post[:, 2], omega)
+    torch.testing.assert_close(found.impacts.v_post[:, :2], drops.v_post[:, :2])
+    assert not found.impacts.v_pre[:, 2].any()
+    # Columns that may be what is missing are asked for, as is the angle of another body.
+    for other in ("spin rate [yd]", "angular"):
+        with refused(["missing column", "omega"]):
+            table.read(missing.assign(**{other: 1.0}), shape=drops.shape)
+    with refused(["missing column theta"]):
+        table.read(missing, shape={"kind": "ellipse", "semi_axes": [0.02, 0.01]})
+    with refused(["missing column", "vx, vx_post"]):
+        table.read(missing.drop(columns=["vx", "vx_post"]).assign(**{"horizontal [yd]": 1.0}), shape=drops.shape)
 
 
 def in_space(last: bool, *, positive: bool = False, numbered: bool = True) -> tuple[pd.DataFrame, torch.Tensor]:

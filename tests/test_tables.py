@@ -219,7 +219,6 @@ BAD_HEADER = {
         ["data.columns={vx: vxx, omega: omega_b, omega_post: omega_pots, vy: …}'"]),
     "two of one meaning": ({"x": "x_mm", "vx_post": "X [cm]"}, SHAPE,
         ["column x may be 'x_mm' or 'X [cm]'", "data.columns={x: x_mm}"]),
-    "no spin": ({"omega": None, "omega_post": None}, SHAPE, ["has no spin (omega", "zeros in place of it"]),
     "units that half of the columns state": ({"x": "x [mm]"}, SHAPE,
         ["'x [mm]' is in mm", "data.units.length=mm if these are too", "data.units.length=m if they are in m"]),
 }  # fmt: skip

@@ -17,7 +17,6 @@ from contactlearn.data.recordings.readers import is_motive, recording_files
 from contactlearn.data.recordings.readers.columns import bodies_in_names
 from contactlearn.data.table.columns import (
     COMPUTED,
-    NO_SPIN,
     columns_of,
     computed_fields,
     recognised_columns,
@@ -93,14 +92,6 @@ def propose(path: Path) -> FileContents:
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
-        spin = [column for column in space.components["v_pre"] if column[0] in "ow"]
-        others = {*space.components["v_pre"], *space.components["v_post"]} - {*spin, *(f"{one}_post" for one in spin)}
-        if (
-            others <= {*impacts.names}
-            and not impacts.others
-            and not {*spin, *(f"{column}_post" for column in spin)} & {*impacts.names}
-        ):
-            raise DataError(f"{first}: {NO_SPIN.format(spin=', '.join(spin))}")
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
@@ -151,8 +142,9 @@ def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
     if "inertia" in known.others:  # one for all axes
         lacking = [column for column in lacking if column not in SPACE.inertia]
     fields = computed_fields(space, lacking, known.others)
+    shaped = {"inertia", "r"} & {*fields}
+    fields = [field for field in fields if field != "orientation" or "r" in fields]  # a disc may be stated
     computed = [column for field in fields for column in COMPUTED[space][field]]
-    shaped = {*fields} - {"place"}
     units = Units(SI, known.units)
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")
     if "mass" in lacking:

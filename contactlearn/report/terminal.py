@@ -38,6 +38,10 @@ _MANY = 20  # trials from which on standard errors cover what they should
 _COMPUTED = {
     "r": "contact points from the shape and orientation (rad and counter-clockwise, unless data.units says otherwise)",
     "inertia": "the inertia from the shape and the mass, at uniform density",
+    "orientation": "no orientation, which a disc does not need: nothing is seen to depend on it",
+    "spin": "the spin, which nobody measured: 0 before impact, and after it what the moment of the impulse makes; "
+    "friction and slip are those of bodies that did not spin",
+    "slip": "no velocity along the floor: bounces along the normal show restitution alone",
     "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
 }
 _MOST = 20  # runs in the table of a sweep

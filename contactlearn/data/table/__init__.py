@@ -62,7 +62,7 @@ from contactlearn.mechanics.bodies import (
     shapes_among,
 )
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Shape, require_dimension
+from contactlearn.mechanics.shapes import Disc, Shape, require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 if TYPE_CHECKING:
@@ -194,7 +194,8 @@ def read_blocks(
     read, left, bodies = 0, False, dict[str, None]()
     for cells in _sheets(path, rows):
         cells = restated(cells, known_units, columns, known_shape)
-        named = name_columns(cells, columns, known_units, shaped=known_shape is not None, stated=[*numbers])
+        shaped, turning = known_shape is not None, not _all_discs(known_shape)
+        named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*numbers])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
@@ -209,6 +210,10 @@ def read_blocks(
         raise DataError(f"{source}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
         check_body_names(known_shape, bodies, source)
+
+
+def _all_discs(shape: AnyShape | None) -> bool:
+    return shape is not None and all(isinstance(one, Disc) for one in shapes_among(shape).values())
 
 
 def _source(path: "str | os.PathLike[str] | DataFrame") -> str:
@@ -281,10 +286,10 @@ def _impacts(
         raise DataError(
             f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
         )
-    absent = COMPUTED[space]["place"] if "place" in named.computed else ()  # 0; the height is that of the contact point
+    absent = [name for field in named.computed if field not in ("inertia", "r") for name in COMPUTED[space][field]]
     for field, names in space.components.items():
         names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
-        if names[-1] in cells.header:
+        if names[-1] in (*cells.header, *absent):
             zeros = torch.zeros(len(cells), dtype=torch.float64)
             stacked = torch.stack([zeros if name in absent else _numbers(cells, name, units) for name in names], -1)
             values[field] = stacked[:, 0] if len(names) == 1 else stacked
@@ -295,8 +300,11 @@ def _impacts(
     }
     if shape is not None:
         values |= _computed(cells.path, named.computed, shape, values)
-    if absent:
+    if "place" in named.computed:
         values["q"][:, space.d - 1] = -values["r"][:, space.d - 1]
+    if "spin" in named.computed:
+        P = values["mass"][:, None] * (values["v_post"] - values["v_pre"])[:, :2]
+        values["v_post"][:, 2] = (values["r"][:, 0] * P[:, 1] - values["r"][:, 1] * P[:, 0]) / values["inertia"]
     source, apparatus = str(cells.path), apparatus_of(cells)
     try:
         return Impacts(**values, shape=shape, source=source, validate=validate, apparatus=apparatus)

@@ -84,16 +84,18 @@ def required_in(space: Space) -> tuple[str, ...]:
     return tuple(column for field, columns in fields if field not in OPTIONAL for column in columns)
 
 
-NO_SPIN = (
-    "has no spin ({spin}, before and after contact), without which moments do not balance and friction is not told "
-    "from rolling; such tables are not read yet, and zeros in place of it would be wrong"
-)
-"""Of a table in which all else is there."""
-
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
 COMPUTED = {space: {"inertia": space.inertia, "r": space.position, "place": space.pose[: space.d]} for space in BOTH}
-"""Columns by the space and by what they fill, that a known shape may replace; a place needs r alone."""
+COMPUTED[PLANE] |= {"orientation": ("theta",), "spin": ("omega", "omega_post"), "slip": ("vx", "vx_post")}
+"""Columns by the space and by what they fill, that a table may lack.
 
+A known shape replaces inertia and r.  The height follows of r, no orientation is that of a disc, a spin that was not
+measured of the moments, and bounces along the normal alone have no slip.
+"""
+
+_SPINS = {"omega", "ω", "spin", "rotation", "angular", "rpm", "w", "rot", "dtheta"}
+_SPEEDS = {"v", "vx", "velocity", "speed", "vel", "tangential", "slip", "u", "dx", "horizontal"}
+_ANGLES = {"theta", "θ", "phi", "φ", "angle", "orientation", "attitude", "rotation"}
 _NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
 _FEW = 4  # missing columns up to which all that are known are listed
@@ -125,10 +127,18 @@ def recognised_columns(header: Sequence[str], mapped: Collection[str] = ()) -> t
 
 
 def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str]) -> tuple[str, ...]:
-    """Return the fields of `COMPUTED` all of whose columns a table lacks; no place if an unused column may be one."""
+    """Return the fields of `COMPUTED` all of whose columns a table lacks; none that an unused column may be.
+
+    Nobody measured a spin if the normal velocities are there, and no slip if there is no spin either.
+    """
     fields = [field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking}]
-    placed = any({"x", "y", "z"} & {*name_words(name)} for name in unused)
-    return tuple(field for field in fields if field != "place" or not placed)
+    words = {word for name in unused for word in name_words(name)}
+    if {"vy", "vy_post"} & {*lacking} or words & _SPINS:
+        fields = [field for field in fields if field not in ("spin", "slip")]
+    if "spin" not in fields or words & {"x", *_SPEEDS}:
+        fields = [field for field in fields if field != "slip"]
+    doubtful = {"place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
+    return tuple(field for field in fields if not doubtful.get(field))
 
 
 def name_columns(
@@ -137,6 +147,7 @@ def name_columns(
     units: Units,
     *,
     shaped: bool,
+    turning: bool = True,
     stated: Sequence[str] = (),
 ) -> NamedColumns:
     """Rename the columns of a table to ours.
@@ -146,6 +157,7 @@ def name_columns(
         mapped: the file's column by ours, None where the file has none.
         units: as settings state them.
         shaped: whether the body's shape is known.
+        turning: whether the contact point depends on the orientation, as it does unless all bodies are discs.
         stated: our columns for which a setting states one number.
 
     Raises:
@@ -175,7 +187,8 @@ def name_columns(
         ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
         lacking = [column for column in lacking if column not in SPACE.inertia]
     computed = computed_fields(space, lacking, unused)
-    given = [field for field in computed if shaped or (field == "place" and "r" not in computed)]
+    given = [field for field in computed if shaped or (field not in ("inertia", "r") and "r" not in computed)]
+    given = [field for field in given if field != "orientation" or not turning]
     spared = {column for field in given for column in COMPUTED[space][field]}
     needed = [column for column in lacking if column not in spared]
     free = [column for column in every if column not in ours and column not in names and column not in stated]
@@ -285,9 +298,6 @@ def _missing(
 ) -> str:
     """Describe which columns are missing, which look like them, and how to map their names."""
     lacking = [column for column in needed if column not in slips.values()]
-    spin = [column for column in space.velocity if column[0] in "ow"]
-    if {*spin, *(f"{column}_post" for column in spin)} <= {*needed} and not {*space.velocity[:2]} & {*needed}:
-        return NO_SPIN.format(spin=", ".join(spin))
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _FEW or not unused
     other = f"{len(lacking)} columns are missing, or have other names than ours"
@@ -301,7 +311,10 @@ def _missing(
     if slips and not {*slips.values()} & {*needed}:
         parts.append(f"or {{{next(iter(slips.values()))}: null}} that it has none")
     if given := [column for field in computed for column in COMPUTED[space][field] if column in lacking]:
-        parts.append(f"or state the body's shape, data.shape={{kind: …}}, from which {', '.join(given)} are computed")
+        disc = " of a disc" if given == ["theta"] else ""
+        parts.append(
+            f"or state the body's shape{disc}, data.shape={{kind: …}}, from which {', '.join(given)} are computed"
+        )
     if "mass" in lacking:
         parts.append("or state the mass of every body in kg, data.mass=…")
     plain = [column for column in columns_of(space) if not column.startswith(("cov_", "apparatus_"))]

@@ -1,11 +1,12 @@
 """Other descriptions of the same impact, as columns that the reader knows.
 
-    two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
-    speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
-    quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
-    a racket, club or floor       vx, vy, racket_vx, racket_vy     velocities are made relative to it
+two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
+speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
+quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
+a racket, club or floor       vx, vy, racket_vx, racket_vy     velocities are made relative to it
+bounces along the normal      drop height, rebound height      or v_in, v_out: without slip and spin
 
-Heights of drop and rebound, or speeds alone, are refused: they have neither friction nor spin.
+Heights are those of falls in vacuum.
 """
 
 import re
@@ -21,6 +22,7 @@ from contactlearn.data.table.names import OTHERS, Recognised, name_words, time_o
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import SPACE
 
@@ -52,8 +54,7 @@ def restated(
         asked: whether a quaternion that may begin or end with its scalar is refused, or left open.
 
     Raises:
-        DataError: a trial without its row before or after contact, or a description that has two readings, or that of
-            bounces along the normal alone.
+        DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     phase = phase_column(cells)
@@ -188,18 +189,7 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     if {"vx", "vy", "vx_post", "vy_post"} & {*known.names} or not {"speed", "height"} & {*known.names}:
         return cells
     if "speed" not in known.names or "speed_post" not in known.names or not _directed(known):
-        names = [
-            known.names[one]
-            for column in ("height", "speed")
-            for one in (column, f"{column}_post")
-            if one in known.names
-        ]
-        if not {"height_post", "speed_post"} & {*known.names}:
-            return cells
-        raise DataError(
-            f"{cells.path}: {' and '.join(map(repr, names))} describe bounces along the normal alone, without slip and "
-            "spin; such tables are not read yet: vx, vy and omega are needed, before and after contact"
-        )
+        return _along_normal(cells, known, units)
     header, columns = [*cells.header], [*cells.columns]
     sheet_units = Units(units.stated, known.units)
     for end, sign in (("", -1.0), ("_post", 1.0)):
@@ -221,6 +211,28 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
             del columns[header.index(name)]
             header.remove(name)
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, "velocities by speed and angle"))
+
+
+def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
+    """The table with vy in place of speeds, or heights from which bodies fall and to which they rebound in vacuum."""
+    ends = {
+        end: next((f"{one}{end}" for one in ("speed", "height") if f"{one}{end}" in known.names), None)
+        for end in ("", "_post")
+    }
+    if None in ends.values():
+        return cells
+    header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
+    settled = any(units.stated.get(quantity) for quantity in ("length", "time"))
+    factor, unit = (Units(units.stated).factor("vy"), "") if settled else (1.0, " [m/s]")
+    for end, column in ends.items():
+        assert column is not None
+        place = header.index(known.names[column])
+        values = cells.numbers(known.names[column], sheet_units.text(column), sheet_units.factor(column))
+        speeds = np.sqrt(2 * GRAVITY * np.abs(values)) if column.startswith("height") else np.abs(values)
+        header[place], columns[place] = f"vy{end}{unit}", (speeds if end else -speeds) / factor
+    said = " and ".join(repr(known.names[column]) for column in ends.values() if column)
+    read_as = (*cells.read_as, f"bounces along the normal by {said}")
+    return replace(cells, header=header, columns=columns, read_as=read_as)
 
 
 def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
