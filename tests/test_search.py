@@ -299,6 +299,25 @@ def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():
     assert pool.best() is pool.models[spec(slip)]
 
 
+def test_a_threshold_is_found_about_a_law_that_it_misleads():
+    """As engines do, no rebound below 1 m/s: without it the law has a μ about which no threshold looks better."""
+    generator = torch.Generator().manual_seed(0)
+    disc = synthetic.load(size=220, shape={"kind": "disc", "radius": 0.03}, velocity_noise=0.0, spin_noise=0.0)
+    low = torch.tensor([-2.0, -3.0, -30.0], dtype=torch.float64)
+    high = torch.tensor([2.0, -0.3, 30.0], dtype=torch.float64)
+    v_pre = low + (high - low) * torch.rand(220, 3, generator=generator, dtype=torch.float64)
+    states = disc.replace(v_pre=v_pre, inertia=0.4 * disc.mass * 0.03**2)
+    effect = find_effect("velocity_dependent_restitution", "threshold")(b=1.0, v_s=1.0)
+    hidden = {"velocity_dependent_restitution": effect}
+    outcome = ContactModel(find("whittaker").at(0.4, 0.66), effects=hidden).predict(states).v_post
+    noise = 0.0007 * torch.tensor((1, 1, 30.0)) * torch.randn(220, 3, generator=generator, dtype=torch.float64)
+    others = ("adhesion", "load_dependent_friction", "velocity_dependent_friction", "location_dependent_restitution")
+    forms = [key for key in all_candidates() if key.name in (*hidden, *others)]
+    pool = pooled(states.replace(v_post=outcome + noise), *forms, laws=("whittaker",))
+    assert Search(pool, 3).run()
+    assert EffectId("velocity_dependent_restitution", "threshold") in pool.best().spec.effects
+
+
 @pytest.mark.parametrize("c", [0.2, 0.0], ids=["a restitution drifts", "nothing does"])
 def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     impacts = wandering(planted(240, parameter_drift={"c": c}), memory=0.7)

@@ -12,7 +12,8 @@ _FIXES = {
     errno.EDQUOT: "free some space and run the same command again",
     errno.EROFS: _ELSEWHERE,
     errno.EACCES: _ELSEWHERE,
-    errno.ENOENT: "was it moved or deleted during the run?",
+    errno.ENOTDIR: _ELSEWHERE,
+    errno.ENOENT: f"it cannot be created, or was moved or deleted during the run; {_ELSEWHERE}",
 }
 
 

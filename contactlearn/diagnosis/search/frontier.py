@@ -43,6 +43,7 @@ _SHIFTS = (0.0, *(sign * 0.005 * k for k in range(1, 7) for sign in (-1, 1)))
 _TRIED, _EVERY = 32, 2  # values of the parameters of a form that refines, and the trials on which they are compared
 _PASSES = 4  # of exchanges within one linearisation
 _WORTH = 0.04  # nats a trial that one effect more must bring for the search to go on
+_OUTLIERS = 0.02  # share of the trials; noise makes hardly any, and outliers of the measurements are set aside before
 _FRUITLESS = 2  # sizes in turn without a better model after which the search ends
 
 
@@ -101,6 +102,7 @@ class Search:
             fruitless = 0 if gain > _WORTH * len(self.pool.impacts) else fruitless + 1
             if fruitless == _FRUITLESS or self.late:
                 break
+        self._place()
         for smaller in range(size - 1, 0, -1):
             for parent in self.models(smaller + 1)[:1]:
                 self._fit(self._predicted(parent, _smaller))
@@ -112,6 +114,22 @@ class Search:
         if self.pool.best() is not rigid:
             self.improve()
         return not self.late
+
+    def _place(self) -> None:
+        """Fit a law alone with each effect that has a place, such as a threshold, if the best model leaves outliers.
+
+        About a law that lacks such an effect, linearisations and values at a few places may all be misled.
+        """
+        best = self.pool.best()
+        if best.fit.outliers < _OUTLIERS * len(self.pool.impacts):
+            return
+        for key, effect in self.pool.candidates.items():
+            if self.late:
+                return
+            if not effect.refines and any(parameter.vanishing is None for parameter in effect.parameters):
+                self.pool.all_fitted({Spec(best.spec.law, frozenset({key})): None})
+        if self.pool.best() is not best:
+            self.improve()
 
     def improve(self) -> None:
         """Follow the exchanges, additions and deletions that promise a better model than the best of the pool."""
