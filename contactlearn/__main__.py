@@ -35,21 +35,16 @@ def main(arguments: list[str] | None = None) -> int:
         from hydra.errors import HydraException
         from omegaconf.errors import OmegaConfBaseException
 
-        from contactlearn.cli.config_files import explain_error
+        from contactlearn.cli.reasons import reason
 
         try:
             said = options.run(options)
             text, status = said if isinstance(said, tuple) else (said, 0)
             print(terminal_safe(text))
-        except ContactLearnError as error:
-            message = str(error).splitlines()[0]
-        except (HydraException, OmegaConfBaseException) as error:
-            overrides = vars(options).get("overrides", ())
-            message = explain_error(error, "evaluate", overrides)  # these commands share its settings of data
-        else:
             return status
-        print(f"error: {terminal_safe(message)}", file=sys.stderr)
-        return 2
+        except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
+            print(f"error: {terminal_safe(reason(error).splitlines()[0])}", file=sys.stderr)
+            return 2
 
 
 def _parsed(words: list[str]) -> argparse.Namespace:

@@ -113,7 +113,7 @@ def test_flags_and_folders_come_in_any_order(here):
     (["-m", "--cfg", "job"], "--cfg shows something and runs nothing"),
     (["--config-dir", "nowhere"], "no such folder of configuration files"),
     (["-m", "hydra/sweeper=optuna"], "no hydra/sweeper 'optuna' is installed; there are basic"),
-    (["law@x=mirtich"], "unknown setting 'law@x', did you mean 'law'?"),
+    (["law@x=mirtich"], "Could not override 'law@x'. Did you mean to override law?"),
 ])  # fmt: skip
 def test_what_cannot_be_meant_is_one_line(words, message, here):
     printed = run("train.py", *words, cwd=here, status=2)

@@ -174,7 +174,7 @@ def test_the_model_of_a_diagnosis_is_its_data_law_and_effects(tmp_path):
     assert with_diagnosed_model([word, *others], "train") == [*model, *others]
     settings = TrainSettings.from_config(compose("train", [word, "data.seed=8"]))
     assert (settings.law, [*settings.effects], settings.recipe) == (find("mirtich"), ["side_drag"], None)
-    assert settings.split.source.options["seed"] == 8
+    assert settings.data.options["seed"] == 8
     assert with_diagnosed_model(["model=x1_wrench,x2_impulse", "-m"], "train") == ["model=x1_wrench,x2_impulse", "-m"]
 
 

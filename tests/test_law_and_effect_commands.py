@@ -161,7 +161,7 @@ def test_a_checkpoint_keeps_leading_axes_and_constants(tmp_path):
 
 
 SETTINGS = {"train": TrainSettings, "evaluate": EvaluateSettings, "diagnose": DiagnoseSettings}
-CHOSEN = ("law._target_=bumpy.BumpyFloor", "+law.share=0.5")
+CHOSEN = ("law._target_=bumpy.BumpyFloor", "law.share=0.5")
 
 
 @pytest.fixture
@@ -218,7 +218,7 @@ ERRORS = {
     "the interface": ("train", ["law._target_=contactlearn.laws.Law"], "must be a subclass of contactlearn.laws.Law"),
     "nowhere": ("train", ["law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
     "best": ("evaluate", ["law=best"], "only diagnose.py takes law=best"),
-    "option": ("train", ["+law.e_t=0.3"], "unknown option of law wang_mason 'e_t'"),
+    "option": ("train", ["+law.e_t=0.3"], "law wang_mason has no option 'e_t'; law=chatterjee_ruina has it"),
     "range": ("train", ["law=chatterjee_ruina", "law.e_t=3"], "e_t must be a finite number in [-1, 1], got 3"),
     "variant": ("diagnose", ["variant=fazeli"], "did you mean 'fazeli2017'?"),
 }

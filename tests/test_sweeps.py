@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from unittest.mock import patch
+from unittest.mock import DEFAULT, patch
 
 import pytest
 from commands import TRAIN, run
@@ -20,9 +20,9 @@ from repetitions import repeated
 
 from contactlearn.cli import hydra_main
 from contactlearn.cli import job as job_module
+from contactlearn.cli.commands import loading
 from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
-from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version, data_fingerprint, job_identity
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.results import folder as results
@@ -138,13 +138,13 @@ def test_a_failing_job_stops_no_other(tmp_path):
 def test_an_unexpected_failure_stops_no_other(tmp_path):
     """And leaves its place in the program; the next call runs it again."""
     words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
-    one = TrainSettings.from_config(hydra_main.compose("train", [*SMALL, "train.size=20"]))
-    with patch.object(TrainSettings, "from_config", side_effect=[ZeroDivisionError("by chance"), one]):
+    first = [ZeroDivisionError("by chance"), DEFAULT]
+    with patch.object(loading, "split", side_effect=first, wraps=loading.split):
         printed = run("train.py", *words, status=1)
     assert "1 finished, 1 failed" in printed
     assert "failed   train.size=10: ZeroDivisionError: by chance" in printed
     (failed,) = tmp_path.glob("train.size=10-*")
-    assert "from_config" in json.loads((failed / FAILED).read_text())["traceback"]
+    assert "loading.split" in json.loads((failed / FAILED).read_text())["traceback"]
     assert "2 finished" in run("train.py", *words)
     assert not list(tmp_path.glob(f"*/{FAILED}"))
 

@@ -14,14 +14,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.cli.command_line import quoted
-from contactlearn.cli.config_files import CONFIGS, check_choices, explain_error, restrict_settings
+from contactlearn.cli.config_files import CONFIGS, check_choices, with_pluses
 from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.hydra_main import readable_errors
-from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
+from contactlearn.cli.reasons import reason
+from contactlearn.cli.settings import SETTINGS, check_names
 from contactlearn.core.errors import ContactLearnError
 from fuzz.target import Target
 
-SETTINGS = {"train": TrainSettings, "evaluate": EvaluateSettings, "diagnose": DiagnoseSettings}
 COMMANDS = tuple(SETTINGS)
 WORDS = (
     "evaluate\ntrain.size=50\nmodel=[x1_wrench]",
@@ -43,13 +43,14 @@ def read(content: bytes) -> None:
     try:
         words = quoted(words)
         check_choices(words, command)
+        words = with_pluses(words, command)
         with readable_errors():
             cfg = composed(command, words)
-        restrict_settings(cfg, command, words)
+        check_names(cfg, command, words)
         check_targets(cfg, words)
         SETTINGS[command].from_config(cfg)
     except (HydraException, OmegaConfBaseException) as error:
-        line = explain_error(error, command, words)
+        line = reason(error)
         if not line or "\n" in line:
             raise AssertionError(f"is no line: {line!r}") from error
         raise ContactLearnError(line) from error

@@ -136,8 +136,8 @@ def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
     return found
 
 
-def one_of_each(words: Sequence[str]) -> tuple[list[str], list[str], list[list[str]]]:
-    """Return what a sweep is over, the settings of one job, and those of jobs that each differ in one value.
+def one_of_each(words: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+    """Return what a sweep is over, and the settings of jobs, each of which differs from the first in one value.
 
     A range without steps, which some sweepers sample from, is left out.
     """
@@ -155,7 +155,7 @@ def one_of_each(words: Sequence[str]) -> tuple[list[str], list[str], list[list[s
         for line, several in values.items()
         for value in several[1:]
     ]
-    return [override.get_key_element() for override in swept], first, others
+    return [override.get_key_element().lstrip("+") for override in swept], [first, *others]
 
 
 def _parsed(word: str) -> Override:

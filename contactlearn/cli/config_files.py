@@ -1,11 +1,8 @@
-"""The settings and choices that exist, from shipped files and catalogues, and the nearest one to a misspelt name.
+"""The choices that exist, from shipped files and catalogues, and the words that Hydra is given.
 
-A setting that no file declares is refused, also after a `+`, by which Hydra would accept and the program ignore it.
-A part that holds entries by name (`effect`, `model` …) is open: each entry is checked where it is read.
-
-The groups `effect` and `law` have no files: their choices are those of the catalogues.  Names are read from the classes
-in the source files, and so are a law's options: a command's `--help` shows both, and torch takes seconds to load.  An
-effect that is chosen, and all that other packages announce, is imported.
+The groups `effect` and `law` have no files: their choices are those of the catalogues, which are named as the modules
+that define them, since torch takes seconds to load.  An effect that is chosen, and all that other packages announce, is
+imported.
 
 `data=mydata` also takes mydata.yaml from the working directory, which sets some settings of a shipped source of data:
 
@@ -13,28 +10,32 @@ effect that is chosen, and all that other packages announce, is imported.
     path: drops.csv
 """
 
-import ast
 import json
 import os
 import re
 import shlex
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 
 from contactlearn.cli.config_security import read_checked
-from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 
 _PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
 """Beside the package in a checkout, inside it where it is installed."""
-_OPEN = ("data", "law", "model", "effect", "candidate", "limits", "reference", "transfer.bodies")
-_CATALOGUES = {"effect": ("effects", "Effect"), "law": ("laws", "Law")}
+_CATALOGUES = {
+    "effect": ("effects", {"base", "checks", "formula", "functions", "identity", "impulse_path", "state"}),
+    "law": ("laws", {"base", "contact", "hodograph"}),
+}
+"""The package of each catalogue, and those of its modules that define none of its classes."""
 BEST = "best"
 """The law of a diagnosis with the least held-out error of the paper's laws."""
 NAME = re.compile(r"\w[\w -]{0,59}")
@@ -44,10 +45,8 @@ DATA_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _DIAGNOSIS = "diagnosis.json"
 _MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
 """Settings that a diagnosis passes on."""
-_COMMANDS = ("train", "evaluate", "diagnose")
-_UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
+UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
 """Parts of an experiment that a command has no use for."""
-_REFUSED = re.compile(r"Could not (?:override|append to config|delete from config)[^']*'([^']+)'")
 
 
 _user_folders: tuple[str | None, str | None] = (None, None)
@@ -84,7 +83,7 @@ def experiments(command: str) -> list[str]:
 
 def _lacking(command: str, experiment: Path) -> list[str]:
     """Parts of an experiment that a command neither has nor ignores."""
-    parts = {*_content(Path(CONFIGS, f"{command}.yaml")), "data", "defaults", *_UNUSED[command]}
+    parts = {*_content(Path(CONFIGS, f"{command}.yaml")), "data", "defaults", *UNUSED[command]}
     return sorted(_content(experiment).keys() - parts)
 
 
@@ -97,7 +96,7 @@ def choices(group: str) -> list[str]:
     if group not in _CATALOGUES:
         shipped = (path.stem for path in Path(CONFIGS, group).glob("*.yaml"))
         return sorted([*shipped, *(own_data() if group == "data" else ())])
-    return sorted({*_sources(group), *_announced(group), *([BEST] if group == "law" else [])})
+    return sorted({*_modules(group), *_announced(group), *([BEST] if group == "law" else [])})
 
 
 def own_data() -> dict[str, Path]:
@@ -106,12 +105,20 @@ def own_data() -> dict[str, Path]:
     return {path.stem: path for path in files if not Path(CONFIGS, "data", path.name).exists()}
 
 
-def with_pluses(words: Sequence[str]) -> list[str]:
-    """Return the words of a command with ++ before those that give a model's GPyTorch modules their arguments.
+def with_pluses(words: Sequence[str], command: str) -> list[str]:
+    """Return the words of a command with ++ before each setting, so that Hydra itself refuses none.
 
-    No file declares these arguments, and Hydra takes a setting that no file declares only after a plus.
+    What the whole configuration has is checked once it is composed, where the nearest name is known.
     """
-    return [re.sub(r"^(?=model\.[^.=]+\.(kernel|mean|likelihood|optimiser)\.)", "++", word) for word in words]
+    return [f"++{word.lstrip('+')}" if _is_setting(word, command) else word for word in words]
+
+
+def _is_setting(word: str, command: str) -> bool:
+    """Whether a word sets something of this package, and is no choice of a group and nothing of Hydra's."""
+    key, equals, _ = word.lstrip("+").partition("=")
+    folders = (Path(folder, key) for folder in _user_folders if folder is not None)
+    chooses = key in groups(command) or "/" in key or "@" in key or any(folder.is_dir() for folder in folders)
+    return bool(equals) and key[:1] != "~" and key.partition(".")[0] != "hydra" and not chooses
 
 
 def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
@@ -170,119 +177,22 @@ def check_choices(words: list[str], command: str) -> None:
         if group not in groups(command) or "(" in choice:  # a setting, or a function of Hydra's
             continue
         for name in re.findall(r"\w+", choice):
-            known = group in _CATALOGUES and has_choice(group, name)
-            if not known and name != "null" and name not in choices(group):
+            if name != "null" and name not in choices(group):
                 raise UnknownNameError(group, name, choices(group))
             if group == "experiment" and name not in ("null", *experiments(command)):
-                for part in _lacking(command, Path(CONFIGS, "experiment", f"{name}.yaml")):
-                    if not any(part in _declared(other) for other in _COMMANDS):
-                        raise _unknown(part, _declared(command), f"experiment={name}: ")
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")
 
 
-def restrict_settings(cfg: DictConfig, command: str, words: Sequence[str]) -> None:
-    """Take out the parts of an experiment that a command has no use for, and refuse settings that it does not have.
-
-    Args:
-        cfg: a composed configuration.
-        command: its name; that of a file of the user's own, by --config-name, is not checked.
-        words: of the command line.
-
-    Raises:
-        ContactLearnError: with the nearest setting.
-    """
-    if not Path(CONFIGS, f"{command}.yaml").exists():
-        return
-    typed = {name.partition(".")[0]: value for name, _, value in (word.lstrip("+~").partition("=") for word in words)}
-    with open_dict(cfg):
-        for part in _UNUSED[command] - typed.keys() if "experiment" in typed else ():
-            cfg.pop(part, None)
-    known = _declared(command)
-    for key in _keys(OmegaConf.to_container(cfg)):
-        if key not in known and key != "hydra":
-            ours = key.partition(".")[0] in typed or "experiment" not in typed
-            raise _unknown(key, known, "" if ours else f"experiment={typed['experiment']}: ")
-
-
-def explain_error(error: Exception, command: str, words: Sequence[str]) -> str:
-    """Return Hydra's error on the words of a command in one line, with the nearest setting for an unknown one."""
-    refused = _REFUSED.search(str(error))
-    own = refused and re.fullmatch(r"(effect|candidate|model)\.(\w+)(?:\.(.+))?", refused[1])
-    if own and f"Key {own[2]!r} is not in struct" in str(error.__cause__):
-        key, part, name = own.group(0, 1, 2)
-        known = choices(part) if part in groups(command) else []
-        kept = [word for word in words if word.startswith("checkpoint=")]
-        if name in known and kept and command == "train":
-            return f"{kept[0]} keeps the features and target that it was trained with; take out {key}=…"
-        if name in known:
-            return f"{key} is a setting of {part} {name}, which is not chosen; add {part}=[{name}]"
-        near = suggest(name, known)
-        if part == "model" and own[3] is None:
-            return f"{key}: the settings of a model stand under its name, model.NAME.{name}=…, for there may be several"
-        return f"{key}: no {part} is called {name!r}{near}; one of your own is added with a plus, +{key}=…"
-    if own and own[1] == "model" and own[2] in choices("model"):
-        near = suggest(own[3].partition(".")[0], _content(Path(CONFIGS, "model", f"{own[2]}.yaml"))[own[2]])
-        return f"unknown setting {own[0]!r}{near}; --help lists all settings"
-    if refused and refused[0].startswith("Could not delete") and refused[1] in _declared(command):
-        return f"{refused[1]} cannot be taken out; {refused[1]}=null where it may have no value"
-    if refused:
-        group, _, name = refused[1].partition(".")
-        named = choices(group) if group in ("data", "law") else []
-        shipped = [choice for choice in named if group == "law" or not has_choice("data", choice)]
-        holders = [f"{group}={choice}" for choice in shipped if name in _settings(group, choice)]
-        if holders or refused[1] in _declared(command):
-            source = next((word.removeprefix("data=") for word in reversed(words) if word.startswith("data=")), "")
-            near = suggest(name, _settings("data", source)) if group == "data" and source in named else ""
-            others = f"other choices ({', '.join(holders)})" if holders else "other choices"
-            return f"{refused[1]} is a setting of {others}, not of these{near}; --help lists all settings"
-        in_files = {f"data.{key}" for path in Path(CONFIGS, "data").glob("*.yaml") for key in _content(path)}
-        return str(_unknown(refused[1], _declared(command) | in_files))
-    message = " ".join(str(error).partition("Config search path")[0].split())
-    if plugin := re.search(r"Could not find 'hydra/(sweeper|launcher)/(\w+)'", message):
-        kind, name = plugin.groups()
-        installed = message.rsplit(": ", 1)[-1].split()
-        return (
-            f"no hydra/{kind} {name!r} is installed{suggest(name, installed)}; there are {', '.join(installed)}; "
-            f"others are plugins of Hydra's, such as pip install hydra-{name}-{kind}"
-        )
-    unread = any(sign in message for sign in ("Unknown function", "no viable alternative", "mismatched input"))
-    return message + ('; text with brackets, = or the like stands in double quotes: {x: "x (mm)"}' if unread else "")
-
-
-def _unknown(key: str, known: set[str], place: str = "") -> ContactLearnError:
-    others = [f"{command}.py" for command in _COMMANDS if key in _declared(command)]
-    if others:
-        return ContactLearnError(
-            f"{place}{key} is a setting of {' and '.join(others)} only; --help lists the settings of this command"
-        )
-    last = {name.rpartition(".")[2]: name for name in known}
-    near = suggest(key, known) or suggest(last.get(key.rpartition(".")[2], ""), known)
-    return ContactLearnError(f"{place}unknown setting {key!r}{near}; --help lists all settings")
+def without_hydra(cfg: DictConfig, *others: str) -> DictConfig:
+    """Return the configuration of a command without Hydra's part, and without others."""
+    return OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in ("hydra", *others)])
 
 
 @lru_cache
-def _declared(command: str) -> set[str]:
-    """Dotted keys of all settings of a command, those of the experiments with them."""
-    files = [Path(CONFIGS, f"{command}.yaml")]
-    own = _content(files[0])
-    known = {*_keys(own), "data", "law"}
-    for path in Path(CONFIGS, "experiment").glob("*.yaml"):  # they may fill what is null
-        known |= set(_keys({name: part for name, part in _content(path).items() if own.get(name, "") is None}))
-    return known - {"defaults", "hydra"}
-
-
-@lru_cache
-def required_settings(command: str) -> list[str]:
-    """Return the dotted keys of all settings that a command's own file declares, each part before its settings."""
-    own = _content(Path(CONFIGS, f"{command}.yaml"))
-    return ["data", "law", *(key for key in _keys(own) if key.partition(".")[0] not in ("defaults", "hydra"))]
-
-
-def _settings(group: str, choice: str) -> dict[str, Any]:
-    """Settings of one choice of a group."""
-    made = group in _CATALOGUES or has_choice(group, choice)
-    return choice_settings(group, choice) if made else _content(Path(CONFIGS, group, f"{choice}.yaml"))
+def shipped_settings(group: str) -> dict[str, dict[str, Any]]:
+    """Return the settings of every shipped choice of a group, by name."""
+    return {path.stem: _content(path) for path in sorted(Path(CONFIGS, group).glob("*.yaml"))}
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -291,30 +201,11 @@ def _content(path: Path) -> dict[str, Any]:
     return {str(key): value for key, value in found.items()}
 
 
-def _keys(content: Any, path: str = "") -> Iterator[str]:
-    """Dotted keys of settings and of what holds them; an open part counts as one."""
-    for name, value in content.items():
-        key = f"{path}.{name}" if path else str(name)
-        yield key
-        if isinstance(value, Mapping) and key not in _OPEN and key not in ("defaults", "hydra"):
-            yield from _keys(value, key)
-
-
 # --- Catalogues of effects and laws ---------------------------------------------------------------
 
 
-def has_choice(group: str, name: str) -> bool:
-    """Whether a name is a choice of `effect` or `law`, or a file of the user's for `data`.
-
-    Other packages are loaded only if it is none of this one's.
-    """
-    if group == "data":
-        return name in own_data()
-    return name in _sources(group) or (group, name) == ("law", BEST) or name in _announced(group)
-
-
 def choice_settings(group: str, name: str) -> dict[str, Any]:
-    """Return the settings of a choice: `_target_`, `form` where there are several, and options with their defaults.
+    """Return the settings of a choice: `_target_`, for an effect also its `form` and options with their defaults.
 
     Those of an effect stand under its name, since a model has several.  A user's file of data has those of its source.
 
@@ -327,18 +218,18 @@ def choice_settings(group: str, name: str) -> dict[str, Any]:
         return {name: _effect(name)}
     if name == BEST:
         return {"_target_": None}
-    if name in _sources(group):
-        return {"_target_": f"contactlearn.laws.{name}.{_camel(name)}"} | _options(name)
+    if name in _modules(group):
+        return {"_target_": f"contactlearn.laws.{name}.{name.title().replace('_', '')}"}
     from contactlearn.laws import catalogue
 
     (law, *_) = catalogue()[name].values()
-    return {"_target_": f"{law.__module__}.{law.__qualname__}"} | law().options
+    return {"_target_": f"{law.__module__}.{law.__qualname__}"}
 
 
 def _own_settings(file: Path) -> dict[str, Any]:
     """The settings in a file of the user's for `data`, and the shipped values of those that it leaves out."""
     content = OmegaConf.to_container(read_checked(file, "data"))
-    shipped = {one["_target_"]: one for one in map(_content, sorted(Path(CONFIGS, "data").glob("*.yaml")))}
+    shipped = {one["_target_"]: dict(one) for one in shipped_settings("data").values()}
     if not isinstance(content, dict) or content.get("_target_") not in shipped:
         raise ContactLearnError(
             f"{file.name}: is no source of data; it begins with _target_: contactlearn.data.table.load, or that of "
@@ -364,37 +255,14 @@ def _effect(name: str) -> dict[str, Any]:
 
 
 @lru_cache
-def _sources(group: str) -> dict[str, str]:
-    """Source files of this package's effects or laws by the name of the module, which is that of its class."""
-    room, base = _CATALOGUES[group]
-    texts = {path.stem: path.read_text("utf-8") for path in Path(_PACKAGE, room).glob("*.py")}
-    return {
-        name: text
-        for name, text in texts.items()
-        if re.search(rf"^class {_camel(name)}\(.*\b{base}\):", text, re.MULTILINE)
-    }
-
-
-def _options(law: str) -> dict[str, Any]:
-    """Fields of a law with their defaults, from its source."""
-    found = {}
-    for node in ast.walk(ast.parse(_sources("law")[law])):
-        if isinstance(node, ast.ClassDef) and node.name == _camel(law):
-            for field in node.body:
-                if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation) and field.value:
-                    found[ast.unparse(field.target)] = ast.literal_eval(field.value)
-    return found
+def _modules(group: str) -> set[str]:
+    """Names of this package's effects or laws: those of the modules that define them."""
+    room, others = _CATALOGUES[group]
+    return {module.name for module in iter_modules([str(_PACKAGE / room)])} - others
 
 
 def _announced(group: str) -> list[str]:
     """Names of what other packages announce, with all of the catalogue."""
     room, _ = _CATALOGUES[group]
-    if not entry_points(group=f"contactlearn.{room}"):
-        return []
-    from contactlearn import effects, laws
-
-    return list(effects.catalogue() if group == "effect" else laws.catalogue())
-
-
-def _camel(name: str) -> str:
-    return "".join(part.title() for part in name.split("_"))
+    announced = entry_points(group=f"contactlearn.{room}")
+    return [*import_module(f"contactlearn.{room}").catalogue()] if announced else []

@@ -8,7 +8,6 @@ import gc
 import json
 import logging
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Generator, Sequence
@@ -19,6 +18,7 @@ from types import ModuleType
 from typing import NoReturn
 
 import hydra
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
@@ -31,17 +31,17 @@ from contactlearn.cli.config_files import (
     check_choices,
     choices,
     experiments,
-    explain_error,
     groups,
-    restrict_settings,
     user_folders,
     with_diagnosed_model,
     with_pluses,
+    without_hydra,
 )
 from contactlearn.cli.config_security import check_targets
-from contactlearn.cli.sweeps.sweep import is_interruption, jobs_that_fit, register_resolvers, sweep
-from contactlearn.core.errors import ContactLearnError, terminal_safe
-from contactlearn.core.signals import defer_interrupts, graceful_exit, prepare_process
+from contactlearn.cli.reasons import reason
+from contactlearn.cli.sweeps.resolvers import jobs_that_fit, register_resolvers
+from contactlearn.core.errors import ContactLearnError, suggest, terminal_safe
+from contactlearn.core.signals import defer_interrupts, graceful_exit, is_interruption, prepare_process
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -100,17 +100,21 @@ def _load_commands() -> ModuleType:
     return commands
 
 
-def _command(job: Callable[[DictConfig], float | None]) -> Callable[[], None]:
-    """Make a command of a job: the configuration of its name, from the command line."""
-    name = job.__name__
+def _command(name: str) -> Callable[[], None]:
+    """Return a command, which takes the configuration of its name from the command line."""
+
+    def job(cfg: DictConfig) -> float | None:
+        return _run(name, cfg)
+
     run: Callable[[], None] = hydra.main(version_base="1.3", config_path=CONFIGS, config_name=name)(job)
 
-    @functools.wraps(job)
     def run_command() -> None:
-        with graceful_exit(), _one_message(name):
+        with graceful_exit(), _one_message():
             line = parse_command_line(sys.argv[1:])
             with user_folders(*line.folders):
-                words = completed(line.words, name, several=line.several or bool(line.flags))
+                words = list(line.words)
+                if "--shell-completion" not in line.flags:
+                    words = completed(words, name, several=line.several or bool(line.flags))
                 if line.flags == ("--help",):
                     print(_help(name, words))
                     return
@@ -130,10 +134,14 @@ def _command(job: Callable[[DictConfig], float | None]) -> Callable[[], None]:
 
 def _sweep(run: Callable[[], None], command: str, words: list[str], line: CommandLine) -> None:
     """Run the jobs of a sweep, unless a word is wrong in any of them."""
-    swept, first, others = one_of_each(words)
-    cfg = _composed(line.config_name or command, first, check=command)
-    for other in others:
-        _composed(line.config_name or command, other, check=command)
+    from contactlearn.cli.settings import SETTINGS  # which loads torch
+    from contactlearn.cli.sweeps.sweep import sweep
+
+    swept, jobs = one_of_each(words)
+    composed = [_composed(line.config_name or command, job, check=command) for job in jobs]
+    for cfg in composed:
+        SETTINGS[command].from_config(cfg)
+    (cfg, *_) = composed
     params = OmegaConf.select(cfg, "hydra.sweeper.params") or {}
     keys = [*swept, *map(str, params)]
     with sweep(cfg.hydra, keys) as folder:
@@ -167,10 +175,9 @@ def completed(words: Sequence[str], command: str, *, several: bool = False) -> l
     words = with_diagnosed_model([_nothing_of(word) for word in words], command)
     keys = _given(words)
     trains = command != "diagnose" and "model" not in keys
-    words = with_pluses([*words, "model=[]"] if "checkpoint" in keys and trains else words)
-    words = quoted(words, several=several)
+    words = quoted([*words, "model=[]"] if "checkpoint" in keys and trains else words, several=several)
     check_choices(words, command)
-    return words
+    return with_pluses(words, command)
 
 
 def _nothing_of(word: str) -> str:
@@ -193,7 +200,7 @@ def _given(words: Sequence[str]) -> set[str]:
 
 
 @contextmanager
-def _one_message(command: str) -> Generator[None]:
+def _one_message() -> Generator[None]:
     """End with one message and status 2 for an error that the user can fix."""
     before = os.environ.get(_FULL)
     os.environ[_FULL] = "1"  # Hydra raises exceptions, and prints none itself
@@ -208,15 +215,7 @@ def _one_message(command: str) -> Generator[None]:
             error, ContactLearnError | HydraException | OmegaConfBaseException | OSError
         ):
             raise
-        if isinstance(error, ContactLearnError):
-            message = str(error)
-        elif isinstance(error, HydraException | OmegaConfBaseException):
-            message = explain_error(error, command, sys.argv)
-        else:
-            from contactlearn.cli.reasons import reason
-
-            message = reason(error)
-        _end(f"error: {message}", 2)
+        _end(f"error: {reason(error)}", 2)
     finally:
         os.environ.pop(_FULL) if before is None else os.environ.update({_FULL: before})
 
@@ -227,44 +226,16 @@ def _end(message: str, status: int) -> NoReturn:
 
 
 def _help(config_name: str, overrides: list[str]) -> str:
-    """Hydra's `--help`, folded, without its search for every group, which takes half of the time."""
+    """Hydra's `--help` with folded choices, without its search for every group, which takes half of the time."""
     cfg = compose(config_name, overrides, return_hydra_config=True)
-    ours = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    ours = without_hydra(cfg)
     known = {group: choices(group) for group in groups(config_name)} | {"experiment": experiments(config_name)}
     named = (f"{group}: {', '.join(names)}" for group, names in known.items())
     listed = "".join(fill(line, _WIDTH - 1, subsequent_indent="  ") + "\n" for line in named)
-    template = "\n".join(map(_folded, cfg.hydra.help.template.splitlines()))
-    return Template(template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=listed)
+    return Template(cfg.hydra.help.template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=listed)
 
 
-def _folded(line: str) -> str:
-    """A line of help in 80 columns: what stands behind a gap keeps its column; a command to copy stays in one piece."""
-    parts = re.fullmatch(r"( *)(\S.*?)(   *)(\S.*)", line)
-    if len(line) <= _WIDTH or (parts is None and line.lstrip().startswith("python ")):
-        return line
-    indent, first, gap, rest = parts.groups() if parts else (line[: -len(line.lstrip())], "", "", line.lstrip())
-    start = f"{indent}{first}{gap}"
-    if first.startswith("python "):
-        return f"{indent}{first}\n{fill(rest, _WIDTH, initial_indent=6 * ' ', subsequent_indent=6 * ' ')}"
-    return fill(rest, _WIDTH, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False)
-
-
-@_command
-def train(cfg: DictConfig) -> float | None:
-    """Train one model."""
-    return _run("train", cfg)
-
-
-@_command
-def evaluate(cfg: DictConfig) -> float | None:
-    """Compare laws and learned models with the bounds."""
-    return _run("evaluate", cfg)
-
-
-@_command
-def diagnose(cfg: DictConfig) -> float | None:
-    """Find out which physical effect is missing."""
-    return _run("diagnose", cfg)
+train, evaluate, diagnose = map(_command, ("train", "evaluate", "diagnose"))
 
 
 def compose(config_name: str, overrides: Sequence[str], *, return_hydra_config: bool = False) -> DictConfig:
@@ -310,8 +281,32 @@ def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydr
         hydra.initialize_config_dir(version_base="1.3", config_dir=folder, job_name=check),
         readable_errors(),
     ):
+        for word in words:
+            _require_plugin(word)
+            if word.startswith("~") and "/" not in word:
+                from contactlearn.cli.settings import require_setting  # which loads torch
+
+                key = word[1:].partition("=")[0]
+                if require_setting(key.split("."), check):
+                    raise ContactLearnError(f"{key} cannot be taken out; {key}=null where it may have no value")
         cfg = hydra.compose(config_name, [*words], return_hydra_config=return_hydra_config)
-    restrict_settings(cfg, config_name, words)
     check_targets(cfg, words)
-    OmegaConf.to_container(OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"]), resolve=True)
+    if words:
+        from contactlearn.cli.settings import check_names
+
+        check_names(cfg, config_name, words)
+    OmegaConf.to_container(without_hydra(cfg), resolve=True)
     return cfg
+
+
+def _require_plugin(word: str) -> None:
+    """Refuse a launcher or a sweeper that is not installed."""
+    group, _, name = word.lstrip("+").partition("=")
+    kind = group.removeprefix("hydra/")
+    if kind in ("launcher", "sweeper") and name.isidentifier():
+        installed = GlobalHydra.instance().config_loader().get_group_options(group)
+        if name not in installed:
+            raise ContactLearnError(
+                f"no {group} {name!r} is installed{suggest(name, installed)}; there are {', '.join(installed)}; "
+                f"others are plugins of Hydra's, such as pip install hydra-{name}-{kind}"
+            )

@@ -22,9 +22,9 @@ from hydra.core.utils import configure_log
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, read_write
 
-from contactlearn.cli.config_files import restrict_settings
 from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.reasons import reason
+from contactlearn.cli.settings import SETTINGS, check_names
 from contactlearn.cli.sweeps.identity import job_identity
 from contactlearn.cli.sweeps.sweep import is_fresh
 from contactlearn.core import __version__, devices
@@ -109,7 +109,7 @@ def invocation(command: str) -> list[str]:
     return ["python", "-m", "contactlearn", command]
 
 
-def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig) -> float | None:
+def run_job(command: str, work: Callable[[Any, Run], None], cfg: DictConfig) -> float | None:
     """Run a command, unless its folder has its result already or another process computes it now.
 
     A run that fails before it computed anything leaves no folder.  A job of a sweep leaves the reason and returns inf,
@@ -117,7 +117,7 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
 
     Args:
         command: its name.
-        prepare: parses the configuration, and returns what to run.
+        work: what to do with its settings in a folder.
         cfg: the composed configuration.
 
     Returns:
@@ -130,12 +130,12 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
     # Paths mean what they mean where the user stands: hydra.job.chdir and some launchers start jobs elsewhere.
     with chdir(str(hydra.runtime.cwd)):
         if hydra.mode != RunMode.MULTIRUN:
-            _run(command, prepare, cfg, hydra)
+            _run(command, work, cfg, hydra)
             return None
         folder = Path(str(hydra.runtime.output_dir))
         try:
             (folder / LOCK).touch()  # the sweep lists it among its jobs
-            _run(command, prepare, cfg, hydra)
+            _run(command, work, cfg, hydra)
         except Exception as error:
             if read_failed(folder) is None:  # as on a full disk
                 raise ContactLearnError(reason(error)) from error  # which every process can unpickle
@@ -143,17 +143,15 @@ def run_job(command: str, prepare: Callable[[DictConfig], Callable[[Run], None]]
         return objective(folder)
 
 
-def _run(
-    command: str, prepare: Callable[[DictConfig], Callable[[Run], None]], cfg: DictConfig, hydra: DictConfig
-) -> None:
+def _run(command: str, work: Callable[[Any, Run], None], cfg: DictConfig, hydra: DictConfig) -> None:
     start, wanted = time.monotonic(), Path(str(hydra.runtime.output_dir))
     with _logged(hydra), _failures_recorded(wanted, began=False):
-        restrict_settings(cfg, str(hydra.job.config_name), hydra.overrides.task)
+        check_names(cfg, str(hydra.job.config_name), hydra.overrides.task)
         check_targets(cfg, hydra.overrides.task)
         identity = job_identity(cfg, hydra)
         if "workers" in cfg and cfg.workers is None and _is_beside_others(hydra):
             cfg.workers = 1
-        job = prepare(cfg)
+        settings = SETTINGS[command].from_config(cfg)
     sweeping = hydra.mode == RunMode.MULTIRUN
     new = not sweeping and is_fresh(hydra.run)
     with _new_folder(wanted) if new else _folder_of_name(wanted, identity, sweeping) as folder:
@@ -163,21 +161,21 @@ def _run(
             hydra.runtime.output_dir = str(folder)  # of the configuration that is written, and of the log
         with _logged(hydra), _failures_recorded(folder, began=True):
             # As Hydra would; Hydra itself might write over the configuration of another run.
-            parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
+            words = [word.removeprefix("++") for word in hydra.overrides.task]
+            parts = {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": OmegaConf.create(words)}
             for name, part in parts.items():
                 with atomic_write(folder / ".hydra" / f"{name}.yaml") as path:
                     path.write_text(OmegaConf.to_yaml(part), encoding="utf-8")
             shared = folder.parent if new or sweeping else folder
             config = OmegaConf.to_container(cfg, resolve=True)
-            job(
-                Run(
-                    command=command,
-                    overrides=tuple(hydra.overrides.task),
-                    config=cast(dict[str, Any], config),
-                    folder=folder,
-                    partial=shared / ".parts" / identity.job,
-                )
+            run = Run(
+                command=command,
+                overrides=tuple(words),
+                config=cast(dict[str, Any], config),
+                folder=folder,
+                partial=shared / ".parts" / identity.job,
             )
+            work(settings, run)
             finish(folder, replace(identity, seconds=round(time.monotonic() - start, 3)))
 
 

@@ -2,7 +2,8 @@
 
 import errno
 
-import torch
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
 
 from contactlearn.core.errors import ContactLearnError
 
@@ -21,6 +22,8 @@ def reason(error: BaseException) -> str:
     """Return what went wrong in a line, and what to do about it where that is known."""
     if isinstance(error, ContactLearnError):
         return str(error)
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return " ".join(str(error).partition("Config search path")[0].split())
     if isinstance(error, OSError) and error.errno is not None:
         fix = _FIXES.get(error.errno)
         where = f"{error.filename}: " if error.filename else ""
@@ -29,6 +32,8 @@ def reason(error: BaseException) -> str:
         return reason(error.__context__)
     if isinstance(error, MemoryError):
         return "memory ran out; use fewer trials, or fewer jobs at a time"
+    import torch  # which takes seconds
+
     if isinstance(error, torch.OutOfMemoryError):
         return "the GPU's memory ran out; use fewer trials, or device=cpu"
     first = (str(error).strip() or "no words").splitlines()[0]

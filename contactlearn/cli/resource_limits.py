@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.report import terminal
 
 GIB = 2**30
 FITTED = 20_000
@@ -22,8 +21,10 @@ def affordable_train_size(wanted: int | None) -> int | None:
     free = available_memory()
     if wanted is None or free is None or wanted * _TRAINED <= free / 2:
         return wanted
+    from contactlearn.report.terminal import print_line  # which loads torch
+
     most = int(free / 2 / _TRAINED)
-    terminal.print_line(
+    print_line(
         f"train.size={wanted} would take about {wanted * _TRAINED / GIB:.1f} GiB of memory, and {free / GIB:.1f} are "
         f"free: {most} trials are used"
     )
@@ -48,7 +49,9 @@ def fits_on_disk(folder: Path, predictions: int) -> bool:
     """Return whether tables of so many predictions have room in a folder; if not, print what is written instead."""
     needed, free = predictions * _WRITTEN, shutil.disk_usage(folder).free
     if needed > free / 2:
-        terminal.print_line(
+        from contactlearn.report.terminal import print_line
+
+        print_line(
             f"{predictions} predictions would take about {needed / GIB:.1f} GiB on disk, and {free / GIB:.1f} are "
             "free: those of the trials that the page shows are written"
         )

@@ -1,30 +1,33 @@
-"""Settings of the commands: a composed configuration is parsed once, here, and travels on as frozen types.
+"""Settings of the commands: a composed configuration is decoded once, here, and travels on as frozen structs.
 
-    TrainSettings, EvaluateSettings, DiagnoseSettings   all settings of one command
+    TrainSettings, EvaluateSettings, DiagnoseSettings   all settings of one command, named as in `configs/`
     SourceSettings                                      a source of measurements: `data`, or a body of `transfer.bodies`
 
-Parsing checks every value against its rule and builds laws, effects and learned models, before any data is read: a
-wrong setting costs seconds, not a run.  Laws and effects of the user's own are tried on a few drops; a class that
-passes may still break a rule, and `contactlearn.testing` has the whole contract.
+The structs declare which settings there are, with the type and the rule of each; defaults and explanations stand in
+`configs/`.  Laws, effects and learned models are built before any data is read: a wrong setting costs seconds, not a
+run.  Laws and effects of the user's own are tried on a few drops; a class that passes may still break a rule, and
+`contactlearn.testing` has the whole contract.
 """
 
 import inspect
 import traceback
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import reduce
+from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from itertools import chain
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
+import msgspec
 import torch
-from omegaconf import MISSING, DictConfig, OmegaConf
+from msgspec import Meta, Struct, field
+from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
-from contactlearn.cli.config_files import BEST, NAME, required_settings
+from contactlearn.cli.config_files import BEST, NAME, UNUSED, choices, shipped_settings, without_hydra
 from contactlearn.cli.config_security import leaf_values
 from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import usable_cores
@@ -42,19 +45,21 @@ from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
-from contactlearn.mechanics.impacts import IMPULSE_TARGETS
+from contactlearn.mechanics.impacts import ImpulseTarget
 from contactlearn.models.process_options import ProcessOptions
-from contactlearn.results.tables import FORMATS
 from contactlearn.simulation import synthetic
 
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
-_PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
 _DROPS, _MU, _EPS = 5, 0.2, 0.5
-_LARGEST_SEED = 2**63 - 1  # that PyTorch's generators take
 _ROUNDING = 1e-9  # m/s and rad/s
 _NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
+_LARGEST_SEED = 2**63 - 1  # that PyTorch's generators take
 Base = TypeVar("Base")
-_Rule = tuple[Callable[[Any], bool], str]
+
+_PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
+_LARGEST = 1e300
+_Whole = Annotated[int, Meta(ge=1, description="a whole number, 1 or more")]
+_Seed = Annotated[int, Meta(ge=0, le=_LARGEST_SEED, description=f"a whole number from 0 to {_LARGEST_SEED}")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,13 +79,26 @@ class SourceSettings:
     missing: tuple[str, ...] = ()
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any], name: str = "data") -> "SourceSettings":
-        """Parse the part `name` of a configuration.
+    def from_values(cls, values: Mapping[str, Any], name: str = "data") -> Self:
+        """Decode the part `name` of a configuration.
 
         Raises:
-            ContactLearnError: corrections that are no list.
+            ContactLearnError: no source, a setting that it does not have, or corrections that are no list.
         """
         target = str(values.get("_target_", ""))
+        shipped = shipped_settings("data")
+        sources = [settings for settings in shipped.values() if settings["_target_"] == target]
+        if not sources:
+            raise ContactLearnError(
+                f"{name}._target_ must be a source under contactlearn.data or contactlearn.simulation, got {target!r}"
+            )
+        known = dict.fromkeys(key for settings in sources for key in settings)
+        for key in values.keys() - known.keys():
+            near = suggest(f"{name}.{key}", [f"{name}.{other}" for other in known])
+            holders = ", ".join(f"data={choice}" for choice, settings in shipped.items() if key in settings)
+            rule = f"{name}.{key} is a setting of other choices ({holders}), not of these"
+            unknown = rule if holders else f"unknown setting '{name}.{key}'"
+            raise ContactLearnError(f"{unknown}{near}; --help lists all settings")
         names = values.get("correct", ["rig"] if target in SOURCES else []) or []
         if isinstance(names, str):
             raise ContactLearnError(f"{name}.correct must be a list of names, such as [{names}], got {names!r}")
@@ -92,8 +110,8 @@ class SourceSettings:
         )
 
     @classmethod
-    def from_config(cls, cfg: DictConfig) -> "SourceSettings":
-        """Parse `data` of a composed configuration.
+    def from_config(cls, cfg: DictConfig) -> Self:
+        """Decode `data` of a composed configuration.
 
         Raises:
             ContactLearnError: see `from_values`.
@@ -113,268 +131,11 @@ class SourceSettings:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
-class SplitSettings:
-    """The measurements, the share `test` to hold out, and the number of training trials; None for the usual one.
-
-    `split_seed` chooses the trials to hold out; `seed` is that of everything drawn afterwards.
-    """
-
-    source: SourceSettings
-    test: float
-    split_seed: int
-    seed: int
-    train_size: int | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class IdentificationSettings:
-    """The compared impulse, the limits of (μ, ε), and the number of random subsets of the trials."""
-
-    target: str
-    box: Box
-    repetitions: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransferSettings:
-    """Numbers of trials of another body, subsets at each, and the source of each body by name."""
-
-    sizes: tuple[int, ...]
-    seeds: int
-    bodies: Mapping[str, SourceSettings]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FigureSettings:
-    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence."""
-
-    trial: str | None
-    surface: Law
-    parameters: Law
-    repetitions: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainSettings:
-    """One model to train: its name and recipe, None for a law alone, with the law and the effects that it has.
-
-    `laws` are those of Best Post Hoc, the paper's and `law`; `start` is the one whose processes training goes on from.
-    """
-
-    split: SplitSettings
-    identification: IdentificationSettings
-    fit: FitOptions
-    device: torch.device
-    bootstrap: int
-    model: str
-    recipe: Recipe | None
-    law: Law | None
-    laws: Mapping[str, Law]
-    effects: Mapping[str, Effect]
-    norm: metrics.Norm
-    start: TrainedModel | None = None
-
-    @classmethod
-    def from_config(cls, cfg: DictConfig) -> "TrainSettings":
-        """Parse the configuration of `train`.
-
-        Raises:
-            ContactLearnError: a setting that breaks its rule; no model, or several; effects around a model that has
-                no law, or that takes (μ, ε) from the law alone; a checkpoint that is no learned model.
-        """
-        config = _checked(cfg, "train")
-        if config["checkpoint"] is not None:
-            return cls._from_checkpoint(config)
-        law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
-        names = list(config["model"] or {})
-        if len(names) != 1:
-            raise ContactLearnError(
-                f"one model is trained at a time, got {names}; sweep over several with -m model=a,b"
-            )
-        (name,) = names
-        recipe = recipes.get(name)
-        if effects and recipe is not None and recipe.law is None:
-            raise ContactLearnError(f"effects act around a law, and model {name} has none: {', '.join(effects)}")
-        if effects and recipe is not None and recipe.target == _IDENTIFIED:
-            raise ContactLearnError(
-                f"model {name} takes each trial's (μ, ε) from the law alone, but there are effects "
-                f"({', '.join(effects)}); use model=parameters_likelihood"
-            )
-        return cls._of_model(config, name, recipe, law if recipe is None or effects else recipe.law, effects)
-
-    @classmethod
-    def _from_checkpoint(cls, config: Mapping[str, Any]) -> "TrainSettings":
-        """Settings of a training that goes on from a model: with its recipe, law and effects."""
-        for part in ("model", "effect"):
-            if config[part]:
-                raise ContactLearnError(f"checkpoint={config['checkpoint']} has its own {part}; take out {part}=…")
-        if isinstance(config["checkpoint"], list):
-            raise ContactLearnError("training goes on from one checkpoint; sweep over several with -m checkpoint=A,B")
-        trained = load_model(config["checkpoint"])
-        try:
-            recipe = Recipe.of(trained.model)
-        except ContactLearnError as error:
-            raise ContactLearnError(f"{trained.path}: training cannot go on from it: {error}") from error
-        settings = cls._of_model(config, trained.learned, recipe, trained.law, trained.effects)
-        return replace(settings, start=trained)
-
-    @classmethod
-    def _of_model(
-        cls, config: Mapping[str, Any], name: str, recipe: Recipe | None, law: Law | None, effects: Mapping[str, Effect]
-    ) -> "TrainSettings":
-        return cls(
-            split=_split(config),
-            identification=_identification(config),
-            fit=_fit_options(config),
-            device=_device(config),
-            bootstrap=config["bootstrap"],
-            model=name,
-            recipe=recipe,
-            law=law,
-            laws=_named_laws(config, law, (*PAPER_LAWS, *([law.name] if law else []))),
-            effects=effects,
-            norm=config["bounds"]["norm"],
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluateSettings:
-    """Laws, learned models and bounds to compare; `laws` are those of the error table, `law` has the effects.
-
-    `trained` are models from checkpoints, by name in the error table.
-    """
-
-    split: SplitSettings
-    identification: IdentificationSettings
-    fit: FitOptions
-    device: torch.device
-    workers: int | None
-    bootstrap: int
-    law: Law
-    laws: Mapping[str, Law]
-    effects: Mapping[str, Effect]
-    recipes: Mapping[str, Recipe]
-    trained: Mapping[str, TrainedModel]
-    norm: metrics.Norm
-    patch: float
-    curve_sizes: tuple[int, ...]
-    curve_seeds: int
-    transfer: TransferSettings | None
-    figures: FigureSettings
-    tables: Literal["parquet", "csv"]
-    reference: Mapping[str, Mapping[str, tuple[float, ...]]]
-    settled: Mapping[str, int]
-
-    @classmethod
-    def from_config(cls, cfg: DictConfig) -> "EvaluateSettings":
-        """Parse the configuration of `evaluate`.
-
-        Raises:
-            ContactLearnError: a setting that breaks its rule.
-        """
-        config = _checked(cfg, "evaluate")
-        law, effects, recipes = _law(config), _effects(config, "effect"), _recipes(config)
-        figures, own = config["figures"], [] if law.name in PAPER_LAWS else [law.name]
-        drawn = _named_laws(config, law, (figures["surface"], figures["parameters"]))
-        laws = _named_laws(config, law, (*config["laws"], *own))
-        parameters, settled = _reference(config)
-        return cls(
-            split=_split(config),
-            identification=_identification(config),
-            fit=_fit_options(config),
-            device=_device(config),
-            workers=config["workers"],
-            bootstrap=config["bootstrap"],
-            law=law,
-            laws=laws,
-            effects=effects,
-            recipes=recipes,
-            trained=_trained(config, (*laws, *recipes)),
-            norm=config["bounds"]["norm"],
-            patch=config["bounds"]["patch"],
-            curve_sizes=tuple(config["curves"]["sizes"]),
-            curve_seeds=config["curves"]["seeds"],
-            transfer=_transfer(config, recipes, effects),
-            figures=FigureSettings(
-                trial=None if figures["trial"] is None else str(figures["trial"]),
-                surface=drawn[str(figures["surface"])],
-                parameters=drawn[str(figures["parameters"])],
-                repetitions=figures["repetitions"],
-            ),
-            tables=config["tables"],
-            reference=parameters,
-            settled=settled,
-        )
-
-    @property
-    def learnable(self) -> dict[str, Recipe]:
-        """The learned models that can be learnt around the law with its effects; all where there are no effects."""
-        return {name: one for name, one in self.recipes.items() if not self.effects or one.target != _IDENTIFIED}
-
-    @property
-    def processes(self) -> int:
-        """Number of processes to train in: as given, one on a GPU, else one for each core of this process."""
-        if self.workers is not None or self.device.type != "cpu":
-            return self.workers or 1
-        return usable_cores()
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiagnoseSettings:
-    """Laws and candidates of a diagnosis, effects in the model already, and limits of proposed drops.
-
-    Args:
-        law: the law, or None for the one with the least held-out error of `laws`.
-        noise: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known.
-        limits: of the proposed drops by variable, in m, rad, m/s, rad/s.
-        seconds: time for the search, s.
-        verbose: whether everything is printed, and not the verdict alone.
-    """
-
-    source: SourceSettings
-    seed: int
-    seconds: float
-    verbose: bool
-    law: Law | None
-    laws: tuple[Law, ...]
-    effects: Mapping[str, Effect]
-    candidates: Mapping[str, Effect]
-    noise: tuple[float, ...] | None
-    limits: Mapping[str, tuple[float, float]]
-
-    @classmethod
-    def from_config(cls, cfg: DictConfig) -> "DiagnoseSettings":
-        """Parse the configuration of `diagnose`.
-
-        Raises:
-            ContactLearnError: a setting that breaks its rule, or a candidate with the name of another effect.
-        """
-        config = _checked(cfg, "diagnose")
-        law = parse_law(config["law"], str(config["variant"]))
-        effects, own = _effects(config, "effect"), _effects(config, "candidate")
-        for name, effect in own.items():  # a class that was imported is in the catalogue under its own name
-            if name in effects or (name in catalogue() and type(effect) not in catalogue()[name]):
-                raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
-        return cls(
-            source=SourceSettings.from_values(config["data"]),
-            seed=config["seed"],
-            seconds=config["seconds"],
-            verbose=config["verbose"],
-            law=law,
-            laws=tuple(_named_laws(config, law, SEARCHED_LAWS).values()),
-            effects=effects,
-            candidates=own,
-            noise=_fit_options(config).noise,
-            limits={name: tuple(ends) for name, ends in (config["limits"] or {}).items()},
-        )
-
-
 def plain_values(part: DictConfig) -> dict[str, Any]:
     """Return a part of a configuration as plain values by name, with every reference replaced by its value."""
-    values = OmegaConf.to_container(part, resolve=True)
+    values = OmegaConf.to_container(without_hydra(part) if "hydra" in part else part, resolve=True)
     assert isinstance(values, dict)  # a part that is given and not null
-    return {str(name): value for name, value in values.items() if name != "hydra"}
+    return {str(name): value for name, value in values.items()}
 
 
 def parse_law(entry: Any, variant: str) -> Law | None:
@@ -402,189 +163,119 @@ def parse_law(entry: Any, variant: str) -> Law | None:
     return law
 
 
-# Rules of single values
+# Values that are more than a number or a text: each is made of its entry, its key, and the settings decoded before it
 
 
-def _whole(least: int, most: int | None = None) -> _Rule:
-    rule = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
-    return lambda x: is_whole(x, least) and (most is None or x <= most), rule
+def _sizes(entry: Any, key: str, _: Any) -> tuple[int, ...]:
+    if not isinstance(entry, list) or not entry or not all(is_whole(x, 2) for x in entry) or entry != sorted({*entry}):
+        rule = "an increasing list of whole numbers, 2 or more, such as [10, 20, 50]"
+        raise ContactLearnError(f"{key} must be {rule}, got {entry!r}")
+    return tuple(entry)
 
 
-def _whole_or_null(rule: str) -> _Rule:
-    return lambda x: x is None or is_whole(x, 1), f"a whole number, 1 or more, or null for {rule}"
+def _ends(entry: Any, key: str, _: Any) -> tuple[float, float]:
+    example = "[-3, -1]" if key.startswith("limits.") else "[0, 1]"
+    if not isinstance(entry, list) or len(entry) != 2 or not all(map(is_number, entry)) or entry[0] > entry[1]:
+        raise ContactLearnError(f"{key} must be [low, high] in order, such as {example}, got {entry!r}")
+    return entry[0], entry[1]
 
 
-def _number(accept: Callable[[float], bool], rule: str) -> _Rule:
-    return lambda x: is_number(x) and accept(x), rule
+def _limits(entry: Any, key: str, _: Any) -> dict[str, tuple[float, float]]:
+    states = tuple(dict.fromkeys(chain(*STATES.values())))  # only the data say whether they are in the plane
+    found = _entries(entry, key)
+    if unknown := [name for name in found if name not in states]:
+        raise UnknownNameError("limit of an experiment", unknown[0], states)
+    return {name: _ends(ends, f"{key}.{name}", _) for name, ends in found.items()}
 
 
-def _pair(example: str) -> _Rule:
-    return (
-        lambda x: isinstance(x, list) and len(x) == 2 and all(map(is_number, x)) and x[0] <= x[1],
-        f"[low, high] in order, such as {example}",
-    )
+def _entries(entry: Any, key: str) -> dict[str, Any]:
+    """Entries of a part by the names that the user gives them, which become names of files and charts."""
+    found = _mapping({} if entry is None else entry, key)
+    for name in found:
+        if not NAME.fullmatch(str(name)):
+            raise ContactLearnError(f"a name in {key} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
+    return {str(name): one for name, one in found.items()}
 
 
-_SIZES: _Rule = (
-    lambda x: isinstance(x, list) and len(x) > 0 and all(is_whole(one, 2) for one in x) and x == sorted(set(x)),
-    "an increasing list of whole numbers, 2 or more, such as [10, 20, 50]",
-)
-_RULES: Mapping[str, _Rule] = {
-    "test": _number(lambda x: 0 < x < 1, "a share in (0, 1)"),
-    "checkpoint": (
-        lambda x: all(isinstance(one, str) for one in (x if isinstance(x, list) else [x])) or x is None,
-        "a file or folder, or a list of them, such as [a/model.pt, b/model.pt]",
-    ),
-    "seed": _whole(0, _LARGEST_SEED),
-    "split_seed": _whole(0, _LARGEST_SEED),
-    "threads": _whole(1),
-    "seconds": _number(lambda x: x > 0, "a positive number of seconds"),
-    "verbose": (lambda x: isinstance(x, bool), "true or false"),
-    "train.size": _whole_or_null("as many as there are"),
-    "train.repetitions": _whole(1),
-    "train.mu": _pair("[0, 1]"),
-    "train.eps": _pair("[0, 1]"),
-    "bounds.patch": _number(lambda x: x > 0, "a positive half-width in m"),
-    "bootstrap": _whole(10),
-    "curves.sizes": _SIZES,
-    "curves.seeds": _whole(1),
-    "transfer.sizes": _SIZES,
-    "transfer.seeds": _whole(1),
-    "fit.starts": _whole(2),
-    "workers": _whole_or_null("one a core"),
-    "figures.repetitions": _whole(1),
-    "laws": (lambda x: isinstance(x, list) and len(x) > 0, "a list of at least one law, such as [whittaker]"),
-}
-_CHOICES = {
-    "train.target": ("impulse target", IMPULSE_TARGETS),
-    "bounds.norm": ("norm", metrics.NORMS),
-    "tables": ("table format", FORMATS),
-}
-_NAMING = ("effect", "candidate", "model", "transfer.bodies")  # parts whose keys become names of files and charts
-_NULLABLE = (*_NAMING, "limits", "reference", "transfer")
-_PARTS = (*_NULLABLE, "data", "train", "fit", "bounds", "curves", "figures")
-_STATES = tuple(dict.fromkeys(chain(*STATES.values())))  # only the data say whether they are in the plane or in space
-_ABSENT = object()
+def _source(entry: Any, key: str, _: Any) -> SourceSettings:
+    return SourceSettings.from_values(_mapping(entry, key), key)
 
 
-def _checked(cfg: DictConfig, command: str) -> dict[str, Any]:
-    """Return a configuration as plain values, each of which obeys its rule.
-
-    Raises:
-        ContactLearnError: naming the setting, the rule and the value; or a setting that was taken out.
-        UnknownNameError: a variant, target, norm or format that does not exist.
-    """
-    config = plain_values(cfg)
-    for key in required_settings(command):
-        if _at(config, key, _ABSENT) is _ABSENT and _at(config, key.rpartition(".")[0], {}) is not _ABSENT:
-            raise ContactLearnError(f"{key} is missing: {command} needs it")
-    for part in sorted(_PARTS):  # transfer before its parts
-        entries = _at(config, part, {})
-        if not isinstance(entries, dict) and not (entries is None and part in _NULLABLE):
-            raise ContactLearnError(f"{part} must hold settings by name, such as {part}.NAME=…, got {entries!r}")
-        for name in (entries or ()) if part in _NAMING else ():
-            if not NAME.fullmatch(str(name)):
-                raise ContactLearnError(f"a name in {part} has 1 to 60 letters, digits, blanks, _ and -, got {name!r}")
-    values = {key: _at(config, key, _ABSENT) for key in (*_RULES, *_CHOICES)}
-    if unknown := [name for name in config.get("limits") or {} if name not in _STATES]:
-        raise UnknownNameError("limit of an experiment", unknown[0], _STATES)
-    pairs = {f"limits.{name}": _pair("[-3, -1]") for name in config.get("limits") or {}}
-    values |= {f"limits.{name}": ends for name, ends in (config.get("limits") or {}).items()}
-    for key, (accept, rule) in {**_RULES, **pairs}.items():
-        if values[key] is not _ABSENT and not accept(values[key]):
-            raise ContactLearnError(f"{key} must be {rule}, got {values[key]!r}")
-    for key, (kind, known) in _CHOICES.items():
-        if values[key] is not _ABSENT and values[key] not in known:
-            raise UnknownNameError(kind, str(values[key]), known)
-    laws.find(PAPER_LAWS[0], str(config["variant"]))
-    return config
+def _mapping(entry: Any, key: str) -> dict[str, Any]:
+    if not isinstance(entry, dict):
+        raise ContactLearnError(f"{key} must hold settings by name, such as {key}.NAME=…, got {entry!r}")
+    return entry
 
 
-def _at(config: Mapping[str, Any], key: str, default: Any) -> Any:
-    """The value under a dotted key; the default where a part of the way is missing or null."""
-    *way, last = key.split(".")
-    part = reduce(lambda found, name: found.get(name) if isinstance(found, dict) else None, way, config)
-    return part.get(last, default) if isinstance(part, dict) else default
+def _device(entry: Any, _: str, known: Any) -> torch.device:
+    return devices.find(str(entry))
 
 
-# Parts of the settings
+def _variant(entry: Any, *_: Any) -> str:
+    laws.find(PAPER_LAWS[0], str(entry))
+    return str(entry)
 
 
-def _split(config: Mapping[str, Any]) -> SplitSettings:
-    return SplitSettings(
-        source=SourceSettings.from_values(config["data"]),
-        test=config["test"],
-        split_seed=config["split_seed"],
-        seed=config["seed"],
-        train_size=config["train"]["size"],
-    )
+def _law_or_best(entry: Any, _: str, known: Mapping[str, Any]) -> Law | None:
+    return parse_law(entry, known["variant"])
 
 
-def _identification(config: Mapping[str, Any]) -> IdentificationSettings:
-    train = config["train"]
-    return IdentificationSettings(target=train["target"], box=_box(config), repetitions=train["repetitions"])
-
-
-def _box(config: Mapping[str, Any]) -> Box:
-    train = config.get("train")
-    return Box(tuple(train["mu"]), tuple(train["eps"])) if train else Box()
-
-
-def _fit_options(config: Mapping[str, Any]) -> FitOptions:
-    fit = config["fit"]
-    noise = fit["noise"]
-    sigma = None if noise is None else tuple(noise if isinstance(noise, list) else [noise])
-    return FitOptions(
-        box=_box(config), noise=sigma, **{name: fit[name] for name in ("target", "starts") if name in fit}
-    )
-
-
-def _device(config: Mapping[str, Any]) -> torch.device:
-    """The device to compute on; processes side by side are for the CPU."""
-    found = devices.find(str(config["device"]))
-    if found.type != "cpu" and (config.get("workers") or 1) > 1:
-        raise ContactLearnError(
-            f"workers={config['workers']} is for the CPU; with device={config['device']} use workers=1"
-        )
-    return found
-
-
-def _law(config: Mapping[str, Any]) -> Law:
-    """The law `law` of a command that cannot choose one."""
-    law = parse_law(config["law"], str(config["variant"]))
+def _law(entry: Any, key: str, known: Mapping[str, Any]) -> Law:
+    law = parse_law(entry, known["variant"])
     if law is None:
         raise ContactLearnError("only diagnose.py takes law=best; name a law, such as law=wang_mason")
     return law
 
 
-def _named_laws(config: Mapping[str, Any], law: Law | None, names: Iterable[Any]) -> dict[str, Law]:
-    """Laws by name in the variant of the configuration; `law` has the options that are given to it."""
-    known = {} if law is None else {law.name: law}
-    return {name: known.get(name) or laws.find(name, str(config["variant"])) for name in map(str, names)}
+def _named_law(entry: Any, _: str, known: Mapping[str, Any]) -> Law:
+    """The law of a name in the variant of the configuration; `law` has the options that are given to it."""
+    return _laws_of([str(entry)], known["law"], known["variant"])[str(entry)]
 
 
-def _recipes(config: Mapping[str, Any]) -> dict[str, Recipe]:
-    """The learned models of `model` by name; a law alone is none of them."""
-    found = {}
-    for name, entry in (config.get("model") or {}).items():
-        settings = entry if isinstance(entry, dict) else {}
-        unknown = settings.keys() - {"features", "target", "law", *_PROCESSES}
-        if not settings or unknown:
-            wrong = f"unknown {', '.join(sorted(unknown))}" if unknown else repr(entry)
-            raise ContactLearnError(f"model.{name} must hold features, target and law; got {wrong}")
+def _laws_of(names: Iterable[str], law: Law | None, variant: str) -> dict[str, Law]:
+    return {name: law if law is not None and law.name == name else laws.find(name, variant) for name in names}
+
+
+def _named_laws(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Law]:
+    if not isinstance(entry, list) or not entry:
+        raise ContactLearnError(f"{key} must be a list of at least one law, such as [whittaker], got {entry!r}")
+    own = [] if known["law"].name in PAPER_LAWS else [known["law"].name]
+    return _laws_of(map(str, (*entry, *own)), known["law"], known["variant"])
+
+
+def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe | None]:
+    """The learned models by name; None for a law alone."""
+    found = dict[str, Recipe | None]()
+    for name, settings in _entries(entry, key).items():
+        place = f"{key}.{name}"
+        if not isinstance(settings, dict) or not settings:
+            raise ContactLearnError(
+                f"{place} must hold features, target and law, got {settings!r}; the settings of a model stand under "
+                f"its name, {key}.NAME.{name}=…, for there may be several"
+            )
+        for unknown in settings.keys() - {"features", "target", "law", *_PROCESSES}:
+            near = suggest(unknown, ("features", "target", "law", *_PROCESSES))
+            raise ContactLearnError(
+                f"unknown setting '{place}.{unknown}'{near}; {place} must hold features, target and law"
+            )
         if settings.keys() == {"law"}:
+            found[name] = None
             continue
-        missing = {"features", "target"} - settings.keys()
-        if missing:
-            raise ContactLearnError(f"model.{name} lacks {', '.join(sorted(missing))}; see configs/model")
+        if missing := {"features", "target"} - settings.keys():
+            raise ContactLearnError(f"{place}{_not_chosen(key, name)}: lacks {', '.join(sorted(missing))}")
         base = settings.get("law")
-        law = None if base is None else parse_law(base, str(config["variant"]))
+        law = None if base is None else parse_law(base, known["variant"])
         try:
             processes = _processes({key: settings[key] for key in _PROCESSES if settings.get(key) is not None})
             found[name] = Recipe(settings["features"], settings["target"], law, processes)
         except ContactLearnError as error:
-            raise ContactLearnError(f"model.{name}: {error}") from error
+            raise ContactLearnError(f"{place}: {error}") from error
     return found
+
+
+def _not_chosen(group: str, name: str) -> str:
+    """What to do where something is set of a model or effect that is not chosen, or that is misspelt."""
+    return f" is not chosen; add {group}=[{name}]" if name in choices(group) else suggest(name, choices(group))
 
 
 def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
@@ -599,19 +290,27 @@ def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
     return ProcessOptions(**settings)
 
 
-def _effects(config: Mapping[str, Any], part: str) -> dict[str, Effect]:
-    """The effects of a part of the configuration, `effect` or `candidate`, by name."""
+def _effects(entry: Any, key: str, _: Any) -> dict[str, Effect]:
     found = {}
-    for name, entry in (config.get(part) or {}).items():
-        if not isinstance(entry, dict) or not entry:
+    for name, settings in _entries(entry, key).items():
+        if not isinstance(settings, dict) or not settings:
             raise ContactLearnError(
-                f"{part}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
-                f"got {entry!r}"
+                f"{key}.{name} must hold _target_, a class, or a line of mathematics such as tau: '-c*rx*Pn'; "
+                f"got {settings!r}"
             )
         try:
-            found[name] = _effect(entry)
+            found[name] = _effect(settings)
         except ContactLearnError as error:
-            raise ContactLearnError(f"{part}.{name}: {error}") from error
+            hint = "" if "_target_" in settings else _not_chosen("effect", name)
+            raise ContactLearnError(f"{key}.{name}{hint}: {error}") from error
+    return found
+
+
+def _candidates(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Effect]:
+    found = _effects(entry, key, known)
+    for name, effect in found.items():  # a class that was imported is in the catalogue under its own name
+        if name in known["effects"] or (name in catalogue() and type(effect) not in catalogue()[name]):
+            raise ContactLearnError(f"candidate.{name} has the name of another effect; give it one of its own")
     return found
 
 
@@ -631,49 +330,387 @@ def _effect(entry: Mapping[str, Any]) -> Effect:
     return effect
 
 
-def _trained(config: Mapping[str, Any], taken: Iterable[str]) -> dict[str, TrainedModel]:
-    """The models of `checkpoint` by name."""
-    entry = config["checkpoint"]
-    if entry and config["transfer"] is not None:
+def _start(entry: Any, *_: Any) -> TrainedModel | None:
+    if isinstance(entry, list):
+        raise ContactLearnError("training goes on from one checkpoint; sweep over several with -m checkpoint=A,B")
+    return None if entry is None else load_model(str(entry))
+
+
+def _trained(entry: Any, _: str, known: Mapping[str, Any]) -> dict[str, TrainedModel]:
+    if entry and known["transfer"] is not None:
         raise ContactLearnError("a transfer trains its own models; take out checkpoint=… or transfer")
-    return load_models([entry] if isinstance(entry, str) else entry or [], taken)
+    paths = entry if isinstance(entry, list) else [entry] if entry else []
+    return load_models([str(path) for path in paths], (*known["laws"], *known["models"]))
 
 
-def _transfer(
-    config: Mapping[str, Any], recipes: Mapping[str, Recipe], effects: Mapping[str, Effect]
-) -> TransferSettings | None:
+def _bodies(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, SourceSettings]:
     """Other bodies; one without a source of its own is `data` with some changes."""
-    entry = config["transfer"]
-    if entry is None:
-        return None
-    if effects:
-        raise ContactLearnError("transfer is studied without effects; use effect=[]")
-    if not recipes or not entry.get("bodies") or not entry.keys() >= {"sizes", "seeds"}:
-        raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
-    bodies = {}
-    for name, changes in entry["bodies"].items():
-        key = f"transfer.bodies.{name}"
-        if not isinstance(changes, dict):
-            raise ContactLearnError(f"{key} must hold settings by name, such as {key}.mass=…, got {changes!r}")
-        same = {} if "_target_" in changes else config["data"]
-        bodies[name] = SourceSettings.from_values({**same, **changes}, key)
-    return TransferSettings(sizes=tuple(entry["sizes"]), seeds=entry["seeds"], bodies=bodies)
+    bodies, data = {}, known["data"]
+    same = {"_target_": data.target, "correct": [*data.corrections], **data.options}
+    for name, changes in _entries(entry, key).items():
+        own = "_target_" in _mapping(changes, f"{key}.{name}")
+        bodies[name] = SourceSettings.from_values(changes if own else same | changes, f"{key}.{name}")
+    return bodies
 
 
-def _reference(config: Mapping[str, Any]) -> tuple[dict[str, dict[str, tuple[float, ...]]], dict[str, int]]:
-    """Published parameters by law, (mean, standard deviation) each, and published numbers of trials to settle."""
-    parameters, settled = {}, {}
-    for name, entry in (config["reference"] or {}).items():
-        values = dict(entry) if isinstance(entry, dict) else {}
-        trials = values.pop("settled", None)
-        pairs = [isinstance(pair, list) and len(pair) == 2 and all(map(is_number, pair)) for pair in values.values()]
-        if not ((values.keys() == {"mu", "eps"} and all(pairs)) or (is_whole(trials, 1) and not values)):
+def _published(entry: Any, key: str, _: Any) -> "dict[str, Published]":
+    found = {}
+    for name, values in _entries(entry, key).items():
+        with suppress(msgspec.ValidationError):
+            found[name] = msgspec.convert(values, Published)
+        if name not in found or (found[name].mu is None) != (found[name].eps is None) or not values:
             raise ContactLearnError(
-                f"reference.{name} must hold mu: [mean, std] and eps: [mean, std], settled: trials, or all; got {entry}"
+                f"{key}.{name} must hold mu: [mean, std] and eps: [mean, std], settled: trials, or all; got {values}"
             )
-        parameters |= {str(name): {key: tuple(pair) for key, pair in values.items()}} if values else {}
-        settled |= {str(name): trials} if trials is not None else {}
-    return parameters, settled
+    return found
+
+
+class Published(Struct, frozen=True, forbid_unknown_fields=True):
+    """Published parameters, (mean, standard deviation) each, and the published number of trials to settle."""
+
+    mu: tuple[float, float] | None = None
+    eps: tuple[float, float] | None = None
+    settled: _Whole | None = None
+
+
+# What the commands take
+
+
+class IdentificationSettings(Struct, frozen=True):
+    """Training trials (`size`), random subsets of them, the compared impulse, and the limits of (μ, ε)."""
+
+    size: Annotated[_Whole | None, Meta(description="a whole number, 1 or more, or null for as many as there are")]
+    repetitions: _Whole
+    target: ImpulseTarget
+    mu: Annotated[tuple[float, float], _ends]
+    eps: Annotated[tuple[float, float], _ends]
+
+    @property
+    def box(self) -> Box:
+        """Limits of (μ, ε)."""
+        return Box(self.mu, self.eps)
+
+
+class BoundsSettings(Struct, frozen=True):
+    """The norm that the bounds minimise and models are compared in."""
+
+    norm: metrics.Norm
+
+
+class PatchSettings(BoundsSettings, frozen=True):
+    """Also the largest half-width of a contact patch in the curve of the bound, m."""
+
+    patch: Annotated[float, Meta(gt=0, le=_LARGEST, description="a positive half-width in m")]
+
+
+class NoiseSettings(Struct, frozen=True):
+    """Standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), where they are known."""
+
+    noise: Annotated[
+        tuple[float, ...] | None, Meta(description="standard deviations of (v_x, v_y, ω) in m/s and rad/s, or null")
+    ]
+
+
+class FitSettings(NoiseSettings, frozen=True):
+    """Also the compared quantity and the number of starts of a joint fit."""
+
+    target: str
+    starts: Annotated[int, Meta(ge=2, description="a whole number, 2 or more")]
+
+
+class CurveSettings(Struct, frozen=True):
+    """Numbers of training trials, and subsets at each."""
+
+    sizes: Annotated[tuple[int, ...], _sizes]
+    seeds: _Whole
+
+
+class TransferSettings(CurveSettings, frozen=True):
+    """Numbers of trials of another body, subsets at each, and the source of each body by name."""
+
+    bodies: Annotated[Mapping[str, SourceSettings], _bodies]
+
+
+class FigureSettings(Struct, frozen=True):
+    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence."""
+
+    trial: str | int | float | None
+    surface: Annotated[Law, _named_law]
+    parameters: Annotated[Law, _named_law]
+    repetitions: _Whole
+
+
+class _Settings(Struct, frozen=True):
+    variant: Annotated[str, _variant]
+    data: Annotated[SourceSettings, _source]
+    effects: Annotated[Mapping[str, Effect], _effects] = field(name="effect")
+    seed: _Seed
+    threads: _Whole
+
+    @classmethod
+    def from_config(cls, cfg: DictConfig) -> Self:
+        """Decode the configuration of the command.
+
+        Raises:
+            ContactLearnError: a setting that is missing, or that breaks its rule; what `from_values` of a command adds.
+        """
+        values = dict[str, Any]()
+        _decode(cls, plain_values(cfg), "", values, values)
+        return cls(**cls._completed(values))
+
+    @classmethod
+    def _completed(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Check settings against each other, and fill in what one of them leaves to another."""
+        return values
+
+
+class SplitSettings(_Settings, frozen=True):
+    """The measurements, how they are split, and how laws are identified from them: of `train` and `evaluate`.
+
+    `split_seed` chooses the trials to hold out, a share `test`; `seed` is that of everything drawn afterwards.
+    """
+
+    test: Annotated[float, Meta(gt=0, lt=1, description="a share in (0, 1)")]
+    split_seed: _Seed
+    device: Annotated[torch.device, _device]
+    train: IdentificationSettings
+    fit: FitSettings
+    bootstrap: Annotated[int, Meta(ge=10, description="a whole number, 10 or more")]
+
+    @property
+    def fit_options(self) -> FitOptions:
+        """Of fits of a law together with its effects."""
+        return FitOptions(box=self.train.box, **msgspec.structs.asdict(self.fit))
+
+    def __post_init__(self) -> None:
+        _ = self.fit_options  # which has rules of its own
+
+
+class TrainSettings(SplitSettings, frozen=True):
+    """One model to train, with the law and the effects that it has; `start` is the one that training goes on from.
+
+    Raises:
+        ContactLearnError: no model, or several; effects around a model that has no law, or that takes (μ, ε) from the
+            law alone; a checkpoint that is no learned model.
+    """
+
+    law: Annotated[Law | None, _law]
+    bounds: BoundsSettings
+    recipes: Annotated[Mapping[str, Recipe | None], _recipes] = field(name="model")
+    start: Annotated[TrainedModel | None, _start] = field(name="checkpoint")
+
+    @property
+    def model(self) -> str:
+        """Name of the model."""
+        return next(iter(self.recipes))
+
+    @property
+    def recipe(self) -> Recipe | None:
+        """What is learnt; None for a law alone."""
+        return self.recipes[self.model]
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """Those of Best Post Hoc, the paper's and `law`."""
+        return _laws_of((*PAPER_LAWS, *([self.law.name] if self.law else [])), self.law, self.variant)
+
+    @classmethod
+    def _completed(cls, values: dict[str, Any]) -> dict[str, Any]:
+        start, effects, names = values["start"], values["effects"], list(values["recipes"])
+        if start is not None:
+            for part, chosen in (("model", names), ("effect", effects)):
+                if chosen:
+                    raise ContactLearnError(f"checkpoint={start.path} has its own {part}; take out {part}=…")
+            try:
+                recipe = Recipe.of(start.model)
+            except ContactLearnError as error:
+                raise ContactLearnError(f"{start.path}: training cannot go on from it: {error}") from error
+            return values | {"recipes": {start.learned: recipe}, "law": start.law, "effects": start.effects}
+        if len(names) != 1:
+            raise ContactLearnError(
+                f"one model is trained at a time, got {names}; sweep over several with -m model=a,b"
+            )
+        recipe = values["recipes"][names[0]]
+        if effects and recipe is not None and recipe.law is None:
+            raise ContactLearnError(f"effects act around a law, and model {names[0]} has none: {', '.join(effects)}")
+        if effects and recipe is not None and recipe.target == _IDENTIFIED:
+            raise ContactLearnError(
+                f"model {names[0]} takes each trial's (μ, ε) from the law alone, but there are effects "
+                f"({', '.join(effects)}); use model=parameters_likelihood"
+            )
+        return values if recipe is None or effects else values | {"law": recipe.law}
+
+
+class EvaluateSettings(SplitSettings, frozen=True):
+    """Laws, learned models and bounds to compare; `laws` are those of the error table, `law` has the effects.
+
+    `trained` are models from checkpoints, by name in the error table.
+    """
+
+    law: Annotated[Law, _law]
+    workers: Annotated[_Whole | None, Meta(description="a whole number, 1 or more, or null for one a core")]
+    models: Annotated[Mapping[str, Recipe | None], _recipes] = field(name="model")
+    laws: Annotated[Mapping[str, Law], _named_laws]
+    bounds: PatchSettings
+    curves: CurveSettings
+    transfer: TransferSettings | None
+    trained: Annotated[Mapping[str, TrainedModel], _trained] = field(name="checkpoint")
+    figures: FigureSettings
+    tables: Literal["parquet", "csv"]
+    reference: Annotated[Mapping[str, Published], _published]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.device.type != "cpu" and (self.workers or 1) > 1:
+            raise ContactLearnError(f"workers={self.workers} is for the CPU; with device={self.device} use workers=1")
+        if self.transfer is not None and self.effects:
+            raise ContactLearnError("transfer is studied without effects; use effect=[]")
+        if self.transfer is not None and not (self.recipes and self.transfer.bodies):
+            raise ContactLearnError("transfer needs a learned model and a body; see configs/experiment/transfer.yaml")
+
+    @property
+    def recipes(self) -> dict[str, Recipe]:
+        """The learned models by name; a law alone is none of them."""
+        return {name: recipe for name, recipe in self.models.items() if recipe is not None}
+
+    @property
+    def learnable(self) -> dict[str, Recipe]:
+        """The learned models that can be learnt around the law with its effects; all where there are no effects."""
+        return {name: one for name, one in self.recipes.items() if not self.effects or one.target != _IDENTIFIED}
+
+    @property
+    def processes(self) -> int:
+        """Number of processes to train in: as given, one on a GPU, else one for each core of this process."""
+        if self.workers is not None or self.device.type != "cpu":
+            return self.workers or 1
+        return usable_cores()
+
+
+class DiagnoseSettings(_Settings, frozen=True):
+    """Laws and candidates of a diagnosis, effects in the model already, and limits of proposed drops.
+
+    `law` is None for the one with the least held-out error of `laws`; `limits` are in m, rad, m/s, rad/s by variable;
+    `verbose` prints everything, and not the verdict alone.
+    """
+
+    law: Annotated[Law | None, _law_or_best]
+    candidates: Annotated[Mapping[str, Effect], _candidates] = field(name="candidate")
+    limits: Annotated[Mapping[str, tuple[float, float]], _limits]
+    seconds: Annotated[float, Meta(gt=0, le=_LARGEST, description="a positive number of seconds")]
+    verbose: Annotated[bool, Meta(description="true or false")]
+    fit: NoiseSettings
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Those that a search for the law tries."""
+        return tuple(_laws_of(SEARCHED_LAWS, self.law, self.variant).values())
+
+    def __post_init__(self) -> None:
+        FitOptions(noise=self.fit.noise)  # which has rules of its own
+
+
+SETTINGS: Mapping[str, type[TrainSettings] | type[EvaluateSettings] | type[DiagnoseSettings]] = {
+    "train": TrainSettings,
+    "evaluate": EvaluateSettings,
+    "diagnose": DiagnoseSettings,
+}
+"""By command."""
+
+
+# Decoding
+
+
+def _decode(kind: type[Struct], entry: Any, key: str, known: Mapping[str, Any], found: dict[str, Any]) -> None:
+    """Fill in the fields of a struct from the entry under a key; `known` are the settings of the command so far."""
+    for one in msgspec.structs.fields(kind):
+        name, rule = one.encode_name, getattr(one.type, "__metadata__", (None,))[0]
+        place = f"{key}.{name}" if key else name
+        if name not in _mapping(entry, key):
+            raise ContactLearnError(f"{place} is missing: the command needs it")
+        value, part = entry[name], _part(one.type)
+        if callable(rule):
+            found[one.name] = rule(value, place, known)
+        elif part is None or (value is None and part is not one.type):
+            found[one.name] = _value(one.type, value, place)
+        else:
+            inner = dict[str, Any]()
+            _decode(part, value, place, known, inner)
+            found[one.name] = part(**inner)
+
+
+def _value(kind: Any, value: Any, key: str) -> Any:
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        if get_origin(kind) is Literal:
+            raise UnknownNameError(key, str(value), get_args(kind)) from None
+        rule = kind.__metadata__[0].description if hasattr(kind, "__metadata__") else str(error)
+        raise ContactLearnError(f"{key} must be {rule}, got {value!r}") from None
+
+
+def _part(kind: Any) -> type[Struct] | None:
+    """The struct of a part of a configuration, which may be null."""
+    return next((one for one in (kind, *get_args(kind)) if isinstance(one, type) and issubclass(one, Struct)), None)
+
+
+@lru_cache
+def _keys(kind: type[Struct]) -> dict[str, bool]:
+    """Dotted keys of all settings, and whether the user gives names to the settings below."""
+    found = dict[str, bool]()
+    for one in msgspec.structs.fields(kind):
+        found[one.encode_name] = callable(getattr(one.type, "__metadata__", (None,))[0])
+        if (part := _part(one.type)) is not None:
+            found |= {f"{one.encode_name}.{key}": is_open for key, is_open in _keys(part).items()}
+    return found
+
+
+def check_names(cfg: DictConfig, command: str, words: Iterable[str]) -> None:
+    """Take out the parts of an experiment that a command has no use for, and refuse settings that it does not have.
+
+    Args:
+        cfg: a composed configuration.
+        command: its name; that of a file of the user's own, by --config-name, is not checked.
+        words: of the command line.
+
+    Raises:
+        ContactLearnError: with the nearest setting.
+    """
+    if command not in SETTINGS:
+        return
+    typed = {name.partition(".")[0]: value for name, _, value in (word.lstrip("+~").partition("=") for word in words)}
+    experiment = f"experiment={typed['experiment']}: " if "experiment" in typed else ""
+    with open_dict(cfg):
+        for part in UNUSED[command] - typed.keys() if experiment else ():
+            cfg.pop(part, None)
+    own = without_hydra(cfg)
+    for path in chain(((str(name),) for name in own), (path for path, _ in leaf_values(OmegaConf.to_container(own)))):
+        require_setting(path, command, "" if path[0] in typed else experiment)
+    if OmegaConf.is_dict(cfg.get("data")):
+        SourceSettings.from_config(cfg)
+
+
+def require_setting(path: Sequence[str], command: str, place: str = "") -> bool:
+    """Raise for a setting that a command does not have; return whether the command needs it.
+
+    Raises:
+        ContactLearnError: with the nearest setting, or the commands that have it.
+    """
+    known = _keys(SETTINGS[command])
+    for end in range(1, len(path) + 1):
+        key = ".".join(path[:end])
+        if key not in known:
+            others = [f"{name}.py" for name, kind in SETTINGS.items() if key in _keys(kind)]
+            if others:
+                raise ContactLearnError(
+                    f"{place}{key} is a setting of {' and '.join(others)} only; --help lists the settings of this "
+                    "command"
+                )
+            last = {name.rpartition(".")[2]: name for name in known}
+            near = suggest(key, known) or suggest(last.get(path[end - 1], ""), known)
+            raise ContactLearnError(f"{place}unknown setting {key!r}{near}; --help lists all settings")
+        if known[key]:
+            return len(path) == end
+    return True
 
 
 def _subclass(target: object, base: type[Base]) -> type[Base]:

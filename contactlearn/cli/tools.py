@@ -180,15 +180,11 @@ def _source(command: str, words: Sequence[str], path: str | None = None) -> "Sou
 
 def _in_data(word: str) -> str:
     """The setting of the data that a word without `data.` means, if there is one."""
-    from pathlib import Path
-
-    from contactlearn.cli.config_files import CONFIGS
+    from contactlearn.cli.config_files import shipped_settings
 
     key = re.split(r"[.=]", word.lstrip("+~"))[0]
-    known = (path.read_text("utf-8") for path in Path(CONFIGS, "data").glob("*.yaml"))
-    return (
-        f": data.{word.lstrip('+~')}?" if any(re.search(rf"^{re.escape(key)}:", text, re.M) for text in known) else ""
-    )
+    known = any(key in settings for settings in shipped_settings("data").values())
+    return f": data.{word.lstrip('+~')}?" if known else ""
 
 
 def _path_and_words(command: str, options: argparse.Namespace) -> tuple[str | None, list[str]]:

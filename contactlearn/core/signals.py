@@ -101,3 +101,8 @@ def _unread() -> bool:
     ends = select.poll()
     ends.register(sys.stdout, 0)
     return any(event & select.POLLERR for _, event in ends.poll(0))
+
+
+def is_interruption(error: BaseException | None) -> bool:
+    """Whether an error came in place of Ctrl-C or SIGTERM."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or is_interruption(error.__context__))

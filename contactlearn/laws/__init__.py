@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from importlib.metadata import entry_points
 from typing import Any
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact
 
@@ -72,7 +72,9 @@ def find(name: str, variant: str = "textbook", **options: Any) -> Law:
     law = family.get(variant) or family.get("textbook") or next(iter(family.values()))
     settings = law().options
     if unknown := [key for key in options if key not in settings]:
-        raise UnknownNameError(f"option of law {name}", unknown[0], settings or ["none"])
+        others = [other for other in known if unknown[0] in find(other).options]
+        has = f"law={others[0]} has it" if others else f"it has {', '.join(settings) or 'none'}"
+        raise ContactLearnError(f"law {name} has no option {unknown[0]!r}{suggest(unknown[0], settings)}; {has}")
     return law(**options)
 
 

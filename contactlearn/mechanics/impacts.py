@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -49,7 +49,8 @@ UNIT = 1e-3
 
 OPTIONAL = ("q_post", "time", "order")
 
-IMPULSE_TARGETS = ("momentum", "least_squares", "contact")
+ImpulseTarget = Literal["momentum", "least_squares", "contact"]
+IMPULSE_TARGETS: tuple[ImpulseTarget, ...] = get_args(ImpulseTarget)
 """Definitions of the measured impulse, see `measured_impulse`."""
 
 

@@ -27,6 +27,7 @@ from contactlearn.results.types import (
     JointEstimate,
     LawEstimate,
     LearningCurve,
+    Pair,
     ProcessEstimate,
     Training,
 )
@@ -118,8 +119,8 @@ def show_joint(name: str, fit: JointEstimate) -> None:
         print_line(f"note: the fit of {name} has not converged; more starts (fit.starts) or fewer effects may help")
 
 
-def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[str, Sequence[float]]]) -> None:
-    """Print published parameters beside ours; differences in joint standard deviations of both."""
+def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Sequence[Pair]]) -> None:
+    """Print published (μ, ε), (mean, standard deviation) each, beside ours; differences in joint deviations of both."""
     title = "Published table beside ours: means ± standard deviations over the subsets"
     halves = ((f"{x} published", f"{x} here", f"Δ{x}", f"Δ{x}/σ") for x in "με")
     table = new_table(title, "law", *chain.from_iterable(halves))
@@ -127,8 +128,8 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Mapping[
         if fit.law not in reference:
             continue
         cells = []
-        for name, mean, std in (("mu", fit.mu, fit.mu_std), ("eps", fit.eps, fit.eps_std)):
-            published, published_std = reference[fit.law][name]
+        ours = ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std))
+        for (mean, std), (published, published_std) in zip(ours, reference[fit.law], strict=True):
             sigma = math.nan if std is None else (std**2 + published_std**2) ** 0.5
             cells += [f"{published:g} ± {published_std:g}", _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]

@@ -10,12 +10,13 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from contactlearn.cli.config_files import groups
 from contactlearn.cli.hydra_main import compose
-from contactlearn.cli.settings import EvaluateSettings, plain_values
+from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import is_number
 from contactlearn.effects import EffectId, find_effect
-from contactlearn.workbench.lines import line_name, overrides, parse
+from contactlearn.workbench.lines import line_name, overrides
 from contactlearn.workbench.models import STARTS
 from contactlearn.workbench.session import Option, Session
 
@@ -49,7 +50,7 @@ def session_of(words: Sequence[str]) -> Session:
         law=settings.law.name,
         effects=tuple(effects),
         options=tuple(sorted(options, key=lambda one: (one.effect, one.name))),
-        seed=settings.split.seed,
+        seed=settings.seed,
     )
 
 
@@ -65,37 +66,27 @@ def words_of(session: Session) -> list[str]:
 
 def command(session: Session) -> str:
     """Write the command that evaluates the model of a session on the same data in the same way."""
-    words = ["python", "-m", "contactlearn", "evaluate", *words_of(session), f"split_seed={session.seed}"]
-    words += ["model=[]", f"fit.starts={STARTS}"]
-    return shlex.join(words)
+    return shlex.join(["python", "-m", "contactlearn", "evaluate", *_evaluated(session)])
+
+
+def _evaluated(session: Session) -> list[str]:
+    return [*words_of(session), f"split_seed={session.seed}", "model=[]", f"fit.starts={STARTS}"]
 
 
 def experiment(session: Session) -> str:
     """Write the experiment file of a session, for configs/experiment or a folder named by --config-dir."""
-    cfg = compose("evaluate", list(session.data))
     defaults: list[dict[str, Any]] = [
         {"override /data": next((word[5:] for word in session.data if word.startswith("data=")), "synthetic")},
         {"override /law": session.law},
         {"override /model": []},
         {"override /effect": [one.name for one in session.effects]},
     ]
-    entries: dict[str, Any] = {
-        "defaults": defaults,
-        "seed": session.seed,
-        "split_seed": session.seed,
-        "fit": {"starts": STARTS},
-    }
-    keys = [word.partition("=")[0] for word in session.data if word.startswith("data.")]
-    data = OmegaConf.masked_copy(cfg.data, [key.split(".")[1] for key in keys])
-    effects: dict[str, Any] = {one.name: {"form": one.form} for one in session.effects if one.form is not None}
-    for one in session.options:
-        effects.setdefault(one.effect, {})[one.name] = one.setting
-    for place, line in enumerate(session.lines):
-        output, expression, ranges = parse(line)
-        effects[line_name(place)] = {output: expression, "parameters": ranges}
-    entries |= {"data": plain_values(data)} if keys else {}
-    entries |= {"effect": effects} if effects else {}
+    entries, words = OmegaConf.create({"defaults": defaults}), _evaluated(session)
+    cfg = compose("evaluate", words)
+    for key in (word.lstrip("+").partition("=")[0] for word in words):
+        if key not in groups("evaluate"):
+            OmegaConf.update(entries, key, OmegaConf.select(cfg, key))
     head = ["# @package _global_", f"# {command(session)}"]
     if session.manual:
         head.append(f"# set by hand, which no command can do: {', '.join(f'{k} = {x:g}' for k, x in session.manual)}")
-    return "\n".join([*head, OmegaConf.to_yaml(OmegaConf.create(entries))])
+    return "\n".join([*head, OmegaConf.to_yaml(entries)])

@@ -103,7 +103,7 @@ class SavedRuns:
         if session is None:
             raise ContactLearnError(f"{name}: its recordings are not known to the workbench; use contactlearn replay")
         folder, settings = self.inside(name), EvaluateSettings.from_config(compose("evaluate", [*session.data]))
-        write_replay(str(folder), settings.split.source, folder)
+        write_replay(str(folder), settings.data, folder)
 
     def inside(self, name: str) -> Path:
         """Return a path below the folder.

@@ -166,7 +166,7 @@ class Models:
             with self._composing:
                 seeds = (f"{name}={session.seed}" for name in ("seed", "split_seed"))
                 cfg = compose("evaluate", [*session.data, *seeds, "train.size=2", "model=[]"])
-            return split(EvaluateSettings.from_config(cfg).split)
+            return split(EvaluateSettings.from_config(cfg))
 
         return self._splits.get((session.data, _file_stamps(session.data), session.seed), load)
 

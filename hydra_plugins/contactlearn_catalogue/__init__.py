@@ -8,7 +8,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
-from contactlearn.cli.config_files import CONFIGS, added_folders, choice_settings, choices, has_choice
+from contactlearn.cli.config_files import CONFIGS, added_folders, choice_settings, choices
 from contactlearn.cli.config_security import SharedFolder
 
 _SCHEME = "contactlearn"
@@ -40,7 +40,7 @@ class CatalogueSource(ConfigSource):
     def is_config(self, config_path: str) -> bool:
         """Whether a path is a choice of one of them."""
         group, _, name = config_path.removesuffix(".yaml").partition("/")
-        return group in _GROUPS and has_choice(group, name)
+        return group in _GROUPS and name in choices(group)
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """Return the choices of a group, or the groups."""

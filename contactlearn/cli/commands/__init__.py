@@ -16,17 +16,14 @@ metrics.jsonl and TensorBoard's events.
 """
 
 from collections.abc import Callable, Mapping
-from functools import partial
-
-from omegaconf import DictConfig
+from typing import Any
 
 from contactlearn.cli.commands import diagnose, evaluate, train
 from contactlearn.cli.job import Run
-from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings, TrainSettings
 
-COMMANDS: Mapping[str, Callable[[DictConfig], Callable[[Run], None]]] = {
-    "train": lambda cfg: partial(train.train, TrainSettings.from_config(cfg)),
-    "evaluate": lambda cfg: partial(evaluate.evaluate, EvaluateSettings.from_config(cfg)),
-    "diagnose": lambda cfg: partial(diagnose.diagnose, DiagnoseSettings.from_config(cfg)),
+COMMANDS: Mapping[str, Callable[[Any, Run], None]] = {
+    "train": train.train,
+    "evaluate": evaluate.evaluate,
+    "diagnose": diagnose.diagnose,
 }
-"""By name: each parses a composed configuration, and returns what runs in a folder."""
+"""By name: each takes the settings of its name, and runs in a folder."""

@@ -50,20 +50,20 @@ def learning_study(
     Raises:
         DataError: fewer trials than the least of `curves.sizes`.
     """
-    recipes, sizes = settings.learnable, [size for size in settings.curve_sizes if size <= len(data.pool)]
+    recipes, sizes = settings.learnable, [size for size in settings.curves.sizes if size <= len(data.pool)]
     if not sizes:
-        least, there = settings.curve_sizes[0], f"{len(data.pool)} trials are there to draw from"
+        least, there = settings.curves.sizes[0], f"{len(data.pool)} trials are there to draw from"
         raise DataError(f"{data.pool.source}: curves.sizes begin at {least}, but {there}")
     if skipped := ", ".join(name for name in settings.recipes if name not in recipes):
         terminal.print_line(
             f"note: {skipped} uses each trial's (μ, ε) of the law alone and is skipped when there are effects"
         )
-    terminal.show_sizes(sizes, settings.curve_sizes, settings.curve_seeds, len(data.pool))
+    terminal.show_sizes(sizes, settings.curves.sizes, settings.curves.seeds, len(data.pool))
     terminal.show_reused_trainings(count_trainings(run.partial))
-    orders = study.nested_orders(len(data.pool), settings.curve_seeds, data.generator)
+    orders = study.nested_orders(len(data.pool), settings.curves.seeds, data.generator)
     pool, test = moved((data.pool, data.test), settings.device)
     with progress(run.folder, tracker) as on_event:
-        points = CurvePoints(sizes, test, seed=settings.split.seed, resamples=settings.bootstrap, on_event=on_event)
+        points = CurvePoints(sizes, test, seed=settings.seed, resamples=settings.bootstrap, on_event=on_event)
         bases, curves = _law_curves(settings, pool, test, orders, sizes, points, on_event)
         learned = study.learning_curves(
             recipes,
@@ -72,8 +72,8 @@ def learning_study(
             orders,
             sizes,
             bases,
-            impulse=settings.identification.target,
-            box=settings.identification.box,
+            impulse=settings.train.target,
+            box=settings.train.box,
             work=study.Work(processes=settings.processes, cache=run.partial, on_event=on_event),
             points=points,
         )
@@ -90,7 +90,7 @@ def _law_curves(
     on_event: OnEvent,
 ) -> tuple[Bases, dict[str, Curve]]:
     """Laws on every subset, by name and size, and the curves of those that are shown; effects are around `law`."""
-    law, effects, how = settings.law, settings.effects, settings.identification
+    law, effects, how = settings.law, settings.effects, settings.train
     needed = {**settings.laws, **{r.law.name: r.law for r in settings.learnable.values() if r.law}}
     bases: dict[str, Mapping[int, Law | ContactModel]] = {}
     shown: dict[str, Curve] = {}
@@ -100,11 +100,11 @@ def _law_curves(
         if name in settings.laws:
             shown[name] = curves[name]
             points.add(name, shown[name])
-    shown[BEST_POST_HOC] = _best_post_hoc(test, {name: bases[name] for name in settings.laws}, settings.norm)
+    shown[BEST_POST_HOC] = _best_post_hoc(test, {name: bases[name] for name in settings.laws}, settings.bounds.norm)
     points.add(BEST_POST_HOC, shown[BEST_POST_HOC])
     if effects:
         every = track(sizes, f"{law.name} and its effects on every subset", on_event)
-        bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit)
+        bases[law.name], curve = study.joint_curve(law, effects, pool, test, orders, every, settings.fit_options)
         shown[fitting.augmented_name(law.name, effects)] = curve
         points.add(fitting.augmented_name(law.name, effects), curve)
     return bases, shown

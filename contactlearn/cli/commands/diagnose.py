@@ -36,7 +36,7 @@ _LADDER = f"ladder/{_METRIC}"
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     """Find the missing effects; print each stage when it is known, and the verdict when it is on disk."""
-    loaded = loading.load_data(settings.source, validate=False)
+    loaded = loading.load_data(settings.data, validate=False)
     record.save_recordings_page(run.folder, loaded.tracked)
     impacts = loaded.impacts
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
@@ -61,7 +61,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
             options=DiagnoseOptions(
                 candidates=others | own,
                 laws=laws or settings.laws,  # where none exists in this space, the first is refused by name
-                noise=settings.noise,
+                noise=settings.fit.noise,
                 limits=settings.limits,
                 seed=settings.seed,
                 seconds=settings.seconds,
@@ -123,7 +123,7 @@ def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str
     repairs = found.corrections
     if repairs:
         words = [word for word in words if not word.lstrip("+").startswith("data.correct")]
-        words.append(f"data.correct=[{','.join([*settings.source.corrections, *repairs])}]")
+        words.append(f"data.correct=[{','.join([*settings.data.corrections, *repairs])}]")
     given = [word for word in task if word.startswith("law=") or word.lstrip("+").startswith("law.")]
     words += given if settings.law else [f"law={found.law}"] if found.law else []
     names = [name for name in dict.fromkeys((*settings.effects, *found.effects)) if _named(name)]

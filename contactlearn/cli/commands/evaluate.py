@@ -48,13 +48,13 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     if settings.transfer is not None:
         transfer(settings, settings.transfer, run)
         return
-    data = loading.split(settings.split)
+    data = loading.split(settings)
     record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
-    check_models(settings.trained, data, settings.split)
+    check_models(settings.trained, data, settings)
     row = _drawn_row(settings, data)
     size = len(data.pool) if settings.effects else data.train_size
-    metric = metrics.headline_metric(settings.norm)
+    metric = metrics.headline_metric(settings.bounds.norm)
     with record.tracker_of(run, size, metric, curves=curves.charted(settings)) as tracker:
         _evaluate(settings, run, data, row, tracker)
     terminal.show_folder(run.folder)
@@ -76,12 +76,14 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if settings.reference:
-        terminal.show_reference(result.fits, settings.reference)
+        terminal.show_reference(
+            result.fits, {name: (x.mu, x.eps) for name, x in settings.reference.items() if x.mu and x.eps}
+        )
     record.write_record(tracker, run, result.provenance, _record(settings, data, held_out, result))
     learned: dict[str, Curve] = {}
     if settings.recipes:
         lines = {f"curve_{metric}/{IRB}": error for metric, error in result.errors[IRB].intervals.items()}
-        for size in settings.curve_sizes:
+        for size in settings.curves.sizes:
             if size <= len(data.pool):
                 tracker.scalars(lines, size)
         studied, points = curves.learning_study(settings, data, run, tracker)
@@ -98,8 +100,9 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         save_curves(studied, run.folder / f"learning_curves.{settings.tables}")
         folder.write_result(run.folder, result)
         learned = {name: curve for name, curve in studied.items() if name not in settings.laws}
-        shown = (name for name in studied if name in learned or name in settings.settled)
-        terminal.show_curves({name: entries[name] for name in shown}, result.metric, settings.settled)
+        settled = {name: one.settled for name, one in settings.reference.items() if one.settled is not None}
+        shown = (name for name in studied if name in learned or name in settled)
+        terminal.show_curves({name: entries[name] for name in shown}, result.metric, settled)
         run.remove_partial_results()
     with progress(run.folder, tracker) as on_event:
         drawn = _laws_drawn(settings, data, compared, on_event)
@@ -120,6 +123,7 @@ def _save_predictions(
 ) -> ErrorSums:
     """Predict all held-out trials, block by block, write them to tables, and add up their errors."""
     sums, count = ErrorSums(held_out.predictions), data.held_out_trials
+    tables, norm = settings.tables, settings.bounds.norm
 
     def predicted() -> Iterator[tuple[Impacts, Mapping[str, Prediction]]]:
         for impacts in loading.track_blocks(on_event, data.held_out_impacts(), count, "held-out trials"):
@@ -128,10 +132,12 @@ def _save_predictions(
             yield impacts, predictions
 
     if fits_on_disk(run.folder, count * len(sums.models)):
-        save_held_out(run.folder, settings.tables, data.held_out_impacts(), predicted(), settings.norm)
+        save_held_out(run.folder, tables, data.held_out_impacts(), predicted(), norm)
     else:
         deque(predicted(), maxlen=0)
-        save_held_out(run.folder, settings.tables, [data.test], [(data.test, held_out.predictions)], settings.norm)
+        save_held_out(
+            run.folder, settings.tables, [data.test], [(data.test, held_out.predictions)], settings.bounds.norm
+        )
     return sums
 
 
@@ -143,8 +149,8 @@ def _result(
     Runs are compared by the model from a checkpoint, the best of several; else by the law with its effects, else by
     the law, or by the best one if that is not among them.
     """
-    metric = metrics.headline_metric(settings.norm)
-    errors = estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator)
+    metric = metrics.headline_metric(settings.bounds.norm)
+    errors = estimates.error_table(sums, settings.bounds.norm, settings.bootstrap, data.generator)
     joint = {name: estimates.joint_estimate(fit) for name, fit in compared.joint.items()}
     best, differences = estimates.ranked(sums, metric)
     law, laws = settings.law.name, [fit.law.name for fit in compared.fits]
@@ -160,7 +166,7 @@ def _result(
         model=model,
         law=law,
         effects=estimates.effect_ids(effects),
-        norm=settings.norm,
+        norm=settings.bounds.norm,
         fits=tuple(map(estimates.law_estimate, compared.fits)),
         joint=joint,
         errors=errors,
@@ -221,7 +227,7 @@ def _record(settings: EvaluateSettings, data: Split, held_out: HeldOut, result: 
 
 def _laws_drawn(settings: EvaluateSettings, data: Split, compared: Comparison, on_event: OnEvent) -> dict[str, Figure]:
     """Convergence and cost surface of a law, per-trial parameters, and the curves of the effects, by file name."""
-    most, shown, how = min(data.train_size, FITTED), settings.figures, settings.identification
+    most, shown, how = min(data.train_size, FITTED), settings.figures, settings.train
     sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()  # every k to 120, as many of a larger range
     pool = moved(data.pool, settings.device)
     convergence = fitting.identify_law(
@@ -249,16 +255,16 @@ def _errors_drawn(
     The trial is the held-out `row`, or that with the median error of the best law.  In space it is drawn as a body with
     its hodograph, and the contact is a point.
     """
-    test, how, headline = data.test, settings.identification, metrics.METRICS[result.metric]
+    test, how, headline, bounded = data.test, settings.train, metrics.METRICS[result.metric], settings.bounds
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
     best = min(laws, key=lambda name: result.errors[name].of(result.metric))
     if row is None:
         row = int(headline.error(test, held_out.predictions[best]).argsort()[len(test) // 2])
     if test.space is PLANE:
         levels = {name: result.errors[name].of(result.metric).mean for name in (best, BEST_POST_HOC)}
-        widths = settings.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
+        widths = bounded.patch * torch.linspace(0, 1, 25, dtype=torch.float64) ** 2  # dense where the bound falls
         shown = moved(test, settings.device)
-        patched = moved(headline.error(shown, bounds.irb(shown, settings.norm, patch=widths[:, None])), "cpu")
+        patched = moved(headline.error(shown, bounds.irb(shown, bounded.norm, patch=widths[:, None])), "cpu")
         rows = torch.tensor([list(metrics.bootstrap(error, data.generator, settings.bootstrap)) for error in patched])
         drawn = {
             "energy_ellipse": reachable_impulses(ImpulseSpace.of(test[[row]], laws, how.box, target=how.target)),

@@ -125,14 +125,14 @@ class Comparison:
 
 def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -> Comparison:
     """Fit the laws to the pool, and `law` with the effects if there are any; and every law to every trial."""
-    device, how, laws = settings.device, settings.identification, settings.laws
+    device, how, laws = settings.device, settings.train, settings.laws
     pool, impacts = moved(data.pool, device), moved(data.impacts, device)
     sizes = (min(data.train_size, FITTED),)
     fits = tuple(identify_law(law, pool, how, data.generator, on_event, sizes=sizes) for law in laws.values())
     joint: dict[str, Fit] = {}
     if settings.effects:
         rows = torch.arange(len(pool))
-        found = fit_with_effects(settings.law, settings.effects, pool, rows, settings.fit, on_event)
+        found = fit_with_effects(settings.law, settings.effects, pool, rows, settings.fit_options, on_event)
         joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
     shown = settings.figures.parameters
     every = {**laws, shown.name: shown}
@@ -141,4 +141,4 @@ def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -
         for name, law in track(every.items(), "every trial", on_event)
     }
     trained = {name: moved(one.model, device) for name, one in settings.trained.items()}
-    return Comparison(fits=fits, joint=joint, trained=trained, trials=trials, norm=settings.norm, device=device)
+    return Comparison(fits=fits, joint=joint, trained=trained, trials=trials, norm=settings.bounds.norm, device=device)

@@ -8,20 +8,17 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from inspect import signature
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any
 
 import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from contactlearn import data, simulation
 from contactlearn.cli.resource_limits import FITTED, MEMORY_PER_BYTE, affordable_train_size, refuse_too_large
 from contactlearn.cli.settings import SourceSettings, SplitSettings
 from contactlearn.core.devices import described
-from contactlearn.core.errors import ContactLearnError, DataError, suggest
+from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.events import TaskProgress
 from contactlearn.core.numerics import random_share
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
@@ -112,20 +109,12 @@ def load_data(source: SourceSettings, validate: bool = True) -> Loaded:
 
 def _call(source: SourceSettings, function: str, settings: Mapping[str, Any]) -> Any:
     """Return what a function of a source gives; settings are data, whatever they look like."""
-    known = [f"{room.__name__}.{one.name}.load" for room in (data, simulation) for one in iter_modules(room.__path__)]
-    module = import_module(source.target.removesuffix(".load")) if source.target in known else None
-    if module is None or not hasattr(module, function):
-        raise ContactLearnError(
-            f"data._target_ must be a source under contactlearn.data or contactlearn.simulation, got {source.target!r}"
-        )
     try:
-        return getattr(module, function)(**source.options, **settings)
+        return getattr(import_module(source.target.removesuffix(".load")), function)(**source.options, **settings)
     except ContactLearnError:
         raise
-    except (TypeError, ValueError, OverflowError) as error:  # a setting that it does not have, or of another kind
-        known = signature(module.load).parameters
-        near = next((suggest(key, known) for key in source.options if key not in known), "")
-        raise ContactLearnError(f"{source.target}: {' '.join(str(error).split())}{near}") from error
+    except (TypeError, ValueError, OverflowError) as error:  # a setting of another kind
+        raise ContactLearnError(f"{source.target}: {' '.join(str(error).split())}") from error
 
 
 def _lenient(source: SourceSettings, *, validate: bool) -> dict[str, bool]:
@@ -176,8 +165,8 @@ def split(settings: SplitSettings) -> Split:
     Raises:
         DataError: fewer trials than training trials, or an outcome at rest, to which no error is relative.
     """
-    wanted = affordable_train_size(settings.train_size)
-    blocks, tracked = load_blocks(settings.source)
+    wanted = affordable_train_size(settings.train.size)
+    blocks, tracked = load_blocks(settings.data)
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
     held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
@@ -186,7 +175,7 @@ def split(settings: SplitSettings) -> Split:
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)
     if impacts.space is PLANE:
-        show_mistakes(quick_audit(impacts), settings.source.corrections)
+        show_mistakes(quick_audit(impacts), settings.data.corrections)
     pool, test = impacts[~shown[in_memory]], impacts[shown[in_memory]]
     if len(pool) < size:
         raise DataError(

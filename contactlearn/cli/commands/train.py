@@ -65,12 +65,12 @@ class _Trained:
 
 def train(settings: TrainSettings, run: Run) -> None:
     """Train one model, save it, and compare its predictions with the held-out trials."""
-    data = loading.split(settings.split)
+    data = loading.split(settings)
     record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
     if settings.start is not None:
         check_start(settings.start, data)
-    with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.norm)) as tracker:
+    with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.bounds.norm)) as tracker:
         _train(settings, run, data, tracker)
     terminal.show_folder(run.folder)
     terminal.show_checkpoint(run.folder / CHECKPOINT, invocation("evaluate"))
@@ -83,7 +83,7 @@ def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> 
         sums = ErrorSums((*trained.models, BEST_POST_HOC, IRB))
         for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
             impacts = moved(block, device)
-            sums.add(impacts, trained.predict(impacts, settings.norm))
+            sums.add(impacts, trained.predict(impacts, settings.bounds.norm))
     trained = moved(trained, "cpu")
     result = _result(settings, run, data, trained, sums)
     checkpoint.save(trained.model, run.folder / CHECKPOINT, provenance=asdict(result.provenance))
@@ -101,7 +101,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
 
     Best Post Hoc is that of laws identified on the same trials.
     """
-    law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.identification
+    law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.train
     sizes = (min(data.train_size, FITTED),)
     shared, surface, joint = dict[str, SubsetFit](), None, dict[str, Fit]()
     if law is not None and recipe is None and not effects:
@@ -115,7 +115,7 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
             )
     base: Law | ContactModel | None = None if law is None else shared[law.name].to_law()
     if law is not None and effects:
-        joint = fitting.fit_with_effects(law, effects, pool, rows, settings.fit, on_event)
+        joint = fitting.fit_with_effects(law, effects, pool, rows, settings.fit_options, on_event)
         base = list(joint.values())[-1].model
     laws = {name: ContactModel(fit.to_law()) for name, fit in shared.items()}
     models = {name: fit.model for name, fit in joint.items()} or ({} if law is None else {law.name: laws[law.name]})
@@ -155,9 +155,9 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         equation=str(trained.model),
         fits=tuple(map(estimates.law_estimate, trained.fits)),
         joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
-        errors=estimates.error_table(sums, settings.norm, settings.bootstrap, data.generator),
+        errors=estimates.error_table(sums, settings.bounds.norm, settings.bootstrap, data.generator),
         back_spin=sums.back_spin(),
-        norm=settings.norm,
+        norm=settings.bounds.norm,
         processes=()
         if recipe is None or regressor is None
         else estimates.process_estimates(recipe, regressor, data.test.space),
@@ -174,7 +174,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     for one in result.processes:
         values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
         values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
-    predictions = trained.predict(test, settings.norm)
+    predictions = trained.predict(test, settings.bounds.norm)
     prediction = predictions[trained.name]
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
     distributions = record.distributions(result.metric, test, predictions, trained.name)

@@ -30,10 +30,10 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     The two questions that end the paper: how good is the model on another body, and does it make
     fewer trials of that body enough?
     """
-    data = loading.split(settings.split)
+    data = loading.split(settings)
     record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
-    metric = metrics.headline_metric(settings.norm)
+    metric = metrics.headline_metric(settings.bounds.norm)
     chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
     charts = {"Transfer to other bodies, against their training impacts": chart}
     with record.tracker_of(run, data.train_size, metric, charts=charts) as tracker:
@@ -45,12 +45,11 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
 def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, data: Split, tracker: Tracker) -> None:
     source = data.pool[torch.randperm(len(data.pool), generator=data.generator)[: data.train_size]]
     bodies = {
-        name: loading.load_data(one).impacts.split(settings.split.test, data.generator)
-        for name, one in wanted.bodies.items()
+        name: loading.load_data(one).impacts.split(settings.test, data.generator) for name, one in wanted.bodies.items()
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_reused_trainings(count_trainings(run.partial))
-    found, metric = {}, metrics.headline_metric(settings.norm)
+    found, metric = {}, metrics.headline_metric(settings.bounds.norm)
     for name, recipe in settings.recipes.items():
         with progress(run.folder, tracker) as on_event:
             learned = study.transfer_curves(
@@ -59,8 +58,8 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
                 list(wanted.sizes),
                 wanted.seeds,
                 data.generator,
-                impulse=settings.identification.target,
-                box=settings.identification.box,
+                impulse=settings.train.target,
+                box=settings.train.box,
                 work=study.Work(
                     processes=settings.processes,
                     cache=run.partial / name,
@@ -79,7 +78,7 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
             )
             for body, ways in by_body.items()
         }
-    result = Transfer(provenance=provenance, norm=settings.norm, sizes=wanted.sizes, transfer=found)
+    result = Transfer(provenance=provenance, norm=settings.bounds.norm, sizes=wanted.sizes, transfer=found)
     folder.write_result(run.folder, result)
     for name, entries in found.items():
         terminal.show_transfer(name, entries, result.sizes, metric)

@@ -17,8 +17,9 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_files import restrict_settings
+from contactlearn.cli.config_files import without_hydra
 from contactlearn.cli.config_security import leaf_values
+from contactlearn.cli.settings import check_names
 from contactlearn.core import __version__
 from contactlearn.results.state import Done
 
@@ -32,7 +33,7 @@ def job_identity(cfg: DictConfig, hydra: DictConfig) -> Done:
     Raises:
         OSError: a data file cannot be read.
     """
-    own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key not in ("hydra", *_HOW)])
+    own = without_hydra(cfg, *_HOW)
     content = OmegaConf.to_container(own, resolve=True)
     config = sha([hydra.job.config_name, content])
     paths = tuple(dict.fromkeys([*_named(content, "path"), *_named(content, "checkpoint")]))
@@ -49,9 +50,9 @@ def composed_identity(cfg: DictConfig) -> Done:
         ContactLearnError: a setting that the command does not have.
         OSError: a data file cannot be read.
     """
-    own = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    own = without_hydra(cfg)
     with chdir(str(cfg.hydra.runtime.cwd)):
-        restrict_settings(own, str(cfg.hydra.job.config_name), cfg.hydra.overrides.task)
+        check_names(own, str(cfg.hydra.job.config_name), cfg.hydra.overrides.task)
         return job_identity(own, cfg.hydra)
 
 

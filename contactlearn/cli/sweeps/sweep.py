@@ -1,12 +1,11 @@
 """A sweep by Hydra's own sweeper and launchers, in a folder of its own that the same command resumes.
 
-Each job is in a folder named by what its result depends on (`hydra.sweep.subdir`, see `job_folder`), and returns at
+Each job is in a folder named by what its result depends on (`hydra.sweep.subdir`, see `resolvers`), and returns at
 once where that holds its result.  Jobs are judged by what they left on disk, since a launcher may lose what they
 return.
 """
 
 import os
-import re
 import shlex
 import sys
 import time
@@ -21,8 +20,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from contactlearn.cli.resource_limits import jobs_at_a_time
+from contactlearn.cli.reasons import reason
 from contactlearn.core.errors import ContactLearnError, install_hint, terminal_safe
+from contactlearn.core.signals import is_interruption
 from contactlearn.report.terminal import relative, show_sweep
 from contactlearn.results.state import DONE, FAILED, LOCK, is_locked, read_done, read_failed
 
@@ -76,19 +76,12 @@ def sweep(hydra: DictConfig, swept: Sequence[str]) -> Generator[Path]:
     except Exception as error:  # a launcher's own, or of a job that could not leave its reason
         if is_interruption(error):
             raise
-        from contactlearn.cli.reasons import reason
-
         _show(folder, start)
         print(terminal_safe(f"error: the sweep stopped: {reason(error)}\n{again}"), file=sys.stderr)
         sys.exit(1)
     if _show(folder, start):
         print(again, file=sys.stderr)
         sys.exit(1)
-
-
-def is_interruption(error: BaseException | None) -> bool:
-    """Whether an error came in place of Ctrl-C or SIGTERM."""
-    return error is not None and (isinstance(error, KeyboardInterrupt) or is_interruption(error.__context__))
 
 
 def _new(folder: Path) -> Path:
@@ -157,40 +150,3 @@ def _curves(
     from contactlearn.report.sweep_curves import growing_curves  # TensorBoard takes long to load
 
     return growing_curves(folder, jobs)
-
-
-def job_folder(*swept: str, _root_: DictConfig) -> str:
-    """Return the name of the folder of a job: its swept settings, and the digest of what its result depends on.
-
-    A resolver of OmegaConf, for `hydra.sweep.subdir`.
-    """
-    from contactlearn.cli.sweeps.identity import composed_identity, sha
-
-    hydra, words = _root_.hydra, [str(word) for word in _root_.hydra.overrides.task]
-    try:
-        digest = composed_identity(_root_).job
-    except Exception:  # which the job itself then says
-        digest = sha(words)[:12]
-    folder = Path(str(hydra.runtime.cwd), str(hydra.sweep.dir))
-    named = [word for word in words if word.partition("=")[0] in swept] if swept else words
-    plain = re.sub(r"\[([^]]*)\]", lambda list_: list_[1].replace(",", "+") or "none", ",".join(named))
-    plain = re.sub(r"[^\w.,=+-]+", "_", plain).strip("_.,-")[:_LONGEST_NAME] or "job"
-    earlier = (place.name for place in folder.glob(f"*-{digest}"))
-    return next(earlier, f"{plain}-{digest}")
-
-
-def jobs_that_fit(gigabytes: float, address: str | None = None) -> int | None:
-    """Return how many jobs to run at a time, by cores and memory; None on a cluster, which knows better.
-
-    A resolver of OmegaConf, for settings of launchers.
-    """
-    return None if address else jobs_at_a_time(-1, float(gigabytes))
-
-
-_LONGEST_NAME = 80  # characters of the settings in the name of a folder
-
-
-def register_resolvers() -> None:
-    """Make `contactlearn.job` and `contactlearn.jobs` known to OmegaConf in this process."""
-    OmegaConf.register_new_resolver("contactlearn.job", job_folder, replace=True)
-    OmegaConf.register_new_resolver("contactlearn.jobs", jobs_that_fit, replace=True)
