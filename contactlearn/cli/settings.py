@@ -262,7 +262,8 @@ def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe
             found[name] = None
             continue
         if missing := {"features", "target"} - settings.keys():
-            raise ContactLearnError(f"{place}{_not_chosen(key, name)}: lacks {', '.join(sorted(missing))}")
+            lacks = f"it lacks {', '.join(sorted(missing))}"
+            raise ContactLearnError(f"{place}: {_not_chosen(key, name, lacks)}")
         base = settings.get("law")
         law = None if base is None else parse_law(base, known["variant"])
         try:
@@ -273,9 +274,12 @@ def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe
     return found
 
 
-def _not_chosen(group: str, name: str) -> str:
-    """What to do where something is set of a model or effect that is not chosen, or that is misspelt."""
-    return f" is not chosen; add {group}=[{name}]" if name in choices(group) else suggest(name, choices(group))
+def _not_chosen(group: str, name: str, error: str) -> str:
+    """An error of an entry without `_target_`, which may set something of a choice that is not made, or misspelt."""
+    if name in choices(group):
+        return f"{name} is not chosen; add {group}=[{name}]"
+    near = suggest(name, choices(group))
+    return f"no {group} is called {name!r}{near}; {error}" if near else error
 
 
 def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
@@ -301,8 +305,8 @@ def _effects(entry: Any, key: str, _: Any) -> dict[str, Effect]:
         try:
             found[name] = _effect(settings)
         except ContactLearnError as error:
-            hint = "" if "_target_" in settings else _not_chosen("effect", name)
-            raise ContactLearnError(f"{key}.{name}{hint}: {error}") from error
+            why = str(error) if "_target_" in settings else _not_chosen("effect", name, str(error))
+            raise ContactLearnError(f"{key}.{name}: {why}") from error
     return found
 
 
@@ -441,6 +445,8 @@ class FigureSettings(Struct, frozen=True):
 
 
 class _Settings(Struct, frozen=True):
+    """Of every command."""
+
     variant: Annotated[str, _variant]
     data: Annotated[SourceSettings, _source]
     effects: Annotated[Mapping[str, Effect], _effects] = field(name="effect")
@@ -452,7 +458,7 @@ class _Settings(Struct, frozen=True):
         """Decode the configuration of the command.
 
         Raises:
-            ContactLearnError: a setting that is missing, or that breaks its rule; what `from_values` of a command adds.
+            ContactLearnError: a setting that is missing, that breaks its rule, or that contradicts another one.
         """
         values = dict[str, Any]()
         _decode(cls, plain_values(cfg), "", values, values)

@@ -184,9 +184,9 @@ def _result(
 
 def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
     """Row of the held-out trial to draw, if it is given by name."""
-    name, test = settings.figures.trial, data.test
-    if name is None:
+    if settings.figures.trial is None:
         return None
+    name, test = str(settings.figures.trial), data.test
     if name not in test.trial:
         raise DataError(
             f"figures.trial={name} is not among the {len(test)} held-out trials of {test.source}; "
