@@ -524,7 +524,7 @@ def test_every_command_takes_the_experiment_of_the_paper(command, parts):
     cfg = hydra_main.compose(command, ["experiment=fazeli2017"])
     assert (cfg.variant, cfg.data.inertia) == ("fazeli2017", "fazeli2017")
     assert {"train", "bounds", "reference"} & {*map(str, cfg)} == {*parts}
-    with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds is a setting of"):
+    with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds.norm is a setting of"):
         hydra_main.compose(command, ["experiment=fazeli2017", "+bounds.patchy=3"])
 
 

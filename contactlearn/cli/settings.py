@@ -97,8 +97,8 @@ class SourceSettings:
             near = suggest(f"{name}.{key}", [f"{name}.{other}" for other in known])
             holders = ", ".join(f"data={choice}" for choice, settings in shipped.items() if key in settings)
             rule = f"{name}.{key} is a setting of other choices ({holders}), not of these"
-            unknown = rule if holders else f"unknown setting '{name}.{key}'"
-            raise ContactLearnError(f"{unknown}{near}; --help lists all settings")
+            unknown = rule if holders else f"unknown setting '{name}.{key}'{near}"
+            raise ContactLearnError(f"{unknown}; --help lists all settings")
         names = values.get("correct", ["rig"] if target in SOURCES else []) or []
         if isinstance(names, str):
             raise ContactLearnError(f"{name}.correct must be a list of names, such as [{names}], got {names!r}")
@@ -689,7 +689,8 @@ def check_names(cfg: DictConfig, command: str, words: Iterable[str]) -> None:
         for part in UNUSED[command] - typed.keys() if experiment else ():
             cfg.pop(part, None)
     own = without_hydra(cfg)
-    for path in chain(((str(name),) for name in own), (path for path, _ in leaf_values(OmegaConf.to_container(own)))):
+    named = (path for path, _ in leaf_values(OmegaConf.to_container(own)))
+    for path in chain(named, ((str(name),) for name in own)):  # also of what holds nothing
         require_setting(path, command, "" if path[0] in typed else experiment)
     if OmegaConf.is_dict(cfg.get("data")):
         SourceSettings.from_config(cfg)
@@ -707,10 +708,10 @@ def require_setting(path: Sequence[str], command: str, place: str = "") -> bool:
         if key not in known:
             others = [f"{name}.py" for name, kind in SETTINGS.items() if key in _keys(kind)]
             if others:
-                raise ContactLearnError(
-                    f"{place}{key} is a setting of {' and '.join(others)} only; --help lists the settings of this "
-                    "command"
-                )
+                full = ".".join(path)
+                there = full if any(full in _keys(kind) for kind in SETTINGS.values()) else key
+                only = f"{place}{there} is a setting of {' and '.join(others)} only"
+                raise ContactLearnError(f"{only}; --help lists the settings of this command")
             last = {name.rpartition(".")[2]: name for name in known}
             near = suggest(key, known) or suggest(last.get(path[end - 1], ""), known)
             raise ContactLearnError(f"{place}unknown setting {key!r}{near}; --help lists all settings")
