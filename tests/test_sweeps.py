@@ -116,7 +116,8 @@ def test_a_failing_job_stops_no_other(tmp_path):
     assert "sweep    1 finished, 1 failed" in printed
     (place,) = re.findall(r"The same command with (hydra.sweep.dir=multirun/\d{4}-\d\d-\d\d/\d\d-\d\d-\d\d) ", printed)
     words, cwd, tmp_path = (*words, place), tmp_path, tmp_path / place.partition("=")[2]
-    assert OmegaConf.load(tmp_path / "multirun.yaml").hydra.overrides.task == [*SMALL, "train.size=1000,10"]
+    typed = [word.lstrip("+") for word in OmegaConf.load(tmp_path / "multirun.yaml").hydra.overrides.task]
+    assert typed == [*SMALL, "train.size=1000,10"]
     assert "failed   train.size=1000: synthetic drops" in printed
     before = finished(tmp_path)
     assert [name.partition("-")[0] for name in before] == ["train.size=10"]

@@ -25,7 +25,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.config_security import read_checked
+from contactlearn.cli.config_security import leaf_values, read_checked
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 
 _PACKAGE = Path(__file__).parents[1]
@@ -106,7 +106,7 @@ def own_data() -> dict[str, Path]:
 
 
 def with_pluses(words: Sequence[str], command: str) -> list[str]:
-    """Return the words of a command with ++ before each setting, so that Hydra itself refuses none.
+    """Return the words of a command with ++ before each setting that its file has not, so that Hydra refuses none.
 
     What the whole configuration has is checked once it is composed, where the nearest name is known.
     """
@@ -114,11 +114,18 @@ def with_pluses(words: Sequence[str], command: str) -> list[str]:
 
 
 def _is_setting(word: str, command: str) -> bool:
-    """Whether a word sets something of this package, and is no choice of a group and nothing of Hydra's."""
+    """Whether a word sets what the file of the command lacks, and is no choice of a group and nothing of Hydra's."""
     key, equals, _ = word.lstrip("+").partition("=")
     folders = (Path(folder, key) for folder in _user_folders if folder is not None)
     chooses = key in groups(command) or "/" in key or "@" in key or any(folder.is_dir() for folder in folders)
-    return bool(equals) and key[:1] != "~" and key.partition(".")[0] != "hydra" and not chooses
+    theirs = key[:1] == "~" or key.partition(".")[0] == "hydra" or (word[:1] != "+" and key in _declared(command))
+    return bool(equals) and not theirs and not chooses
+
+
+@lru_cache
+def _declared(command: str) -> set[str]:
+    """Dotted keys of the values in the file of a command."""
+    return {".".join(path) for path, _ in leaf_values(_content(Path(CONFIGS, f"{command}.yaml")))}
 
 
 def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:

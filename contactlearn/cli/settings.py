@@ -11,7 +11,7 @@ run.  Laws and effects of the user's own are tried on a few drops; a class that 
 
 import inspect
 import traceback
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,6 +22,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 import msgspec
 import torch
 from msgspec import Meta, Struct, field
+from msgspec.structs import FieldInfo
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from torch import Tensor
 
@@ -262,6 +263,9 @@ def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe
             found[name] = None
             continue
         if missing := {"features", "target"} - settings.keys():
+            if kept := known.get("checkpoint"):
+                why = f"checkpoint={kept} keeps the features and target that it was trained with"
+                raise ContactLearnError(f"{why}; take out {place}")
             lacks = f"it lacks {', '.join(sorted(missing))}"
             raise ContactLearnError(f"{place}: {_not_chosen(key, name, lacks)}")
         base = settings.get("law")
@@ -334,10 +338,10 @@ def _effect(entry: Mapping[str, Any]) -> Effect:
     return effect
 
 
-def _start(entry: Any, *_: Any) -> TrainedModel | None:
+def _checkpoint(entry: Any, *_: Any) -> str | None:
     if isinstance(entry, list):
         raise ContactLearnError("training goes on from one checkpoint; sweep over several with -m checkpoint=A,B")
-    return None if entry is None else load_model(str(entry))
+    return None if entry is None else str(entry)
 
 
 def _trained(entry: Any, _: str, known: Mapping[str, Any]) -> dict[str, TrainedModel]:
@@ -502,8 +506,9 @@ class TrainSettings(SplitSettings, frozen=True):
 
     law: Annotated[Law | None, _law]
     bounds: BoundsSettings
+    checkpoint: Annotated[str | None, _checkpoint]
     recipes: Annotated[Mapping[str, Recipe | None], _recipes] = field(name="model")
-    start: Annotated[TrainedModel | None, _start] = field(name="checkpoint")
+    start: TrainedModel | None = None
 
     @property
     def model(self) -> str:
@@ -522,16 +527,18 @@ class TrainSettings(SplitSettings, frozen=True):
 
     @classmethod
     def _completed(cls, values: dict[str, Any]) -> dict[str, Any]:
-        start, effects, names = values["start"], values["effects"], list(values["recipes"])
-        if start is not None:
+        path, effects, names = values["checkpoint"], values["effects"], list(values["recipes"])
+        if path is not None:
             for part, chosen in (("model", names), ("effect", effects)):
                 if chosen:
-                    raise ContactLearnError(f"checkpoint={start.path} has its own {part}; take out {part}=…")
+                    raise ContactLearnError(f"checkpoint={path} has its own {part}; take out {part}=…")
+            start = load_model(path)
             try:
                 recipe = Recipe.of(start.model)
             except ContactLearnError as error:
                 raise ContactLearnError(f"{start.path}: training cannot go on from it: {error}") from error
-            return values | {"recipes": {start.learned: recipe}, "law": start.law, "effects": start.effects}
+            own = {"recipes": {start.learned: recipe}, "law": start.law, "effects": start.effects}
+            return values | own | {"start": start}
         if len(names) != 1:
             raise ContactLearnError(
                 f"one model is trained at a time, got {names}; sweep over several with -m model=a,b"
@@ -628,7 +635,7 @@ SETTINGS: Mapping[str, type[TrainSettings] | type[EvaluateSettings] | type[Diagn
 
 def _decode(kind: type[Struct], entry: Any, key: str, known: Mapping[str, Any], found: dict[str, Any]) -> None:
     """Fill in the fields of a struct from the entry under a key; `known` are the settings of the command so far."""
-    for one in msgspec.structs.fields(kind):
+    for one in _settings_of(kind):
         name, rule = one.encode_name, getattr(one.type, "__metadata__", (None,))[0]
         place = f"{key}.{name}" if key else name
         if name not in _mapping(entry, key):
@@ -642,6 +649,11 @@ def _decode(kind: type[Struct], entry: Any, key: str, known: Mapping[str, Any], 
             inner = dict[str, Any]()
             _decode(part, value, place, known, inner)
             found[one.name] = part(**inner)
+
+
+def _settings_of(kind: type[Struct]) -> Iterator[FieldInfo]:
+    """Fields that a configuration holds; the others are made of them."""
+    return (one for one in msgspec.structs.fields(kind) if one.required)
 
 
 def _value(kind: Any, value: Any, key: str) -> Any:
@@ -663,7 +675,7 @@ def _part(kind: Any) -> type[Struct] | None:
 def _keys(kind: type[Struct]) -> dict[str, bool]:
     """Dotted keys of all settings, and whether the user gives names to the settings below."""
     found = dict[str, bool]()
-    for one in msgspec.structs.fields(kind):
+    for one in _settings_of(kind):
         found[one.encode_name] = callable(getattr(one.type, "__metadata__", (None,))[0])
         if (part := _part(one.type)) is not None:
             found |= {f"{one.encode_name}.{key}": is_open for key, is_open in _keys(part).items()}
