@@ -283,7 +283,7 @@ def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydr
     ):
         for word in words:
             _require_plugin(word)
-            if word.startswith("~") and "/" not in word:
+            if word.startswith("~") and "/" not in word and config_name == check:
                 from contactlearn.cli.settings import require_setting  # which loads torch
 
                 key = word[1:].partition("=")[0]

@@ -309,7 +309,8 @@ def _effects(entry: Any, key: str, _: Any) -> dict[str, Effect]:
         try:
             found[name] = _effect(settings)
         except ContactLearnError as error:
-            why = str(error) if "_target_" in settings else _not_chosen("effect", name, str(error))
+            own = "_target_" in settings or key != "effect"
+            why = str(error) if own else _not_chosen(key, name, str(error))
             raise ContactLearnError(f"{key}.{name}: {why}") from error
     return found
 
