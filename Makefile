@@ -1,7 +1,7 @@
 # make demo       the main job on built-in synthetic drops, no download of data
 # make quick      the inner loop: tests of what changed since the last commit
 # make test       style, types, the test suite, and a fresh install without the lock file
-# make test-all   with the repetitions that `make test` leaves out
+# make test-all   with the tests that take a minute or longer
 # make bench      every benchmark, one after the other
 # make docs       the site, strictly, into site/
 # make versions   the oldest and the newest supported versions, and pre-releases, each in an environment of its own

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from contactlearn import results as results
     from contactlearn.core.errors import ContactLearnError, DataError
     from contactlearn.data.audit.findings import audit
+    from contactlearn.data.table import Impacts
     from contactlearn.data.table import load as read_table
     from contactlearn.data.tracks import find as read_recordings
     from contactlearn.diagnosis.options import DiagnoseOptions
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from contactlearn.laws import Law
     from contactlearn.mechanics import shapes
     from contactlearn.mechanics.body_state import BodyState
-    from contactlearn.mechanics.impacts import Impacts, Prediction
+    from contactlearn.mechanics.impacts import Prediction
     from contactlearn.models.checkpoint import load, save
     from contactlearn.models.citation import cite
     from contactlearn.models.contact_model import ContactModel
@@ -94,7 +95,7 @@ _HOME = {
     "DiagnoseOptions": "diagnosis.options",
     "Diagnosis": "diagnosis.result",
     "Fit": "inference.identification.joint",
-    "Impacts": "mechanics.impacts",
+    "Impacts": "data.table",  # the reader of tables, which gives it `from_frame`
     "Law": "laws",
     "Prediction": "mechanics.impacts",
     "Recipe": "inference.learning.recipe",

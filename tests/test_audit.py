@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, UNITS, corrupt, exchanged
-from repetitions import crossed, repeated
+from pairings import paired
 from spatial import in_space
 
 from contactlearn.data.audit.contradictions import contradictions
@@ -19,7 +19,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, rotate
 from contactlearn.mechanics.shapes import Disc
 from contactlearn.simulation import mujoco, synthetic
-from contactlearn.simulation.hidden_effects import EFFECTS, UNKNOWN, draw
+from contactlearn.simulation.hidden_effects import draw
 
 BODIES = {
     "ellipse": {"kind": "ellipse", "semi_axes": [0.035, 0.025]},
@@ -50,12 +50,11 @@ def mistakes(findings: tuple[Finding, ...]) -> list[Finding]:
     return [finding for finding in findings if finding.mistake]
 
 
-@pytest.mark.parametrize("seeds", repeated(range(6), range(6, 20)))
-@pytest.mark.parametrize(("level", "spin"), crossed([0.001, 0.01, 0.05], [0.0, 0.3, 1.0, 3.0]))
-def test_vertical_drops_without_slip_and_spin_are_not_doubted(level, spin, seeds):
+@pytest.mark.parametrize(("level", "spin"), paired([0.001, 0.01, 0.05], [0.0, 0.3, 1.0, 3.0]))
+def test_vertical_drops_without_slip_and_spin_are_not_doubted(level, spin):
     """Their moments are noise alone, which no coefficient of the balance can be told from."""
     weight = level * torch.tensor([1, 1, spin / 0.03], dtype=torch.float64)  # spin at the rim of so much of a speed
-    for seed in seeds:
+    for seed in range(6):
         noise = weight * torch.randn(2, 80, 3, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
         clean = drops("disc", seed, 80, mu=0.0, velocity_noise=0.0, spin_noise=0.0)
         falls = [v * torch.tensor([0, 1, 0], dtype=torch.float64) for v in (clean.v_pre, clean.v_post)]
@@ -97,7 +96,7 @@ BLIND = {("disc", "contact_point_mirrored")}
 SAME = {("disc", "mirrored_theta"): "mirrored_x", ("disc", "mirrored_omega"): "mirrored_x"}
 
 
-@pytest.mark.parametrize(("body", "known", "seed"), crossed([*BODIES], KNOWN, range(4)))
+@pytest.mark.parametrize(("body", "known", "seed"), paired([*BODIES], KNOWN, range(4)))
 def test_every_mistake_is_named(body, seed, known):
     clean = drops(body, seed, known=known)
     for name in CORRUPTIONS:
@@ -111,7 +110,7 @@ HIDDEN_UNITS = {"revolutions_omega_pre", "rpm_omega_pre"}
 ALIKE = {"pounds": {"pounds", "mph_velocity"}, "feet_velocity": {"feet", "feet_velocity"}}
 
 
-@pytest.mark.parametrize(("body", "known"), crossed([*BODIES], KNOWN))
+@pytest.mark.parametrize(("body", "known"), paired([*BODIES], KNOWN))
 def test_a_unit_is_named_before_a_body_is_doubted(body, known):
     """Constants of units come before constants of bodies: 2π/60, 2π, 3.6, 0.3048, …, of both sides or of one."""
     clean = drops(body, 1, known=known)
@@ -170,7 +169,7 @@ def inclined(impacts: Impacts, degrees: float, *, seen: bool) -> Impacts:
     )
 
 
-@pytest.mark.parametrize(("body", "seen"), crossed(["disc", "ellipse", "rod"], {"seen": True, "computed": False}))
+@pytest.mark.parametrize(("body", "seen"), paired(["disc", "ellipse", "rod"], {"seen": True, "computed": False}))
 @pytest.mark.parametrize("degrees", [45.0, 90.0, -90.0, 135.0])
 def test_a_floor_that_is_inclined_by_any_angle(body, seen, degrees):
     clean = drops(body, 1)
@@ -244,9 +243,8 @@ def test_indistinguishable_corrections_are_listed():
     assert finding.alternatives == ()
 
 
-@pytest.mark.parametrize("noise", repeated(4.0, 0.0))
-def test_without_noise_and_with_much(noise):
-    clean = drops(seed=1, velocity_noise=0.01 * noise, spin_noise=0.5 * noise)
+def test_with_much_noise():
+    clean = drops(seed=1, velocity_noise=0.04, spin_noise=2.0)
     for name in CORRUPTIONS:
         assert corrections(audit(corrupt(clean, name))) == [name]
 
@@ -263,7 +261,7 @@ PAIRS = [
 ]
 
 
-@pytest.mark.parametrize(("names", "known"), crossed({" + ".join(names): (names,) for names in PAIRS}, KNOWN))
+@pytest.mark.parametrize(("names", "known"), paired({" + ".join(names): (names,) for names in PAIRS}, KNOWN))
 def test_mistakes_that_come_together(names, known):
     clean = drops(seed=2, known=known)
     corrupted = corrupt(clean, *names)
@@ -526,36 +524,34 @@ def test_an_engine_that_gains_energy(seed):
     assert not energy_gained(stepped(0.8, seed))
 
 
-@pytest.mark.parametrize("seed", repeated(*range(12)))
 @pytest.mark.parametrize("noise", [0.01, 0.03, 0.05])
-def test_honest_noise_at_a_high_restitution_gains_no_energy(noise, seed):
+def test_honest_noise_at_a_high_restitution_gains_no_energy(noise):
     """A noise of that share of the speed, before and after; 5 % give a third of the impacts energy."""
-    drop = stepped(1.0, seed)
+    drop = stepped(1.0, 0)
     fall = -drop.v_pre[:, 1:2]
-    off = 1 + noise * torch.randn(2, 150, 1, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    off = 1 + noise * torch.randn(2, 150, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     up = torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
     noisy = drop.replace(v_pre=-fall * off[0] * up, v_post=0.95 * fall * off[1] * up, validate=False)
     assert not energy_gained(noisy)
 
 
-@pytest.mark.parametrize("seed", repeated(*range(8)))
 @pytest.mark.parametrize("body", BODIES)
-def test_clean_synthetic_drops(body, seed):
+def test_clean_synthetic_drops(body):
     for size, known in itertools.product((1, 9, 12, 150), KNOWN.values()):
-        assert mistakes(audit(drops(body, seed, size, known))) == []
+        assert mistakes(audit(drops(body, 0, size, known))) == []
 
 
-@pytest.mark.parametrize(("body", "mu", "eps"), crossed([*BODIES], [(0.0, 0.0), (1.5, 1.0), (0.0, 1.0), (1.5, 0.0)]))
+@pytest.mark.parametrize(("body", "mu", "eps"), paired([*BODIES], [(0.0, 0.0), (1.5, 1.0), (0.0, 1.0), (1.5, 0.0)]))
 def test_clean_drops_of_extreme_laws(body, mu, eps):
     for noise in (0, 1, 4):
         options = {"velocity_noise": 0.01 * noise, "spin_noise": 0.5 * noise}
         assert mistakes(audit(drops(body, mu=mu, eps=eps, **options))) == []
 
 
-@pytest.mark.parametrize(("seed", "known"), crossed(range(2), KNOWN))
-@pytest.mark.parametrize("effect", repeated(None, *EFFECTS, *UNKNOWN))  # each is audited where it is drawn
-def test_hidden_effects_are_no_mistakes(effect, known, seed):
-    impacts, _ = draw(seed, effects=[effect] if effect else [], size=150)
+@pytest.mark.parametrize(("seed", "known"), paired(range(2), KNOWN))
+def test_drawn_drops_have_no_mistakes(known, seed):
+    """Those with hidden effects are audited where they are diagnosed."""
+    impacts, _ = draw(seed, effects=[], size=150)
     assert mistakes(audit(impacts if known else impacts.replace(shape=None))) == []
 
 
@@ -565,7 +561,7 @@ HIDDEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("kind", "hidden"), crossed(["ellipse", "box"], HIDDEN))
+@pytest.mark.parametrize(("kind", "hidden"), paired(["ellipse", "box"], HIDDEN))
 def test_clean_simulated_drops(kind, hidden):
     pytest.importorskip("mujoco")
     assert mistakes(audit(mujoco.load(size=100, kind=kind, **hidden))) == []

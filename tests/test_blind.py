@@ -13,7 +13,6 @@ import pandas as pd
 import pytest
 import torch
 from diagnoses import few
-from repetitions import repeated
 
 from contactlearn import diagnose
 from contactlearn.diagnosis.options import DiagnoseOptions
@@ -53,11 +52,10 @@ def test_files_are_unchanged(suite):
     assert len(counts) == SIZES[suite]
 
 
-@pytest.mark.parametrize("every", repeated(5, 1))
 @pytest.mark.parametrize("suite", load.SUITES)
-def test_simulated_sets_load_as_declared(suite, every):
-    """One in five, and nightly all: their files are unchanged."""
-    for one in [*load.blind_sets(suite).values()][::every]:
+def test_simulated_sets_load_as_declared(suite):
+    """One in five: their files are unchanged."""
+    for one in [*load.blind_sets(suite).values()][::5]:
         if one.measured is not None:
             continue
         impacts = load.load(one)

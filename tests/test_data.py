@@ -290,7 +290,7 @@ def test_a_failed_save_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatc
     path = table.save(synthetic.load(size=3), tmp_path / f"drops{suffix}")
     before = path.read_bytes()
 
-    def fail(columns, part):
+    def fail(frames, part):
         part.write_text("half a")
         raise fault
 

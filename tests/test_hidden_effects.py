@@ -14,7 +14,6 @@ import torch
 from contacts import impulse
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
-from repetitions import repeated
 
 import contactlearn
 from contactlearn.__main__ import main
@@ -88,13 +87,12 @@ def test_rigid_springs_tend_to_the_textbook_law():
     assert fine.mean() < 0.4 * coarse.mean()
 
 
-@pytest.mark.nightly  # 6400 steps; that a step is exact without effects is the test of the path
 def test_steps_converge():
     """With friction that follows the slip of the instant the error falls as 1 / steps."""
     world = forms("velocity_dependent_friction")[0].act(WORLD, a=1.0, v_s=0.4, n=1.0)
     world = forms("rolling_resistance")[0].act(world, c=0.002, ω_s=2.0)
-    exact = world.outcome(drops(), 6400)
-    coarse, fine = ((world.outcome(drops(), steps) - exact).abs().mean() for steps in (100, 400))
+    exact = world.outcome(drops(), 1600)
+    coarse, fine = ((world.outcome(drops(), steps) - exact).abs().mean() for steps in (25, 100))
     assert 3 < coarse / fine < 5.5
     assert (world.outcome(drops()) - exact).abs().max() < 0.01 * exact.abs().max()
 
@@ -243,10 +241,9 @@ def test_a_seed_gives_the_same_bits():
     assert truth["effects"] == []
 
 
-@pytest.mark.parametrize("seeds", repeated(range(6), range(6, 12)))
-def test_what_is_drawn_is_plausible(seeds):
+def test_what_is_drawn_is_plausible():
     names = set()
-    for seed in seeds:
+    for seed in range(6):
         impacts, truth = draw(seed, size=20)
         found = [effect["name"] for effect in truth["effects"]]
         assert 1 <= len(found) <= 3

@@ -9,7 +9,6 @@ import pytest
 import torch
 from commands import run
 from pyarrow import parquet
-from repetitions import repeated
 
 from contactlearn.cli.commands import loading
 from contactlearn.cli.hydra_main import compose
@@ -24,7 +23,6 @@ from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.laws import find
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.results import tables
 from contactlearn.results.tables import load_predictions, save_predictions
 from contactlearn.simulation import synthetic
 
@@ -157,21 +155,20 @@ def test_the_gaussian_limit_is_that_of_the_bootstrap(monkeypatch):
     assert (limit.high - limit.low) / (drawn.high - drawn.low) == pytest.approx(1, abs=0.15)  # of 500 resamples
 
 
-@pytest.mark.parametrize("suffix", repeated("parquet", "csv"))
-def test_an_evaluation_in_blocks_is_that_in_memory(suffix, drops, small_blocks, tmp_path, monkeypatch):
-    path = table.save(drops, tmp_path / f"drops.{suffix}")
+def test_an_evaluation_in_blocks_is_that_in_memory(drops, small_blocks, tmp_path, monkeypatch):
+    path = table.save(drops, tmp_path / "drops.parquet")
     out = {}
     for name in ("blocks", "memory"):
         if name == "memory":
             for module in (blocks_module, table, loading):
                 monkeypatch.setattr(module, "LARGE", 10_000, raising=False)
         folder = tmp_path / name
-        run("evaluate.py", *SETTINGS, *FEW, f"data.path={path}", f"tables={suffix}", f"hydra.run.dir={folder}")
+        run("evaluate.py", *SETTINGS, *FEW, f"data.path={path}", "tables=parquet", f"hydra.run.dir={folder}")
         out[name] = folder
     results = {name: (folder / "results.json").read_text("utf-8") for name, folder in out.items()}
     assert results["blocks"].replace("/blocks", "/memory") == results["memory"]
     for kind in ("held_out", "predictions", "trial_parameters"):
-        assert read(out["blocks"] / f"{kind}.{suffix}").equals(read(out["memory"] / f"{kind}.{suffix}")), kind
+        assert read(out["blocks"] / f"{kind}.parquet").equals(read(out["memory"] / f"{kind}.parquet")), kind
 
 
 def read(path):
@@ -260,12 +257,11 @@ def test_a_training_larger_than_memory_is_made_smaller(drops, tmp_path, monkeypa
 
 
 @SUFFIXES
-def test_predictions_are_read_back_in_part(suffix, drops, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "_ROWS", 50)
+def test_predictions_are_read_back_in_part(suffix, drops, tmp_path):
     path = tmp_path / f"predictions.{suffix}"
     save_predictions(iter(predicted([drops[:90], drops[90:]])), path)
     some = sampled(torch.ones(230, dtype=torch.bool), 40)
-    read = load_predictions(drops[some], path, some.nonzero()[:, 0])
+    read = load_predictions(drops[some], path)
     ((_, expected),) = predicted([drops[some]])
     assert list(read) == list(expected)
     for name, one in expected.items():

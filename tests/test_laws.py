@@ -12,7 +12,7 @@ import torch
 from contacts import DIFFER, DISTINCT, VARIANTS, Contacts, impulse, random_contacts, shared
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repetitions import crossed
+from pairings import paired
 
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.laws import PAPER_LAWS, catalogue, find, names
@@ -310,7 +310,7 @@ def by_mode(name: str) -> tuple[Contacts, contacts.Integrated]:
     return c, contacts.integrate(c, PATHS[name], "coulomb", 300)
 
 
-@pytest.mark.parametrize(("name", "mode"), crossed([*PATHS], [*MODES]))
+@pytest.mark.parametrize(("name", "mode"), paired([*PATHS], [*MODES]))
 def test_coulomb_path_against_integration(name, mode):
     c, coarse = by_mode(name)
     ended, turned = MODES[mode]

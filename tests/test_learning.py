@@ -10,8 +10,8 @@ from itertools import pairwise
 import pytest
 import torch
 from observers import RecordingObserver
+from pairings import paired
 from refusals import refused
-from repetitions import crossed
 from scipy.stats import chi2
 from torch import Tensor
 
@@ -61,11 +61,6 @@ RECIPE = pytest.mark.parametrize("recipe", RECIPES.values(), ids=RECIPES)
 RESIDUALS = ("residual velocity", "residual impulse", "residual wrench")
 ALONE = [name for name, recipe in RECIPES.items() if recipe.law is None]
 SPACES = ("velocity from state", "impulse", "impulse from polar x2", "residual velocity", "residual wrench")
-
-
-def each_target(names):
-    """Recipes, of which those are nightly whose target another has in another space or with another base."""
-    return [pytest.param(name, marks=pytest.mark.nightly if name in SPACES else ()) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +127,7 @@ def test_parameters_may_be_plain_numbers(name, exact):
     assert metrics.mass_error(test, model.predict(test)).max() < EXACT
 
 
-@pytest.mark.parametrize("name", each_target([*RESIDUALS, "likelihood"]))
+@pytest.mark.parametrize("name", ["residual impulse", "likelihood"])
 def test_a_wrong_law_is_put_right(name, exact):
     """Of what wrong parameters cost, a hundred trials take away nine tenths, three hundred more."""
     train, test = exact
@@ -157,7 +152,7 @@ def test_parameters_are_found_from_afar(exact):
     assert error(model, test).mean() < 0.01 * error(ContactModel(base), test).mean()
 
 
-@pytest.mark.parametrize("name", each_target([*RESIDUALS, "likelihood"]))
+@pytest.mark.parametrize("name", ["residual impulse", "likelihood"])
 def test_the_true_law_is_not_spoilt_by_noise(name, pool, test):
     """There is nothing but noise to learn, and little of it is learnt."""
     lawful = error(ContactModel(find("wang_mason").at(MU, EPS)), test)
@@ -166,7 +161,7 @@ def test_the_true_law_is_not_spoilt_by_noise(name, pool, test):
         assert found.mean() < allowed * lawful
 
 
-@pytest.mark.parametrize("name", each_target(ALONE))
+@pytest.mark.parametrize("name", [name for name in ALONE if name not in SPACES])
 def test_error_falls_with_the_number_of_trials(name, pool, test):
     errors = [error(trained(RECIPES[name], pool, subsets(900, n)), test).mean() for n in (10, 30, 100, 300)]
     assert all(b < a for a, b in pairwise(errors))
@@ -193,7 +188,7 @@ STICKING = 0.5  # of μ: hardly a drop slides to the end
 
 
 @pytest.mark.parametrize(
-    ("name", "space", "eps"), crossed(["wang_mason", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
+    ("name", "space", "eps"), paired(["wang_mason", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
 )
 def test_planted_restitution_is_found_where_trials_stick(name, space, eps):
     """And friction, which no trial shows, stays where it is shared; a fit of single trials makes it up."""
@@ -221,7 +216,7 @@ def test_planted_restitution_is_found_where_trials_stick(name, space, eps):
 
 
 @pytest.mark.parametrize(
-    ("name", "space", "eps"), crossed(["wang_mason", "mirtich", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
+    ("name", "space", "eps"), paired(["wang_mason", "mirtich", "anitescu_potra_newton", "drumwright_shell"], PLANTED)
 )
 def test_planted_restitution_is_found_where_some_slide(name, space, eps):
     """Those that slide tell μ, those that stick do not unteach it."""
@@ -276,7 +271,7 @@ def test_parameters_that_are_the_same_everywhere_are_constant(exact):
 QUANTILE = chi2.ppf(0.95, 3)
 
 
-@pytest.mark.parametrize("name", each_target(RECIPES))
+@pytest.mark.parametrize("name", [name for name in RECIPES if name not in SPACES])
 def test_the_95_percent_ellipsoid_holds_95_percent(name, pool, test):
     """Three disjoint subsets and 600 drops: one deviation is a hundredth."""
     prediction = trained(RECIPES[name], pool, subsets(900, 300)).predict(test)
@@ -287,7 +282,7 @@ def test_the_95_percent_ellipsoid_holds_95_percent(name, pool, test):
 
 @pytest.mark.parametrize(
     ("name", "n"),
-    crossed(["velocity", "wrench", "residual velocity", "residual impulse", "residual wrench"], [10, 100]),
+    paired(["velocity", "wrench", "residual velocity", "residual impulse", "residual wrench"], [10, 100]),
 )
 def test_noise_holds_95_percent_of_the_trials_left_out(name, n, pool):
     """The trial of rank ⌈0.95 (n + 1)⌉ is just inside, or inside anyway where the processes know little."""
@@ -322,7 +317,7 @@ def test_noise_of_the_true_law_is_that_of_the_measurement():
     torch.testing.assert_close(relative, torch.eye(3).double(), rtol=0, atol=0.3)
 
 
-@pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 3, 5]))
+@pytest.mark.parametrize(("recipe", "n"), paired(RECIPES, [2, 3, 5]))
 def test_few_trials_are_enough_to_begin(recipe, n, pool, test):
     prediction = trained(recipe, pool, subsets(900, n)).predict(test)
     assert prediction.v_post.isfinite().all()
@@ -338,7 +333,7 @@ def test_drops_without_noise_have_a_density(recipe, exact):
     assert metrics.negative_log_density(test, prediction).isfinite().all()
 
 
-@pytest.mark.parametrize(("recipe", "n"), crossed(RECIPES, [2, 10, 40]))
+@pytest.mark.parametrize(("recipe", "n"), paired(RECIPES, [2, 10, 40]))
 def test_batched_subsets_equal_looped(recipe, n, pool, test):
     rows = subsets(900, n)
     mu, eps = torch.tensor([[0.1], [0.12], [0.15]]).double(), torch.tensor([[0.5], [0.55], [0.6]]).double()

@@ -226,21 +226,3 @@ def test_a_choice_changes_figure_tables_and_address(shown):
     shown.get(again)
     until(shown, "document.documentElement.dataset.ready")
     assert summary(shown).startswith("0003")
-
-
-@pytest.mark.nightly  # a recording is chosen in the test before
-def test_refused_recordings_are_a_click_away(shown):
-    from selenium.webdriver.common.by import By
-
-    names = shown.execute_script("return [...document.querySelectorAll('.sketch strong')].map(one => one.textContent)")
-    assert NAME in names
-    shown.execute_script(f"document.querySelectorAll('.sketch')[{names.index(NAME)}].click()")
-    assert summary(shown).startswith(NAME)
-    draw_everything(shown)
-    assert "hand or a wall" in shown.find_element(By.ID, "parts").text
-    shown.execute_script("document.querySelector('[data-reason=hand_or_wall]').click()")
-    options = shown.execute_script("return [...document.getElementById('choice').options].map(one => one.textContent)")
-    assert len(options) == 1
-    assert options[0].startswith(NAME)
-    assert not shown.execute_script("return window.hacked")
-    assert not shown.get_log("browser")

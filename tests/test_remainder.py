@@ -7,7 +7,6 @@ import pytest
 import torch
 from drops import LAW, normal, seeded, thrown
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from repetitions import repeated
 
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
@@ -69,10 +68,9 @@ def unknown(request):
     return request.param, drops, truth, fit, formulas(drops, fit.model, UNKNOWN[request.param][0], folds(drops))
 
 
-@pytest.mark.parametrize("seed", repeated(*range(SETS)))
-def test_nothing_remains_where_nothing_is_hidden(seed):
-    drops, _, fit = hidden(seed=seed)
-    found = what_remains(drops, fit, seed, inliers=fit.inliers).remainder
+def test_nothing_remains_where_nothing_is_hidden():
+    drops, _, fit = hidden(seed=0)
+    found = what_remains(drops, fit, 0, inliers=fit.inliers).remainder
     assert found.components == ()
     assert found.variables == ()
     assert not found.found

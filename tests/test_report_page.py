@@ -379,28 +379,3 @@ def test_mechanics_of_a_trial(shown, found):
         most = find(law).at(1.0, 1.0).impulse(W, v_c)  # the last node of the reach
         node = shown.execute_script(f"return [0, 1].map(j => arrays.reach({k}, 3, 8, 4, j))")
         assert [momentum * x for x in node] == pytest.approx(most.tolist(), abs=2e-3 * momentum)
-
-
-@pytest.mark.nightly  # what is drawn of a trial is the test before
-def test_selecting_a_trial_draws_it(shown, found):
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.common.keys import Keys
-
-    impacts = found.record.impacts
-    into_view(shown, "picture")
-    number = shown.find_element(By.ID, "number")
-    number.clear()
-    number.send_keys("3", Keys.ENTER)
-    until(shown, f"document.getElementById('trial-name').textContent.includes('Trial {impacts.trial[2]} ')")
-    assert f"{impacts.v_post[2, 0].item():.4g}".replace("-", "−") in shown.find_element(By.ID, "numbers").text
-    assert impacts.trial[2] in shown.find_element(By.ID, "picture").get_attribute("aria-label")
-    into_view(shown, "map")
-    ring = "document.querySelector('#map').data[1].x[0] === document.querySelector('#map').data[0].x[2]"
-    assert until(shown, ring)
-    shown.execute_script(
-        "document.querySelector('#map').emit('plotly_click', {points: [{curveNumber: 0, pointIndex: 0}]})"
-    )
-    assert number.get_attribute("value") == "1"
-    assert HOSTILE.split("&")[0] in shown.execute_script("return document.getElementById('trial-name').textContent")
-    draw_everything(shown)
-    assert silent(shown)

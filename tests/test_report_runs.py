@@ -466,31 +466,6 @@ def test_runs_are_labelled_by_their_differences(browser, tmp_path):
     assert silent(shown)
 
 
-@pytest.mark.nightly  # the lines are those of the tests without a browser; a sorted table is the test before
-def test_lines_follow_the_table(browser, tmp_path):
-    """Of 40 lines 30 are drawn, those of the runs that come first; without intervals, or nothing could be seen."""
-    for seed in range(40):
-        for size in (20, 50):
-            content = trained(size=size, error=1 / (seed + size), effects=["surface_tilt"] if seed == 7 else [])
-            content["provenance"]["config"]["seed"] = seed
-            leave(tmp_path / f"{seed}_{size}", content)
-    shown = opened(browser, write_runs([tmp_path])[0])
-    into_view(shown, "curve")
-    names = "document.querySelector('#curve').data.map(one => one.name)"
-    assert len(shown.execute_script(f"return {names}")) == 30
-    assert "10 of 40 lines are not drawn" in shown.execute_script("return document.getElementById('left').textContent")
-    press(shown, "Held-out mass error")
-    assert until(shown, f"{names}[0] === 'Mirtich, seed 39'")
-    shown.execute_script(
-        "const list = document.querySelector('[data-effect]'); list.value = 'with';"
-        "list.dispatchEvent(new Event('change'))"
-    )
-    assert until(shown, f"{names}.length === 2 && {names}[1] === 'Mirtich, effects surface tilt, seed 7'")
-    y = shown.execute_script("return document.querySelector('#curve').data[1].y")
-    assert y == pytest.approx([1 / 27, 1 / 57])
-    assert silent(shown)
-
-
 def test_filtering_by_effect(browser, mixed):
     shown = opened(browser, mixed[0])
     has = {one.name: {effect.name for effect in (*one.given, *one.found)} for one in mixed[1]}

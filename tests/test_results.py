@@ -135,7 +135,7 @@ def test_tables_of_other_runs_are_refused(small, tmp_path):
     with pytest.raises(DataError, match="are not the held-out ones"):
         HeldOut.load(tmp_path, result)
     (tmp_path / "predictions.parquet").write_text("PAR1")
-    with pytest.raises(DataError, match="is no table of predictions"):
+    with pytest.raises(DataError, match="is no table of a run"):
         HeldOut.load(tmp_path, result)
     (tmp_path / "predictions.parquet").unlink()
     with pytest.raises(DataError, match="no such file"):

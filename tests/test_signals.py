@@ -9,7 +9,6 @@ import subprocess
 import sys
 
 import pytest
-from repetitions import repeated
 
 from contactlearn.core.signals import defer_interrupts, graceful_exit
 
@@ -32,7 +31,7 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize(("stop", "status"), [
     pytest.param(lambda parent: os.killpg(parent, signal.SIGINT), 130, id="Ctrl-C"),  # goes to the workers as well
-    pytest.param(lambda parent: os.kill(parent, signal.SIGTERM), 143, id="SIGTERM", marks=pytest.mark.nightly),
+    pytest.param(lambda parent: os.kill(parent, signal.SIGTERM), 143, id="SIGTERM"),
     pytest.param(lambda parent: os.kill(parent, signal.SIGKILL), -signal.SIGKILL, id="SIGKILL"),
 ])  # fmt: skip
 def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
@@ -60,13 +59,8 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
         assert "Traceback" not in message
 
 
-@pytest.mark.parametrize(
-    "words",
-    repeated(
-        ("train", "-m", "data=synthetic", "train.size=-1,-2"), ("--help",), ("audit", "--help"), ("train", "--help")
-    ),
-)
-def test_output_that_nobody_reads(words, tmp_path):
+def test_output_that_nobody_reads(tmp_path):
+    words = ("train", "-m", "data=synthetic", "train.size=-1,-2")
     ours, theirs = os.pipe()
     os.close(ours)
     done = subprocess.run(
@@ -116,8 +110,6 @@ def test_commands_need_neither_streams_nor_a_window(words, closed, status, tmp_p
 
 @pytest.mark.parametrize("words", [
     ("train", "--help"), ("impacts", "--help"),
-    pytest.param(("train", "data.size=40", "train.repetitions=2", "bootstrap=20"), marks=pytest.mark.nightly),
-    pytest.param(("diagnose", "data.size=24", "seconds=1"), marks=pytest.mark.nightly),
 ], ids=" ".join)  # fmt: skip
 def test_commands_write_to_an_ascii_pipe(words, tmp_path):
     done = subprocess.run(

@@ -2,10 +2,8 @@
 
 import math
 
-import pytest
 import torch
 from diagnoses import few
-from repetitions import repeated
 
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.options import DiagnoseOptions
@@ -37,10 +35,8 @@ def alike(seed, size=100, spread=0.0):
     return true.replace(v_pre=v_pre + NOISE * draws[1], v_post=v_post + NOISE * draws[2])
 
 
-@pytest.mark.parametrize("seed", repeated(0, 1, 2, 3, 4))
-@pytest.mark.parametrize("size", repeated(100, 200))
-def test_scatter_is_no_effect(size, seed):
-    found = diagnose(alike(seed, size), LAW, options=DiagnoseOptions(laws=[LAW]))
+def test_scatter_is_no_effect():
+    found = diagnose(alike(0, 100), LAW, options=DiagnoseOptions(laws=[LAW]))
     assert found.effects == ()
     assert found.verdict == "none"
     assert "averaged_vy" in [finding.correction for finding in found.findings]

@@ -12,7 +12,6 @@ import pytest
 import torch
 from commands import run
 from omegaconf import OmegaConf
-from repetitions import repeated
 from run_without_figures import __file__ as COMMAND
 
 pytest.importorskip("dash", reason="the workbench needs Dash: pip install 'contactlearn[workbench]'")
@@ -380,14 +379,9 @@ def test_what_the_workbench_does_not_take_is_refused(words):
         commands.session_of(words)
 
 
-@pytest.mark.parametrize("way", repeated("command", "experiment"))
-def test_the_shell_gives_the_same_error(way, session, models, tmp_path):
+def test_the_shell_gives_the_same_error(session, models, tmp_path):
     session = replace(session.with_effect(DRAG), lines=("eps = -c*vn; c = [-0.5, 0.5]",))
     words = [*commands.words_of(session), "model=[]", "fit.starts=4"]
-    if way == "experiment":
-        (tmp_path / "experiment").mkdir()
-        (tmp_path / "experiment" / "session.yaml").write_text(commands.experiment(session))
-        words = ["--config-dir", str(tmp_path), "experiment=session"]
     small = ("train.size=20", "train.repetitions=2", "figures.repetitions=2", "bootstrap=50", "laws=[mirtich]")
     run("evaluate.py", *words, *small, "hydra.run.dir=run", cwd=tmp_path)
     result = read_result(tmp_path / "run" / "results.json")
@@ -445,20 +439,6 @@ def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(
     assert "did you mean 'mystery'" in wrong.error
     runs.close()
     assert ended(second) is RunStatus.CANCELLED
-
-
-@pytest.mark.nightly  # the next two have a process that is cancelled, and the steps of the other study
-def test_a_study_runs_once_and_ends_at_the_error_of_the_model(session, models, tmp_path):
-    runs, ticked = BackgroundRuns(tmp_path), session.with_effect(DRAG)
-    name = runs.study("curve", ticked, models.fingerprint(session))
-    run = runs.find(name)
-    assert runs.study("curve", ticked.with_value("mu", 0.5).model_only, models.fingerprint(session)) == name
-    assert runs.find(name) is run
-    assert ended(run) is RunStatus.DONE
-    errors = run.events[-1].errors
-    assert [size for size, _ in errors["model"]] == [20, 50, 100, 180]
-    assert errors["model"][-1][1].mean == pytest.approx(models.fitted(ticked).error.mean, rel=1e-6)
-    assert errors["alone"][-1][1].mean == pytest.approx(models.law_alone(session).error.mean, rel=1e-6)
 
 
 def test_studies_are_cancelled_fail_with_their_error_and_can_be_started_again(session, tmp_path):

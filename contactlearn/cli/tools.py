@@ -244,7 +244,7 @@ def run_export(options: argparse.Namespace) -> str:
     if options.features is None:
         path = table.save(impacts, options.file)
     else:
-        path = table.write_columns([Features.of(impacts, options.features).table().to_dict("list")], options.file)
+        path = table.write_frames([Features.of(impacts, options.features).table()], options.file)
     return f"{len(impacts)} impacts from {impacts.source} written to {path}"
 
 

@@ -18,12 +18,11 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
 (d, D) = (2, 3) in the plane and (3, 6) in space (`mechanics.space`); r says which it is.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import torch
@@ -88,6 +87,9 @@ class Impacts:
     source: str = field(default="unnamed", kw_only=True)
     validate: bool = field(default=True, kw_only=True)
     incomplete: tuple[str, ...] = field(default=(), kw_only=True)
+
+    from_frame: ClassVar[Callable[..., "Impacts"]]
+    """`contactlearn.read_table`, which takes a DataFrame as it takes a file; the reader of tables puts it here."""
 
     def __post_init__(self) -> None:
         n = len(self.mass)
@@ -246,46 +248,10 @@ class Impacts:
     def __len__(self) -> int:
         return len(self.mass)
 
-    @classmethod
-    def from_frame(
-        cls,
-        frame: "DataFrame",
-        *,
-        shape: Mapping[str, Any] | AnyShape | None = None,
-        columns: Mapping[str, str | None] | None = None,
-        units: Mapping[str, str] | None = None,
-        mass: float | None = None,
-        inertia: float | None = None,
-        validate: bool = True,
-    ) -> "Impacts":
-        """Impacts from the columns of a DataFrame, as `contactlearn.read_table` reads them from a file.
-
-        Args:
-            frame: a row for each impact, with the columns that `to_frame` writes, or their names in `columns`.
-            shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
-            columns: names in the frame by ours, such as {"vx": "speed_x"}; None where it has no such column.
-            units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
-                columns, such as "vx [mm/s]", or SI.
-            mass: of all bodies in kg, for a frame without that column.
-            inertia: of all bodies in kg m², for a frame without that column.
-            validate: see the class.
-
-        Raises:
-            DataError: naming the rule, the row, the column, the value and a fix.
-            UnknownNameError: a shape, column, quantity or unit that does not exist.
-        """
-        # Names and units of columns are read in the room above, which is named at the call so that nothing loads it.
-        load = import_module("contactlearn.data.table").load
-        return load(frame, shape, columns, units or {}, mass, inertia, validate=validate)
-
     def to_frame(self) -> "DataFrame":
         """Return a table with a row for each impact, in SI units; `from_frame` reads it back, but for the shape."""
         from pandas import DataFrame  # takes long to load
 
-        return DataFrame(self.to_columns())
-
-    def to_columns(self) -> dict[str, Sequence[Any] | np.ndarray]:
-        """Return the columns of a table, by name: names, fields, upper halves of covariances, apparatus."""
         columns: dict[str, Sequence[Any] | np.ndarray] = {"trial": self.trial, "object": self.object}
         for name, names in self.space.components.items():
             if (value := getattr(self, name)) is not None:
@@ -294,7 +260,7 @@ class Impacts:
             if (value := getattr(self, name)) is not None:
                 columns |= zip(names, value.cpu()[:, *self.space.upper].T.numpy(), strict=True)
         known = {} if self.apparatus is None else self.apparatus.to_columns()
-        return columns | {name: [value] * len(self) for name, value in known.items()}
+        return DataFrame(columns | {name: [value] * len(self) for name, value in known.items()})
 
     def _repr_html_(self) -> str:
         """Show the first rows, as a notebook does."""

@@ -29,13 +29,14 @@ import pandas as pd
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.events import ignore, track
+from contactlearn.data import table
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval, Norm, headline_metric
 from contactlearn.results.folder import FILES, find_results, read_result
 from contactlearn.results.state import read_done
-from contactlearn.results.tables import FORMATS, write_frames
+from contactlearn.results.tables import FORMATS
 from contactlearn.results.types import (
     BEST_POST_HOC,
     IRB,
@@ -287,10 +288,7 @@ def write_table(
         raise UnknownNameError("table format", suffix, FORMATS)
     runs, skipped = read_runs(absolute(folders), on_event)
     frame = as_table(runs)
-    try:
-        write_frames([frame], path)
-    except OSError as error:
-        raise ContactLearnError(f"{path}: cannot be written: {error.strerror}") from None
+    table.write_frames([frame], path)
     return frame, skipped
 
 

@@ -4,26 +4,20 @@ Held-out trials and the predictions of every model for them lie beside results.j
 """
 
 import math
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
+import pyarrow.dataset as ds
 import torch
-from jaxtyping import Int
-from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.blocks import sampled
-from contactlearn.data.table import table_blocks
 from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import METRICS, Norm, outside_admissible
 from contactlearn.inference.evaluation.variables import Variable, map_variables
@@ -32,7 +26,6 @@ from contactlearn.inference.learning.curves import Curve
 from contactlearn.laws import find
 from contactlearn.mechanics.bodies import make_shapes
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.space import Space
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation, metrics_of
 
 _IMPACTS, _PREDICTIONS = "held_out", "predictions"
@@ -40,26 +33,8 @@ _IMPACTS, _PREDICTIONS = "held_out", "predictions"
 SHOWN = 10_000
 """Held-out trials that figures and pages show: a random sample where there are more."""
 
-_ROWS = 1 << 17  # of a table that are read at a time
-
-
-def _write_parquet(frames: Iterator[pd.DataFrame], path: Path) -> None:
-    """Write frames of the same columns, the rows of each as a group."""
-    tables = (pa.Table.from_pandas(frame, preserve_index=False) for frame in frames)
-    first = next(tables)
-    with pq.ParquetWriter(path, first.schema) as file:
-        for table in chain((first,), tables):
-            file.write_table(table)
-
-
-def _write_csv(frames: Iterator[pd.DataFrame], path: Path) -> None:
-    for place, frame in enumerate(frames):
-        frame.to_csv(path, index=False, header=not place, mode="a")
-
-
-_WRITERS = {"parquet": _write_parquet, "csv": _write_csv}
-FORMATS = tuple(_WRITERS)
-"""Suffixes of the files that can be written."""
+FORMATS = ("parquet", "csv")
+"""Suffixes of the tables."""
 
 
 def save_predictions(
@@ -85,8 +60,7 @@ def save_predictions(
         for impacts, predictions in predicted
         for model, prediction in predictions.items()
     )
-    with atomic_write(path) as part:
-        _WRITERS[path.suffix.removeprefix(".")](frames, part)
+    table.write_frames(frames, path)
 
 
 def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path) -> None:
@@ -96,7 +70,7 @@ def save_trial_parameters(impacts: Impacts, fits: Sequence[TrialFit], path: Path
         columns = _names(impacts) | {"law": fit.law.name, "variant": fit.law.variant}
         columns |= {name: getattr(fit, name).tolist() for name in ("mu", "eps", "error", "mu_low", "mu_high")}
         frames.append(pd.DataFrame(columns))
-    write_frames(frames, path)
+    table.write_frames([pd.concat(frames, ignore_index=True)], path)
 
 
 def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
@@ -111,36 +85,38 @@ def save_curves(curves: Mapping[str, Curve], path: Path) -> None:
             columns["negative_log_density"] = curve.density.negative_log.mean(-1).flatten().tolist()
             columns["coverage"] = curve.density.coverage.flatten().tolist()
         frames.append(pd.DataFrame(columns))
-    write_frames(frames, path)
+    table.write_frames([pd.concat(frames, ignore_index=True)], path)
 
 
-def load_predictions(impacts: Impacts, path: Path, rows: Int[Tensor, " n"]) -> dict[str, Prediction]:
+def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
     """Read the predictions of `save_predictions` for some of its trials, exactly as they were, but for covariances.
-
-    Args:
-        impacts: the trials.
-        path: of the file.
-        rows: that the trials were among all of the file, increasing.
 
     Raises:
         DataError: the file cannot be read, lacks a column, or belongs to other trials.
     """
-    found: dict[str, list[pd.DataFrame]] = {}
-    before, chosen = defaultdict[str, int](int), rows.numpy()
+    space = impacts.space
+    columns = ["trial", "model", *space.components["v_post"], *space.wrench]
+    with _readable(path):
+        rows = _stored(path).to_table(columns=columns, filter=ds.field("trial").isin(impacts.trial)).to_pandas()
+    found = {str(model): part for model, part in rows.groupby("model", sort=False)}
+    return {model: _prediction(impacts, model, part, path) for model, part in found.items()}
+
+
+def _stored(path: Path) -> ds.Dataset:
+    """A table of a run; Arrow reads every number to its last digit, as pandas 2 does not."""
+    texts = pacsv.ConvertOptions(column_types=dict.fromkeys(("trial", "object", "model"), pa.string()))
+    return ds.dataset(path, format=ds.CsvFileFormat(convert_options=texts) if path.suffix == ".csv" else "parquet")
+
+
+@contextmanager
+def _readable(path: Path) -> Generator[None]:
+    """Turn the errors of a file that is missing or damaged, which can break anything, into ours."""
     try:
-        for frame in _frames(path, impacts.space):
-            for model, part in frame.groupby("model", sort=False):
-                first = before[str(model)]
-                before[str(model)] += len(part)
-                low, high = np.searchsorted(chosen, (first, first + len(part)))
-                found.setdefault(str(model), []).append(part.iloc[chosen[low:high] - first])
-        return {model: _prediction(impacts, model, pd.concat(parts), path) for model, parts in found.items()}
+        yield
     except FileNotFoundError:
         raise DataError(f"{path}: no such file; the run is not complete, or was moved without it") from None
-    except DataError:
-        raise
-    except Exception as error:  # a damaged file can break anything
-        raise DataError(f"{path}: is no table of predictions, or not all of one: {error}") from None
+    except Exception as error:
+        raise DataError(f"{path}: is no table of a run, or not all of one: {error}") from None
 
 
 def _prediction(impacts: Impacts, model: str, rows: pd.DataFrame, path: Path) -> Prediction:
@@ -151,32 +127,8 @@ def _prediction(impacts: Impacts, model: str, rows: pd.DataFrame, path: Path) ->
     return Prediction(v_post, wrench)
 
 
-def _frames(path: Path, space: Space) -> Iterator[pd.DataFrame]:
-    """The rows of a table of predictions, some at a time."""
-    read = ["trial", "model", *space.components["v_post"], *space.wrench]
-    if path.suffix == ".parquet":
-        with pq.ParquetFile(path) as file:
-            yield from (batch.to_pandas() for batch in file.iter_batches(_ROWS, columns=read))
-    else:
-        types = {"trial": pa.string(), "model": pa.string()}
-        names = pacsv.ConvertOptions(include_columns=read, column_types=types)
-        # Every number to its last digit, as pandas 2 does not.
-        with pacsv.open_csv(path, convert_options=names) as reader:
-            yield from (batch.to_pandas() for batch in reader)
-
-
 def _names(impacts: Impacts) -> dict[str, tuple[str, ...]]:
     return {"trial": impacts.trial, "object": impacts.object}
-
-
-def write_frames(frames: list[pd.DataFrame], path: Path) -> None:
-    """Write tables, one below the other, to a file with a suffix of `FORMATS`, whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    with atomic_write(path) as part:
-        _WRITERS[path.suffix.removeprefix(".")](iter((pd.concat(frames, ignore_index=True),)), part)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,12 +163,14 @@ class HeldOut:
         Raises:
             DataError: a file is missing or damaged, or is that of another run.
         """
-        shape = make_shapes(result.shape)
-        blocks = table_blocks(folder / f"{_IMPACTS}.{result.tables}", shape)
-        shown = sampled(torch.ones(blocks.trials, dtype=torch.bool), SHOWN)
-        impacts = blocks.pick(shown).replace(source=result.provenance.data.source)
+        path = folder / f"{_IMPACTS}.{result.tables}"
+        with _readable(path):
+            stored = _stored(path)
+            shown = sampled(torch.ones(stored.count_rows(), dtype=torch.bool), SHOWN)
+            frame = stored.take(shown.nonzero()[:, 0].numpy()).to_pandas()
+        impacts = table.load(frame, make_shapes(result.shape)).replace(source=result.provenance.data.source)
         path = folder / f"{_PREDICTIONS}.{result.tables}"
-        predictions = load_predictions(impacts, path, shown.nonzero()[:, 0])
+        predictions = load_predictions(impacts, path)
         if missing := result.errors.keys() - predictions.keys():
             raise DataError(f"{path}: lacks the predictions of {', '.join(sorted(missing))}; are the files of one run?")
         return cls(impacts=impacts, predictions=predictions)

@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 __all__ = [
-    "COLUMNS", "NAMES", "REQUIRED", "SUFFIXES", "Table", "blocks_of", "check_suffix", "is_large", "load", "preview",
-    "read", "read_blocks", "save", "table_blocks", "write_columns",
+    "COLUMNS", "NAMES", "REQUIRED", "SUFFIXES", "Impacts", "Table", "blocks_of", "check_suffix", "is_large", "load",
+    "preview", "read", "read_blocks", "save", "table_blocks", "write_frames",
 ]  # fmt: skip
 
 _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quaternion are seen
@@ -129,6 +129,9 @@ def load(
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
     return read(path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, validate=validate).impacts
+
+
+Impacts.from_frame = staticmethod(load)
 
 
 def read(
@@ -380,20 +383,20 @@ def save(impacts: Impacts | Iterable[Impacts], path: str | os.PathLike[str]) -> 
         DataError: another suffix, or the file cannot be written.
     """
     blocks = [impacts] if isinstance(impacts, Impacts) else impacts
-    return write_columns((block.to_columns() for block in blocks), path)
+    return write_frames((block.to_frame() for block in blocks), path)
 
 
-def write_columns(blocks: Iterable[files.Columns], path: str | os.PathLike[str]) -> Path:
-    """Write columns of any names to a .csv or .parquet file, whole or not at all; blocks follow each other.
+def write_frames(frames: Iterable["DataFrame"], path: str | os.PathLike[str]) -> Path:
+    """Write frames of the same columns, one below the other, to a .csv or .parquet file, whole or not at all.
 
     Raises:
         DataError: another suffix, or the file cannot be written.
     """
     path = Path(path)
-    write_blocks = _WRITERS[_suffix(path, _WRITERS)]
+    write = _WRITERS[_suffix(path, _WRITERS)]
     try:
         with atomic_write(path) as part:
-            write_blocks(blocks, part)
+            write(frames, part)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
     return path

@@ -1,4 +1,4 @@
-"""Files of tables: text, Parquet and spreadsheets as sheets of raw cells, and columns as CSV and Parquet.
+"""Files of tables: text, Parquet and spreadsheets as sheets of raw cells, and frames as CSV and Parquet.
 
 Text goes through the standard library's reader, in strict mode: it knows the line of every row, and neither pads, drops
 nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas.  Text and Parquet come in blocks of rows, so
@@ -6,13 +6,11 @@ that a file need not fit in memory.
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
-
-import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_numeric, sniffed
@@ -170,27 +168,19 @@ def sheet_of(frame: "DataFrame") -> Sheet:
     return Sheet("DataFrame", names, columns)
 
 
-Columns = Mapping[str, Sequence[Any] | np.ndarray]
+def write_csv(frames: Iterable["DataFrame"], path: Path) -> None:
+    """Write frames one below the other to a new CSV file; a float is written as its repr, which reads back exactly."""
+    for place, frame in enumerate(frames):
+        frame.to_csv(path, index=False, header=not place, mode="a", lineterminator="\r\n")  # quotes \r in names
 
 
-def write_csv(blocks: Iterable[Columns], path: Path) -> None:
-    """Write a new CSV file of blocks of rows; a float is written as its repr, which reads back exactly."""
-    with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        for place, columns in enumerate(blocks):
-            if not place:
-                writer.writerow(columns)
-            plain = [cells.tolist() if isinstance(cells, np.ndarray) else cells for cells in columns.values()]
-            writer.writerows(zip(*plain, strict=True))
-
-
-def write_parquet(blocks: Iterable[Columns], path: Path) -> None:
-    """Write a Parquet file of blocks of rows, with page checksums; there is at least one block."""
+def write_parquet(frames: Iterable["DataFrame"], path: Path) -> None:
+    """Write frames, of which there is at least one, as row groups of a Parquet file with page checksums."""
     import pyarrow
     from pyarrow import parquet
 
-    tables = (pyarrow.table(dict(columns)) for columns in blocks)
+    tables = (pyarrow.Table.from_pandas(frame, preserve_index=False) for frame in frames)
     first = next(tables)
     with parquet.ParquetWriter(path, first.schema, write_page_checksum=True) as file:
-        for block in chain((first,), tables):
-            file.write_table(block)
+        for table in chain((first,), tables):
+            file.write_table(table)
