@@ -13,77 +13,47 @@ editors and type checkers see them all.  The rooms (`contactlearn.mechanics`, `c
 
 from importlib import import_module
 
-from contactlearn.core import __version__
+from contactlearn.core import __version__ as __version__
 
 TYPE_CHECKING = False  # a type checker takes it for true; typing takes longer to load than the rest
 if TYPE_CHECKING:
-    from contactlearn import data as data
-    from contactlearn import diagnosis as diagnosis
-    from contactlearn import effects, laws, simulation
-    from contactlearn import inference as inference
-    from contactlearn import mechanics as mechanics
-    from contactlearn import models as models
-    from contactlearn import report as report
-    from contactlearn import results as results
-    from contactlearn.core.errors import ContactLearnError, DataError
-    from contactlearn.data.audit.findings import audit
-    from contactlearn.data.table import Impacts
-    from contactlearn.data.table import load as read_table
-    from contactlearn.data.tracks import find as read_recordings
-    from contactlearn.diagnosis.options import DiagnoseOptions
-    from contactlearn.diagnosis.pipeline import diagnose
-    from contactlearn.diagnosis.result import Diagnosis
-    from contactlearn.inference.evaluation import metrics
-    from contactlearn.inference.evaluation.compare import compare
-    from contactlearn.inference.identification.joint import Fit, fit
-    from contactlearn.inference.identification.per_trial import fit_trials
-    from contactlearn.inference.identification.scatter import fit_scatter
-    from contactlearn.inference.identification.shared import fit_subsets
-    from contactlearn.inference.learning.recipe import Recipe, learn
-    from contactlearn.laws import Law
-    from contactlearn.mechanics import shapes
-    from contactlearn.mechanics.body_state import BodyState
-    from contactlearn.mechanics.impacts import Prediction
-    from contactlearn.models.checkpoint import load, save
-    from contactlearn.models.citation import cite
-    from contactlearn.models.contact_model import ContactModel
-    from contactlearn.report import plot
-    from contactlearn.report.page.diagnosis import save_report
+    from contactlearn import (
+        data as data,
+        diagnosis as diagnosis,
+        effects as effects,
+        inference as inference,
+        laws as laws,
+        mechanics as mechanics,
+        models as models,
+        report as report,
+        results as results,
+        simulation as simulation,
+    )
+    from contactlearn.core.errors import ContactLearnError as ContactLearnError, DataError as DataError
+    from contactlearn.data import table, tracks
+    from contactlearn.data.audit.findings import audit as audit
+    from contactlearn.data.table import Impacts as Impacts
+    from contactlearn.diagnosis.options import DiagnoseOptions as DiagnoseOptions
+    from contactlearn.diagnosis.pipeline import diagnose as diagnose
+    from contactlearn.diagnosis.result import Diagnosis as Diagnosis
+    from contactlearn.inference.evaluation import metrics as metrics
+    from contactlearn.inference.evaluation.compare import compare as compare
+    from contactlearn.inference.identification.joint import Fit as Fit, fit as fit
+    from contactlearn.inference.identification.per_trial import fit_trials as fit_trials
+    from contactlearn.inference.identification.scatter import fit_scatter as fit_scatter
+    from contactlearn.inference.identification.shared import fit_subsets as fit_subsets
+    from contactlearn.inference.learning.recipe import Recipe as Recipe, learn as learn
+    from contactlearn.laws import Law as Law
+    from contactlearn.mechanics import shapes as shapes
+    from contactlearn.mechanics.body_state import BodyState as BodyState
+    from contactlearn.mechanics.impacts import Prediction as Prediction
+    from contactlearn.models.checkpoint import load as load, save as save
+    from contactlearn.models.citation import cite as cite
+    from contactlearn.models.contact_model import ContactModel as ContactModel
+    from contactlearn.report import plot as plot
+    from contactlearn.report.page.diagnosis import save_report as save_report
 
-__all__ = [
-    "BodyState",
-    "ContactLearnError",
-    "ContactModel",
-    "DataError",
-    "DiagnoseOptions",
-    "Diagnosis",
-    "Fit",
-    "Impacts",
-    "Law",
-    "Prediction",
-    "Recipe",
-    "__version__",
-    "audit",
-    "cite",
-    "compare",
-    "diagnose",
-    "effects",
-    "fit",
-    "fit_scatter",
-    "fit_subsets",
-    "fit_trials",
-    "laws",
-    "learn",
-    "load",
-    "metrics",
-    "plot",
-    "read_recordings",
-    "read_table",
-    "save",
-    "save_report",
-    "shapes",
-    "simulation",
-]
+    read_recordings, read_table = tracks.find, table.load
 
 # The module that defines each public name, and its name there where it is another; tests hold this table and the
 # imports above to each other.
@@ -121,6 +91,7 @@ _ROOMS = ("data", "diagnosis", "effects", "inference", "laws", "mechanics", "mod
 
 
 if not TYPE_CHECKING:  # with it a type checker would take any name for one of this package
+    __all__ = sorted((*_HOME, "effects", "laws", "simulation", "__version__"))
 
     def __getattr__(name: str) -> object:
         if name in _HOME:
@@ -130,6 +101,5 @@ if not TYPE_CHECKING:  # with it a type checker would take any name for one of t
             return import_module(f"contactlearn.{name}")
         raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
 
-
-def __dir__() -> list[str]:
-    return __all__
+    def __dir__() -> list[str]:
+        return __all__

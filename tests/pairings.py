@@ -11,10 +11,12 @@ def paired(*axes):
         axes: values, cases of `pytest.param`, or values by their names; a tuple is of several arguments.
     """
     named = [[*(axis if isinstance(axis, dict) else dict(map(_named, axis))).items()] for axis in axes]
+    cases = []
     for k in range(max(map(len, named))):
         names, values = zip(*(axis[k % len(axis)] for axis in named), strict=True)
         flat = [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
-        yield pytest.param(*flat, id="-".join(names))
+        cases.append(pytest.param(*flat, id="-".join(names)))
+    return cases
 
 
 def _named(value):

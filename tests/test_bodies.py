@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 import torch
 from commands import run
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from pyarrow.csv import read_csv
 from test_report_page import into_view, opened, until
 

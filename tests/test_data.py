@@ -11,15 +11,13 @@ import pyarrow
 import pytest
 import torch
 from hydra.utils import instantiate
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from omegaconf import OmegaConf
 from pyarrow import parquet
 from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data import ellipse_drops as published
-from contactlearn.data import table, tracks
+from contactlearn.data import ellipse_drops as published, table, tracks
 from contactlearn.laws import find, names
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape

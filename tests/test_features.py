@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 from contacts import random_bodies
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from torch import Tensor
 
 from contactlearn.core.errors import UnknownNameError

@@ -28,8 +28,7 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.hull import signed_areas
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import Disc
-from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures import learning, style
+from contactlearn.report.figures import laws as figures, learning, style
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.impulse_space import compared_impulses, reachable_impulses

@@ -13,8 +13,7 @@ import pytest
 import scipy.optimize
 import torch
 from gpytorch.mlls import ExactMarginalLogLikelihood
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 from torch.autograd.functional import jacobian

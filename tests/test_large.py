@@ -14,8 +14,7 @@ from contactlearn.cli.commands import loading
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.data import blocks as blocks_module
-from contactlearn.data import table
+from contactlearn.data import blocks as blocks_module, table
 from contactlearn.data.blocks import Blocks, joined, sampled
 from contactlearn.data.table.files import read_parquet
 from contactlearn.inference.evaluation import metrics

@@ -10,8 +10,7 @@ import pytest
 import scipy
 import torch
 from contacts import DIFFER, DISTINCT, VARIANTS, Contacts, impulse, random_contacts, shared
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from pairings import paired
 
 from contactlearn.core.errors import UnknownNameError

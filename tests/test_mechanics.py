@@ -5,8 +5,7 @@ import math
 import pytest
 import torch
 from contacts import random_bodies, random_contacts
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from contactlearn.mechanics import rigid_body
 

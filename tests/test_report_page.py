@@ -138,7 +138,7 @@ def test_the_page_starts_with_the_rig_card(found, tmp_path):
     assert Diagnosis.from_json(carded.to_json()).findings[0].rig == rows
     html = write_page(tmp_path, carded, about(found.record.impacts)).read_text()
     assert 0 < html.index('<section id="card">') < html.index('<section id="verdict"')
-    assert "<b>1.15 ± 0.06°</b>" in html
+    assert "<b>1.146 ± 0.057°</b>" in html
 
 
 def test_fatal_data_have_a_page(found, tmp_path):

@@ -10,8 +10,7 @@ from spatial import in_space, tossed, vectors, velocities
 
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table
-from contactlearn.effects import State, find_effect
-from contactlearn.effects import catalogue as effect_catalogue
+from contactlearn.effects import State, catalogue as effect_catalogue, find_effect
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.evaluation.metrics import METRICS, NORMS, back_spin, outside_admissible
 from contactlearn.inference.identification import joint

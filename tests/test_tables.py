@@ -13,8 +13,7 @@ import pytest
 import torch
 from commands import run
 from corruptions import corrupt
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 
 from contactlearn.cli.commands import loading

@@ -282,8 +282,8 @@ def test_windows_hold_trials_also_around_the_circle(session, models, monkeypatch
 def test_the_rig_card_is_a_table_with_differences_in_bold():
     rows = Apparatus(gravity=Estimate(value=9.81, error=0.01), delay=Estimate(value=2e-3, error=1e-4)).rows()
     shown = str(content.rig_card(rows))
-    assert "B('2 ± 0.1 ms')" in shown
-    assert "Span('9.81 ± 0.01 m/s²')" in shown
+    assert "B('2.00 ± 0.10 ms')" in shown
+    assert "Span('9.810 ± 0.010 m/s²')" in shown
 
 
 def test_a_correction_of_the_audit_is_applied_and_taken_back(models, page, tmp_path):

@@ -42,8 +42,7 @@ from contactlearn.simulation.camera import Camera, TrueContacts
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
 from sensitivity.studies.flights import flat, nearest
 from sensitivity.studies.frames import spatial
-from speed.harness import header
-from speed.harness import row as printed
+from speed.harness import header, row as printed
 
 CHI_3 = 7.815
 PLAIN = Camera()

@@ -10,8 +10,7 @@ import pandas as pd
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
-from contactlearn.data.recordings.readers import Layout
-from contactlearn.data.recordings.readers import read as read_recordings
+from contactlearn.data.recordings.readers import Layout, read as read_recordings
 from contactlearn.data.recordings.track import Recording
 from fuzz.target import Target, file
 

@@ -27,8 +27,7 @@ from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.models.gp.sparse import SparseGPs
 from contactlearn.simulation import synthetic
 from speed.gp_fits import draw, ours
-from speed.harness import drops as load
-from speed.harness import header, interleaved, medians, parsed, parser, row, timed
+from speed.harness import drops as load, header, interleaved, medians, parsed, parser, row, timed
 from speed.joint_fit import measured
 from speed.law_rates import ellipse_contacts
 

@@ -224,7 +224,7 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     lines += [] if findings else [f"note: {phrase('consistent')}"]
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
-    return "\n".join(lines).replace("\u00a0", " "), int(any(finding.mistake for finding in findings))
+    return "\n".join(lines).replace("\u00a0", " "), int(bool(findings.mistakes))
 
 
 def run_export(options: argparse.Namespace) -> str:

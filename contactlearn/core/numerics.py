@@ -5,7 +5,7 @@
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` for an integer
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
-    number, measured    a number as text; a value with its standard error and unit as text
+    number, measured    a number as text; a value with its standard error and unit as text, `readable` in mm, ms and °
     bin_edges           of a histogram of values that may all be equal
     atomic_write        a file that appears whole or not at all
 
@@ -128,6 +128,19 @@ def measured(value: float, standard_error: float | None, unit: str = "–") -> s
         decimals = max(0, 1 - math.floor(math.log10(standard_error)))
         text = f"{value:.{decimals}f} ± {standard_error:.{decimals}f}".replace("-", "−")
     return text + ({"": "", "–": "", "°": unit}.get(unit, f" {unit}"))
+
+
+READABLE_UNITS = {
+    "m": ("mm", 1e3), "rad": ("°", math.degrees(1)), "s": ("ms", 1e3), "J": ("mJ", 1e3), "N s": ("mN s", 1e3),
+    "N m s": ("mN m s", 1e3), "1/rad": ("per rad", 1.0), "s/m": ("per m/s", 1.0), "s/rad": ("per rad/s", 1.0),
+}  # fmt: skip
+"""Units in sentences, and their number in an SI unit."""
+
+
+def readable(value: float, standard_error: float, unit: str) -> str:
+    """Write a value in SI with its standard error as `measured` does, in the unit in which people read it."""
+    shown, scale = READABLE_UNITS.get(unit, (unit, 1.0))
+    return measured(scale * value, scale * standard_error, shown)
 
 
 @contextmanager

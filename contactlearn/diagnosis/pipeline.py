@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from contactlearn.core.errors import DataError
 from contactlearn.core.events import ignore
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.evidence import evidence_arrays
+from contactlearn.data.audit.evidence import balance_evidence
 from contactlearn.data.audit.findings import audit
 from contactlearn.diagnosis.discrimination.experiment import state_limits
 from contactlearn.diagnosis.events import AuditFindings, OnEvent
@@ -54,12 +54,13 @@ def diagnose(
     options, on_event = options or DiagnoseOptions(), ignore if on_event is None else on_event
     law, given, thresholds = None if law is None else named(law), named_effects(effects), options.thresholds
     _check(impacts, options)
-    findings = audit(impacts, thresholds.audit)
+    audited = audit(impacts, thresholds.audit)
+    findings = tuple(audited)
     on_event(AuditFindings(findings=findings))
-    evidence = evidence_arrays(findings, impacts, thresholds.audit)
+    evidence = balance_evidence(findings, impacts)
     if any(finding.fatal for finding in findings):
         return replace(_refused(law, findings, thresholds), evidence=evidence)
-    impacts = correct(impacts, [one.correction for one in findings if one.correction], thresholds.audit)
+    impacts = correct(impacts, audited.corrections, thresholds.audit)
     laws = options.laws or all_laws(impacts.space)
     candidates = options.candidates or all_candidates(impacts.space)
     if any(finding.name == "spin_not_measured" for finding in findings):

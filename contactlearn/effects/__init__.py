@@ -21,36 +21,17 @@ from typing import Any
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.effects.base import (
-    PLACES,
-    ChangesFriction,
-    ChangesRestitution,
-    Effect,
-    Parameter,
-    parameter,
+    PLACES as PLACES,
+    ChangesFriction as ChangesFriction,
+    ChangesRestitution as ChangesRestitution,
+    Effect as Effect,
+    Parameter as Parameter,
+    parameter as parameter,
 )
-from contactlearn.effects.identity import EffectId
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.identity import EffectId as EffectId
+from contactlearn.effects.state import State as State, columns as columns
 
 ENTRY_POINT = "contactlearn.effects"
-
-__all__ = [
-    "ENTRY_POINT",
-    "PLACES",
-    "ChangesFriction",
-    "ChangesRestitution",
-    "Effect",
-    "EffectId",
-    "Parameter",
-    "State",
-    "catalogue",
-    "choose_form",
-    "columns",
-    "find_effect",
-    "forms_of",
-    "from_settings",
-    "named_effects",
-    "parameter",
-]
 
 
 def catalogue() -> dict[str, tuple[type[Effect], ...]]:

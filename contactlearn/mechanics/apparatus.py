@@ -32,7 +32,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from contactlearn.core.numerics import number
+from contactlearn.core.numerics import READABLE_UNITS, measured, readable
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 REACH = 3.0
@@ -59,10 +59,6 @@ class Estimate:
     def range(self) -> tuple[float, float]:
         """The values within three standard errors, and those between them and 0."""
         return min(self.value - REACH * self.error, 0.0), max(self.value + REACH * self.error, 0.0)
-
-
-_SHOWN = {"rad": (180 / math.pi, "°"), "m": (1e3, " mm"), "s": (1e3, " ms")}
-"""Units in which people read a unit, and their number in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,18 +95,16 @@ class Row:
     @property
     def measured(self) -> str:
         """Value and error as people read them: 1.96 ± 0.02°; an inertia as a ratio."""
-        factor, unit = _SHOWN.get(self.unit, (1.0, "" if self.unit == "–" else f" {self.unit}"))
         value, error = self._value, self.estimate.error
         if self.symbol == "κ":
             value, error = math.exp(value), math.exp(value) * error
-        return f"{number(factor * value, 3)} ± {number(factor * error, 1)}{unit}"
+        return readable(value, error, self.unit)
 
     @property
     def said(self) -> str:
         """The stated value as people read it; empty where none was."""
-        if self.stated is None:
-            return ""
-        return f"{number(self.stated + (self.name == 'inertia'), 3)}{_SHOWN.get(self.unit, (1.0, ''))[1]}"
+        unit, _ = READABLE_UNITS.get(self.unit, (self.unit, 1.0))
+        return "" if self.stated is None else measured(self.stated + (self.name == "inertia"), None, unit)
 
     def __str__(self) -> str:
         return f"{self.quantity} {self.measured}"

@@ -18,15 +18,15 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result import Diagnosis, Record
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.report.figures import diagnosis as figures
-from contactlearn.report.figures import style
+from contactlearn.report.figures import diagnosis as figures, style
 from contactlearn.report.figures.comparison import error_comparison
-from contactlearn.report.figures.diagnosis import frontier_figure as frontier
-from contactlearn.report.figures.diagnosis import ladder_figure as ladder
-from contactlearn.report.figures.diagnosis import laws_figure as laws_compared
+from contactlearn.report.figures.diagnosis import (
+    frontier_figure as frontier,
+    ladder_figure as ladder,
+    laws_figure as laws_compared,
+)
 from contactlearn.report.figures.effects import effect_curve
-from contactlearn.report.figures.impulse_space import compared_impulses as impulse_space
-from contactlearn.report.figures.impulse_space import reachable_impulses
+from contactlearn.report.figures.impulse_space import compared_impulses as impulse_space, reachable_impulses
 from contactlearn.report.figures.laws import convergence, cost_map, trial_parameters
 from contactlearn.report.figures.learning import error_densities, learning_curve, transfer_errors
 from contactlearn.report.figures.quality import predicted_against_measured

@@ -8,7 +8,7 @@ from contactlearn.diagnosis.result.effects import FittedParameter
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.evaluation.metrics import ErrorSums, Interval, Norm
 from contactlearn.inference.identification.joint import Fit
-from contactlearn.inference.identification.shared import SubsetFit
+from contactlearn.inference.identification.result import SubsetFit
 from contactlearn.inference.learning.recipe import Recipe, named_numbers, target_units, trained_numbers
 from contactlearn.mechanics.space import Space
 from contactlearn.models.regressor import Regressor

@@ -21,7 +21,7 @@ from contactlearn.data.blocks import sampled
 from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import METRICS, Norm, outside_admissible
 from contactlearn.inference.evaluation.variables import Variable, map_variables
-from contactlearn.inference.identification.per_trial import TrialFit
+from contactlearn.inference.identification.result import TrialFit
 from contactlearn.inference.learning.curves import Curve
 from contactlearn.laws import find
 from contactlearn.mechanics.bodies import make_shapes

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from contactlearn.core.lazy import load_when_named
 
 if TYPE_CHECKING:  # examples and notebooks name these; a type checker sees nothing of `load_when_named`
-    from contactlearn.simulation import hidden_effects as hidden_effects
-    from contactlearn.simulation import mujoco as mujoco
-    from contactlearn.simulation import recordings as recordings
-    from contactlearn.simulation import recordings_mujoco as recordings_mujoco
-    from contactlearn.simulation import synthetic as synthetic
+    from contactlearn.simulation import (
+        hidden_effects as hidden_effects,
+        mujoco as mujoco,
+        recordings as recordings,
+        recordings_mujoco as recordings_mujoco,
+        synthetic as synthetic,
+    )
 
 load_when_named(__name__)

@@ -29,8 +29,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
-from contactlearn.report.figures import laws as figures
-from contactlearn.report.figures import learning, quality
+from contactlearn.report.figures import laws as figures, learning, quality
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.contact_in_space import body_at_contact, slip_hodograph
 from contactlearn.report.figures.impulse_space import reachable_impulses

@@ -52,7 +52,7 @@ from contactlearn.data.audit.conventions import (
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
-from contactlearn.data.audit.result import Finding
+from contactlearn.data.audit.result import Audit, Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
     duplicate_findings,
@@ -67,7 +67,7 @@ from contactlearn.data.audit.trials import (
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 
-_FEWEST = 10  # trials below which nothing is said about units and axes: five standard errors need them
+_MIN_TRIALS = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _QUICK = 500  # trials of a quick audit
 _IN_SPACE = Finding(
     name="audit_in_space",
@@ -79,7 +79,7 @@ _IN_SPACE = Finding(
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
 
 
-def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
+def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> Audit:
     """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
@@ -87,25 +87,17 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     if impacts.space is SPACE:
         moving = moving_floor_findings(impacts)
-        return (
-            *shape_findings_in_space(impacts),
-            *moving,
-            *findings,
-            *order_findings(impacts),
-            *sorted_notes(impacts),
-            *state_notes(impacts),
-            *rig_notes(impacts),
-            _IN_SPACE,
-        )
+        notes = [*sorted_notes(impacts), *state_notes(impacts), *rig_notes(impacts), _IN_SPACE]
+        return Audit((*shape_findings_in_space(impacts), *moving, *findings, *order_findings(impacts), *notes))
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes = rig_notes(impacts)
-    if len(sound) < _FEWEST:
-        return (*findings, *trial_findings(sound, thresholds), *notes)
+    if len(sound) < _MIN_TRIALS:
+        return Audit((*findings, *trial_findings(sound, thresholds), *notes))
     notes = [*constant_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound)
-    sound = correct(sound, [one.correction for one in first if one.correction])
+    sound = correct(sound, Audit(first).corrections)
     spins = spin_notes(sound)
-    sound = correct(sound, [one.correction for one in spins if one.correction])
+    sound = correct(sound, Audit(spins).corrections)
     first += spins
     unmeasured = unmeasured_findings(sound)
     if unmeasured:
@@ -113,14 +105,13 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     comparison = compare(_subsample(sound), thresholds)
     fatal = exchanged_findings(comparison) or impossible_findings(comparison, thresholds)
     if fatal:
-        return (*fatal, *findings, *first, *order_findings(sound), *notes)
+        return Audit((*fatal, *findings, *first, *order_findings(sound), *notes))
     corrected = convention_findings(comparison)
     sound = comparison.best.impacts if len(sound) <= _COMPARED else correct(sound, comparison.best.names)
     scaled = inertia_findings(sound, thresholds)
-    if scaled:
-        sound, corrected = correct(sound, ["inertia_scaled"]), [*corrected, *scaled]
+    sound, corrected = correct(sound, Audit(scaled).corrections), [*corrected, *scaled]
     moving = moving_floor_findings(sound)
-    if moving and moving[0].correction:
+    if Audit(moving).corrections:
         sound, corrected = correct(sound, ["moving_floor"]), [*corrected, *moving]
     else:
         notes = [*moving, *notes]
@@ -129,7 +120,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]
     found = [*first, *corrected, closing, *findings, *of_trials]
-    return (*(one for one in found if one.name != "consistent" or len(found) == 1), *outline_notes(sound), *notes)
+    shown = (one for one in found if one.name != "consistent" or len(found) == 1)
+    return Audit((*shown, *outline_notes(sound), *notes))
 
 
 def _not_recommended(finding: Finding) -> Finding:
@@ -146,8 +138,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     found = [*duplicate_findings(impacts), *order_findings(impacts)]
     sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
-    found = (*audit(sound[rows], thresholds), *found)
-    return tuple(finding for finding in found if finding.mistake)
+    return Audit((*audit(sound[rows], thresholds), *found)).mistakes
 
 
 def _subsample(impacts: Impacts) -> Impacts:

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.numerics import number
+from contactlearn.core.numerics import readable
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.moments import Columns
 from contactlearn.data.audit.rig import changed, fit_balance
@@ -72,10 +72,8 @@ def incline_text(impacts: Impacts) -> str:
     """Write by how much the floor is inclined."""
     angle = floor_angle(impacts)
     assert angle is not None  # the finding is about it
-    degrees, error = math.degrees(angle.value), math.degrees(angle.error)
     normal = ", ".join(f"{x:.2f}".replace("-", "−") for x in (-math.sin(angle.value), math.cos(angle.value)))
-    places = max(0, min(3, 1 - math.floor(math.log10(error)))) if error else 3
-    value = f"{degrees:.{places}f} ± {number(error, 1)}°".replace("-", "−")
+    value = readable(angle.value, angle.error, "rad")
     return f"the floor is inclined by {value} against the axes, its normal is ({normal})"
 
 

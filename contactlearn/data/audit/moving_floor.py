@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.numerics import measured
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
@@ -83,7 +84,7 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
     if floor is None:
         return []
     v, error = floor.velocity.value, floor.velocity.error
-    moves = f"{'up' if v > 0 else 'down'} at {abs(v):.3g} ± {error:.2g} m/s"
+    moves = f"{'up' if v > 0 else 'down'} at {measured(abs(v), error, 'm/s')}"
     sentence = (
         f"the floor moves {moves}: v_n⁺ has a constant beside its part in proportion to v_n, whose ε is "
         f"{floor.restitution:.3g}; with the floor at rest slow impacts would have ε = {floor.slow:.2f}, and gain energy"

@@ -1,6 +1,7 @@
 """Results of the audit: findings about the measurements, and the numbers behind each."""
 
 from dataclasses import dataclass
+from html import escape
 
 from contactlearn.mechanics.apparatus import Row
 
@@ -60,3 +61,27 @@ class Finding:
             if one.quantity == quantity:
                 return one.value
         raise KeyError(quantity)
+
+
+class Audit(tuple[Finding, ...]):
+    """The findings of an audit, most fundamental first: mistakes, and notes."""
+
+    __slots__ = ()
+
+    @property
+    def mistakes(self) -> tuple[Finding, ...]:
+        """The findings that are no notes."""
+        return tuple(finding for finding in self if finding.mistake)
+
+    @property
+    def corrections(self) -> list[str]:
+        """Names of the corrections in their order, as `data.correct` takes them."""
+        return [finding.correction for finding in self if finding.correction]
+
+    def __repr__(self) -> str:
+        """Write a line for each finding, and the setting that corrects them."""
+        fix = [f"to correct it: data.correct=[{','.join(self.corrections)}]"] * bool(self.corrections)
+        return "\n".join([f"{'wrong' if one.mistake else 'note'}: {one.sentence}" for one in self] + fix)
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{escape(line)}</p>" for line in repr(self).split("\n"))

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE, number
+from contactlearn.core.numerics import MAD_SCALE, measured, number
 from contactlearn.data.audit.moments import kinetic_energy, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -194,8 +194,8 @@ def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
         return []
     wrong = "large" if off > 0 else "small"
     sentence = (
-        f"gravity in free flight is {gravity.value:.3f} ± {gravity.error:.1g} m/s² instead of {GRAVITY} m/s²: lengths "
-        f"are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
+        f"gravity in free flight is {measured(gravity.value, gravity.error, 'm/s²')} instead of {GRAVITY} m/s²: "
+        f"lengths are too {wrong} by {abs(off):.1%}, or the frame rate is by {abs((1 + off) ** 0.5 - 1):.1%}"
     )
     evidence = evidence_of(("gravity", gravity.value, "m/s²"), ("standard_error", gravity.error, "m/s²"), ("off", off))
     return [Finding(name="scale_off", sentence=sentence, evidence=evidence)]

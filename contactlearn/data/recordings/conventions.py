@@ -23,7 +23,7 @@ from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.core.numerics import is_number
+from contactlearn.core.numerics import is_number, measured
 from contactlearn.data.recordings.flights import (
     Air,
     FlightModel,
@@ -396,7 +396,7 @@ def _unit(
     if stated is None and len(fits) != 1:
         _check_clock(gravity, first, limits)
         raise DataError(
-            f"{source}: gravity is {gravity.size:.4g} ± {gravity.error:.2g} units of length per s², which is "
+            f"{source}: gravity is {measured(gravity.size, gravity.error)} units of length per s², which is "
             f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate); of "
             f"pixels state the size of one in m, which these time stamps make data.unit={GRAVITY / gravity.size:.4g}"
         )

@@ -19,7 +19,7 @@ from html import escape
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.serialisation import from_json, to_json
-from contactlearn.data.audit.evidence import AuditEvidence
+from contactlearn.data.audit.evidence import BalanceEvidence
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Deviations, Record
 from contactlearn.diagnosis.result.effects import (
@@ -260,7 +260,7 @@ class Diagnosis:
     complete: bool = True
     sample: Sample | None = None
     thresholds: Thresholds = field(default_factory=Thresholds)
-    evidence: Mapping[str, AuditEvidence] = field(default_factory=dict, compare=False, repr=False)
+    evidence: Mapping[str, BalanceEvidence] = field(default_factory=dict, compare=False, repr=False)
     record: Record | None = field(default=None, compare=False, repr=False)
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.reach import Cells, reached_cells, reached_nodes
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.result import Box
 from contactlearn.laws import Law
 from contactlearn.laws.contact import SpatialContact
 from contactlearn.laws.hodograph import Hodograph, after_impulse

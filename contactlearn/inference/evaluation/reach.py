@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.result import Box
 from contactlearn.laws import Law
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.hull import signed_areas

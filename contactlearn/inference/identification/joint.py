@@ -19,7 +19,7 @@ from contactlearn.core.numerics import is_number, measured
 from contactlearn.effects import Effect, Parameter, named_effects
 from contactlearn.inference.identification import errors_in_variables, robust
 from contactlearn.inference.identification.problem import JointProblem, effects_at, suited
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.result import Box
 from contactlearn.inference.identification.vanishing import Vanishing
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.apparatus import Estimate, KnownParameter

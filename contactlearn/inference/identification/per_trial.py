@@ -13,61 +13,15 @@ at a jump of P̂, found along the edge of sticking, or at a kink, found by a gri
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.result import Box, TrialFit
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
-
-
-@dataclass(frozen=True, repr=False)
-class TrialFit:
-    """Optimum of every trial: μ, ε, error ‖P − P̂‖ (N s), and the range of μ that fits equally well, each [N].
-
-    Where `mu_high` exceeds `mu_low` the trial does not determine μ: it sticks at every μ above `mu_low`.
-    """
-
-    law: Law
-    mu: Tensor
-    eps: Tensor
-    error: Tensor
-    mu_low: Tensor
-    mu_high: Tensor
-
-    def __repr__(self) -> str:
-        """Write medians and the middle halves of (μ, ε) over the trials."""
-        quartiles = torch.tensor([0.5, 0.25, 0.75], dtype=self.mu.dtype, device=self.mu.device)
-        listed = ", ".join(
-            "{} = {:.3f} ({:.3f} to {:.3f})".format(symbol, *values.quantile(quartiles).tolist())
-            for symbol, values in (("μ", self.mu), ("ε", self.eps))
-        )
-        stick = int(self.flat.sum())
-        law = f"{self.law.name} ({self.law.variant})"
-        return f"TrialFit({law}: median {listed} of {len(self.mu)} trials, {stick} of which leave μ open)"
-
-    def _repr_html_(self) -> str:
-        return self.to_frame().to_html(float_format="{:.4g}".format, max_rows=10)
-
-    def to_frame(self) -> "DataFrame":
-        """Return a table with a row for each trial: mu, eps, error in N s, and the range of μ that fits as well."""
-        from pandas import DataFrame, RangeIndex  # takes long to load
-
-        names = ("mu", "eps", "error", "mu_low", "mu_high")
-        columns = {name: getattr(self, name).tolist() for name in names}
-        return DataFrame(columns, index=RangeIndex(1, len(self.mu) + 1, name="trial"))
-
-    @property
-    def flat(self) -> Tensor:
-        """Whether μ is left undetermined [N]."""
-        return self.mu_high - self.mu_low > 1e-6
 
 
 def fit_trials(

@@ -29,8 +29,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError
-from contactlearn.core.numerics import measured as written
-from contactlearn.core.numerics import number
+from contactlearn.core.numerics import measured as written, number
 from contactlearn.effects import State
 from contactlearn.inference.identification.joint import assemble, named_parameters
 from contactlearn.inference.identification.problem import effects_at

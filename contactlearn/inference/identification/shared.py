@@ -12,59 +12,23 @@ Where all trials stick, μ is only bounded below: `mu_range` and `eps_range` are
 which the cost, minimised over the other, rises by no more than 0.1 %.
 """
 
-import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import measured
+from contactlearn.inference.identification.result import Box, SubsetFit
 from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 Cost = Callable[[Tensor], Tensor]
 """Costs [..., B, S] at parameters (μ, ε) [..., B, S, 2]."""
 
 
-@dataclass(frozen=True)
-class Box:
-    """Bounds of μ and ε, and the number of grid nodes along each."""
-
-    mu: tuple[float, float] = (0.0, 1.0)
-    eps: tuple[float, float] = (0.0, 1.0)
-    nodes: int = 64
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in (("mu", self.mu), ("eps", self.eps)):
-            if not 0 <= low < high:
-                raise DataError(f"bounds of {name} must be 0 ≤ low < high, got {[low, high]}")
-        if self.eps[1] > 1:
-            raise DataError(f"bounds of eps must end at 1 or below, got {list(self.eps)}")
-        if self.nodes < 3:
-            raise DataError(f"the grid needs at least 3 nodes a parameter, got {self.nodes}")
-
-    @property
-    def low(self) -> Float[Tensor, "2"]:
-        """Lower bounds of (μ, ε)."""
-        return torch.tensor((self.mu[0], self.eps[0]), dtype=torch.float64)
-
-    @property
-    def high(self) -> Float[Tensor, "2"]:
-        """Upper bounds of (μ, ε)."""
-        return torch.tensor((self.mu[1], self.eps[1]), dtype=torch.float64)
-
-    def axes(self) -> tuple[Tensor, Tensor]:
-        """Grid nodes of μ and of ε, [nodes] each."""
-        mu, eps = (torch.linspace(*ends, self.nodes, dtype=torch.float64) for ends in (self.mu, self.eps))
-        return mu, eps
+__all__ = ["Box", "SubsetFit", "cost_surface", "distances", "fit_subsets"]
 
 
 def nested_sums(grid: Tensor, order: Tensor, sizes: tuple[int, ...]) -> Tensor:
@@ -144,57 +108,6 @@ def ranges_within(cost: Cost, surfaces: Tensor, best: Tensor, x: Tensor, mu: Ten
         low, high = torch.where(near, nodes, torch.inf).amin(-1), torch.where(near, nodes, -torch.inf).amax(-1)
         ranges.append(torch.stack((torch.minimum(low, x[..., own]), torch.maximum(high, x[..., own])), -1))
     return ranges
-
-
-__all__ = ["Box", "SubsetFit", "cost_surface", "distances", "fit_subsets"]
-
-
-@dataclass(frozen=True, repr=False)
-class SubsetFit:
-    """Parameters identified from subsets of trials: [m, S] for m repetitions and S subset sizes."""
-
-    law: Law
-    sizes: tuple[int, ...]
-    mu: Tensor
-    eps: Tensor
-    cost: Tensor  # mean ‖P − P̂‖ over the subset, N s
-    mu_range: Tensor  # [m, S, 2]
-    eps_range: Tensor
-    mu_flat: Tensor  # whether the subset leaves μ undetermined: mu_range spans over a tenth of the box
-
-    def __repr__(self) -> str:
-        """Write mean and standard deviation of (μ, ε) over the subsets of the largest size."""
-        values = zip("με", self.mean(), self.std(), strict=True)
-        listed = ", ".join(f"{symbol} = {measured(value, std)}" for symbol, value, std in values)
-        subsets = f"{len(self.mu)} subsets" if len(self.mu) > 1 else "1 subset"
-        return f"SubsetFit({self.law.name} ({self.law.variant}): {listed} over {subsets} of {self.sizes[-1]} trials)"
-
-    def _repr_html_(self) -> str:
-        return self.to_frame().to_html(float_format="{:.4g}".format)
-
-    def to_frame(self) -> "DataFrame":
-        """Return a table with a row for each subset size: mean and deviation of μ and ε, and the cost in N s."""
-        from pandas import DataFrame, Index  # takes long to load
-
-        columns = {
-            "mu": self.mu.mean(0), "mu_std": self.mu.std(0), "eps": self.eps.mean(0), "eps_std": self.eps.std(0),
-            "cost": self.cost.mean(0), "mu_undetermined": self.mu_flat.double().mean(0),
-        } if len(self.mu) > 1 else {"mu": self.mu[0], "eps": self.eps[0], "cost": self.cost[0]}  # fmt: skip
-        return DataFrame({name: x.tolist() for name, x in columns.items()}, index=Index(self.sizes, name="trials"))
-
-    def mean(self) -> tuple[float, float]:
-        """Mean (μ, ε) over the repetitions, at the largest size."""
-        return self.mu[:, -1].mean().item(), self.eps[:, -1].mean().item()
-
-    def std(self) -> tuple[float, float]:
-        """Standard deviation of (μ, ε) over the repetitions, at the largest size; nan for a single one."""
-        if len(self.mu) < 2:
-            return math.nan, math.nan
-        return self.mu[:, -1].std().item(), self.eps[:, -1].std().item()
-
-    def to_law(self) -> Law:
-        """The law at the mean parameters, as the paper uses it."""
-        return self.law.at(*self.mean())
 
 
 def distances(law: Law, impacts: Impacts, mu: Tensor, eps: Tensor, *, target: str) -> Tensor:

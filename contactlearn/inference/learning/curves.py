@@ -33,7 +33,8 @@ from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions
-from contactlearn.inference.identification.shared import Box, SubsetFit, fit_subsets
+from contactlearn.inference.identification.result import Box, SubsetFit
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.inference.learning.events import CurvePoint, OnLearningEvent
 from contactlearn.inference.learning.recipe import Recipe, learn, named_numbers, trained_numbers
 from contactlearn.laws import Law

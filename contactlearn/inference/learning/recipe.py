@@ -26,7 +26,8 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.identification.per_trial import fit_trials
-from contactlearn.inference.identification.shared import Box, fit_subsets
+from contactlearn.inference.identification.result import Box
+from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.inference.learning.events import OnLearningEvent, RoundScored, TrainingRound
 from contactlearn.laws import Law
 from contactlearn.mechanics.features import SPACES, feature_units

@@ -1,7 +1,7 @@
 """All figures of a diagnosis.
 
     drawn            every figure by file name
-    audit_figure     the evidence for a finding about the measurements
+    audit_figure     the moment balance behind a finding about the measurements
     ladder_figure    errors of the law, effect after effect, Gaussian processes and noise
     laws_figure      errors of the laws alone
     budget_figure    shares of the law's error: instrument, scatter of the contact, explained, unnamed, unexplained
@@ -20,24 +20,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
-from contactlearn.core.numerics import wrapped
-from contactlearn.data.audit.evidence import (
-    AuditEvidence,
-    BalanceEvidence,
-    BalanceSide,
-    DuplicateEvidence,
-    EnergyEvidence,
-    OrderEvidence,
-    OutlierEvidence,
-    OutlineEvidence,
-    ShapeEvidence,
-)
+from contactlearn.core.numerics import READABLE_UNITS, wrapped
+from contactlearn.data.audit.evidence import BalanceEvidence, BalanceSide
 from contactlearn.diagnosis.result import (
     ComponentTest,
     Deviations,
@@ -66,7 +56,6 @@ _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
 _SYMBOLS = 2  # columns of panels, at most
-_ROW = "Trial, in the order read (–)"
 _QUESTIONS = {
     "moment": "moments do not balance",
     "approach": "does not approach",
@@ -298,7 +287,7 @@ def scatter_figure(deviations: Sequence[Deviations]) -> Figure:
     figure = st.new_figure(st.PAGE, 0.5 + 2.0 * len(deviations))
     panels = figure.subplots(len(deviations), 2, sharey="row", squeeze=False)
     for line, one in zip(panels, deviations, strict=True):
-        unit, scale = {"rad": ("°", math.degrees(1)), "m": ("mm", st.MILLI)}.get(one.unit, (one.unit, 1.0))
+        unit, scale = READABLE_UNITS.get(one.unit, (one.unit, 1.0))
         k = int(one.u.square().sum(0).argmax())
         u, error = scale * one.u[:, k], scale * one.error[:, k]
         across = (("Order (–)", one.order), (f"{st.plain(one.variable)} ({one.variable_unit})", one.x))
@@ -392,39 +381,15 @@ def _draw_means(axes: Axes, x: Float[Tensor, " n"], values: Float[Tensor, " n"])
 
 
 @st.look()
-def audit_figure(finding: Finding, evidence: AuditEvidence) -> Figure:
-    """Draw the evidence for a finding, under its sentence.
+def audit_figure(finding: Finding, evidence: BalanceEvidence) -> Figure:
+    """Draw the moment balance behind a finding about units, axes or inertia, under its sentence.
 
-    A finding about units, axes or inertia shows both sides of the moment balance and how much the trials contradict
-    themselves, without its correction and with it, the outermost percent of the moments left out; the others mark the
-    trials that they are about.
+    Both sides of the balance, and how much the trials contradict themselves, are shown without the correction and with
+    it, the outermost percent of the moments left out.
     """
-    width, height = _SIZES[type(evidence)]
-    lines = wrap(sentence(finding.sentence), 112 if width == st.PAGE else 54, max_lines=6, placeholder=" …")
-    figure = st.new_figure(width, height + st.ROW * len(lines))
+    lines = wrap(sentence(finding.sentence), 112, max_lines=6, placeholder=" …")
+    figure = st.new_figure(st.PAGE, 2.85 + st.ROW * len(lines))
     figure.suptitle("\n".join(st.plain(line, 120) for line in lines))
-    match evidence:
-        case BalanceEvidence():
-            _balance(figure, finding, evidence)
-        case OutlierEvidence():
-            _outliers(figure, evidence)
-        case EnergyEvidence():
-            _energy(figure, evidence)
-        case ShapeEvidence():
-            _shape(figure, evidence)
-        case OutlineEvidence():
-            _outline(figure, evidence)
-        case DuplicateEvidence():
-            _duplicates(figure, evidence)
-        case OrderEvidence():
-            _order(figure, evidence)
-        case _:
-            raise TypeError(f"no figure shows {evidence!r}")
-    return figure
-
-
-def _balance(figure: Figure, finding: Finding, evidence: BalanceEvidence) -> None:
-    """The moment balance, and how much the trials contradict themselves, without and with a correction."""
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
     sides = (evidence.before,) if evidence.after is None else (evidence.before, evidence.after)
@@ -434,6 +399,7 @@ def _balance(figure: Figure, finding: Finding, evidence: BalanceEvidence) -> Non
         _draw_balance(panel, title, side)
     _draw_contradictions(axes, shown)
     legend_below(figure, panels[0], axes)
+    return figure
 
 
 def _draw_balance(axes: Axes, title: str, side: BalanceSide) -> None:
@@ -468,110 +434,6 @@ def _draw_contradictions(axes: Axes, shown: Mapping[str, BalanceSide]) -> None:
     axes.set_xlim(-0.04, 1.04)
     axes.set_box_aspect(1 / 0.8)
     axes.invert_yaxis()
-
-
-_REASONS = {
-    "moment": "|τ|/I (rad/s)",
-    "energy": "E_post/E_pre (–)",
-    "approach": "v_n (m/s)",
-    "mass": "m or I, of its\nobject's median (–)",
-}
-"""Axis label of the quantity behind each reason of a gross outlier."""
-
-
-def _outliers(figure: Figure, evidence: OutlierEvidence) -> None:
-    """A panel for each reason, in which its outliers are marked and named."""
-    reasons, trials = evidence.reasons, evidence.trials
-    panels = figure.subplots(len(reasons), 1, sharex=True, squeeze=False)[:, 0]
-    figure.set_figheight(figure.get_figheight() + 1.3 * (len(reasons) - 1))
-    rows = torch.arange(1, len(trials) + 1)
-    for axes, (name, reason) in zip(panels, reasons.items(), strict=True):
-        bad = reason.bad
-        st.name_axes(axes, y=_REASONS[name])
-        if name != "approach" and reason.values.max() > 0:  # moments of central impacts are all 0
-            st.scale_logarithmically(axes, (1, 2, 5) if reason.values.max() < 300 * reason.values.min() else (1,))
-        dots(axes, rows[~bad], reason.values[~bad])
-        axes.plot(st.array(rows[bad]), st.array(reason.values[bad]), "x", color=_RED, label="Gross outlier")
-        for limit in reason.limits:
-            axes.axhline(limit, color=_BLUE, linestyle="--", linewidth=0.9, label="Limit")
-        _name_trials(axes, trials, bad, reason.values)
-        axes.margins(x=0.03, y=0.25)
-    panels[-1].set_xlabel(_ROW)
-    legend_below(figure, panels[0])
-
-
-def _name_trials(axes: Axes, names: Sequence[str], bad: Bool[Tensor, " n"], values: Float[Tensor, " n"]) -> None:
-    """Names beside bad trials, as far as a name overlaps no other."""
-    free, trials = 0.0, len(names)  # from which row on a name overlaps no other
-    for row in (bad.nonzero()[:, 0] + 1).tolist():
-        name, turned = st.plain(str(names[row - 1]), 14), row > 0.8 * trials
-        length = (0.03 + 0.012 * len(name)) * trials
-        if row - turned * length >= free:
-            side, ha = (-3, "right") if turned else (3, "left")
-            place = row, values[row - 1].item()
-            axes.annotate(name, place, (side, 3), textcoords="offset points", va="bottom", ha=ha)
-            free = row + (0.02 * trials if turned else length)
-
-
-def _energy(figure: Figure, evidence: EnergyEvidence) -> None:
-    axes = st.name_axes(figure.subplots(), "E_post/E_pre (–)", "Trials (count)")
-    st.draw_histogram(axes, st.array(evidence.ratio), 30, _BLUE)
-    axes.axvline(1, color=_RED, label="As much as before")
-    axes.axvline(evidence.limit, color=_RED, linestyle="--", label=f"{evidence.limit - 1:.0%} more")
-    axes.set_xlim(left=0)
-    legend_below(figure, axes)
-
-
-def _shape(figure: Figure, evidence: ShapeEvidence) -> None:
-    panels = figure.subplots(1, 2)
-    points = evidence.measured.mT * st.MILLI, evidence.expected.mT * st.MILLI
-    for axes, letter, given, own in zip(panels, "xy", *points, strict=True):
-        st.name_axes(axes, f"r_{letter} of the shape at θ (mm)", f"r_{letter} measured (mm)")
-        dots(axes, own, given)
-        axes.axline((own.mean().item(),) * 2, slope=1, color=_RED, label="As the shape")
-    legend_below(figure, panels[0])
-
-
-def _outline(figure: Figure, evidence: OutlineEvidence) -> None:
-    axes = st.name_axes(figure.subplots(), "Along the body's x (mm)", "Along the body's y (mm)")
-    dots(axes, *evidence.points.mT * st.MILLI, label="Contact point")
-    for outline in evidence.outlines:
-        axes.plot(*st.array(outline.mT * st.MILLI), color=_RED, linewidth=0.8, label="Outline")
-    axes.set_aspect("equal", "datalim")
-    legend_below(figure, axes)
-
-
-def _duplicates(figure: Figure, evidence: DuplicateEvidence) -> None:
-    original = evidence.first
-    rows = torch.arange(1, len(original) + 1)
-    again = original < rows
-    axes = st.name_axes(figure.subplots(), _ROW, "First trial with these numbers (–)")
-    dots(axes, rows[~again], original[~again])
-    axes.plot(rows[again], original[again], "x", color=_RED, label="Repeated trial")
-    axes.margins(x=0.03)
-    legend_below(figure, axes)
-
-
-def _order(figure: Figure, evidence: OrderEvidence) -> None:
-    order, time = evidence.order, evidence.time
-    back = torch.cat((torch.zeros(1, dtype=torch.bool), time.diff() < 0))
-    axes = st.name_axes(figure.subplots(), "Order of the trial (–)", "Time of contact (s)")
-    axes.plot(st.array(order), st.array(time), color=st.tint(st.DARK, 0.35), linewidth=0.5, zorder=1)
-    dots(axes, order[~back], time[~back])
-    axes.plot(st.array(order[back]), st.array(time[back]), "x", color=_RED, markersize=3.5, label="Before the last one")
-    legend_below(figure, axes)
-
-
-_SIZES: dict[type[AuditEvidence], tuple[float, float]] = {
-    BalanceEvidence: (st.PAGE, 2.85),
-    OutlierEvidence: (st.PAGE, 2.0),
-    EnergyEvidence: (st.COLUMN, 2.5),
-    ShapeEvidence: (st.PAGE, 2.8),
-    OutlineEvidence: (st.COLUMN, 2.7),
-    DuplicateEvidence: (st.COLUMN, 2.7),
-    OrderEvidence: (st.COLUMN, 2.7),
-}
-"""Width and height in inches of the figure of each kind of evidence, without the sentence."""
 
 
 def dots(axes: Axes, x: Real[Tensor, " n"], y: Real[Tensor, " n"], label: str = "Trial") -> None:

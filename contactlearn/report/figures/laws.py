@@ -21,8 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.inference.identification.per_trial import TrialFit
-from contactlearn.inference.identification.shared import Box, SubsetFit
+from contactlearn.inference.identification.result import Box, SubsetFit, TrialFit
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st

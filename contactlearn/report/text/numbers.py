@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from contactlearn.core.numerics import measured, number
+from contactlearn.core.numerics import measured, number, readable
 from contactlearn.diagnosis.result import FittedParameter
 from contactlearn.inference.evaluation.metrics import Interval
 
@@ -16,11 +16,6 @@ _SMALL = 1e-3  # errors below it are written with two significant digits
 _PERCENT = 0.01  # difference below which a percentage has a decimal
 _ROUNDED = 0.005  # of a whole, below which a share rounds to 0 %
 _TIMES = 2.0  # ratio from which on a comparison is a factor and no percentage
-_SHOWN = {
-    "m": ("mm", 1e3), "rad": ("°", math.degrees(1)), "s": ("ms", 1e3), "J": ("mJ", 1e3), "N s": ("mN s", 1e3),
-    "N m s": ("mN m s", 1e3), "1/rad": ("per rad", 1.0), "s/m": ("per m/s", 1.0), "s/rad": ("per rad/s", 1.0),
-}  # fmt: skip
-"""Units in sentences, and their number in an SI unit."""
 
 
 def error(x: float) -> str:
@@ -105,8 +100,7 @@ class Quantity:
         value, how = (-value, how[1:]) if how.startswith("-") else (value, how)
         if how == "exp":
             return measured(math.exp(value), math.exp(value) * error)
-        unit, scale = ("%", 100.0) if how == "%" else _SHOWN.get(self.found.unit, (self.found.unit, 1.0))
-        return measured(scale * value, scale * error, unit)
+        return measured(100 * value, 100 * error, "%") if how == "%" else readable(value, error, self.found.unit)
 
 
 def _ends(x: Interval | Mapping[str, float]) -> tuple[float, float, float]:

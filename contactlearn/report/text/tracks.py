@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contactlearn.core.numerics import number
+from contactlearn.core.numerics import number, readable
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.tracks import Tracked
@@ -80,7 +80,7 @@ def _hull(found: Tracked) -> list[tuple[str, str]]:
 
 def _floor(found: Tracked) -> list[tuple[str, str]]:
     floor, rests = found.floor, len(found.survey.rests)
-    height = f"at {number(1e3 * floor.height.value, 4)} ± {number(1e3 * floor.height.error, 1)} mm"
+    height = f"at {readable(floor.height.value, floor.height.error, 'm')}"
     facts = [("floor", f"{height}, contacts scatter about it by {number(1e3 * floor.scatter, 2)} mm")]
     if rests:
         lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is also fitted to them"
