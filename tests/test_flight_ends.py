@@ -28,9 +28,8 @@ def hopping(seed, hop):
         if np.isfinite(end):
             q = q + v * (end - start) - FALL * (end - start) ** 2 / 2
     pose += NOISE * rng.standard_normal(pose.shape)
-    none = np.zeros(FRAMES)
     before = velocities[2] - FALL * (contacts[2] - contacts[1])
-    return Track(name=str(seed), time=time, pose=pose, apart=none, tilted=none), contacts[2], before
+    return Track(name=str(seed), time=time, pose=pose), contacts[2], before
 
 
 @pytest.mark.parametrize("hop", [6, 7])

@@ -82,7 +82,7 @@ def test_the_page_has_what_was_found(found, page):
 
 
 def test_a_recording_has_its_frames_flights_and_contacts(found):
-    (one,) = found.again({"0001"})
+    (one,) = found.reload({"0001"})
     contacts = [contact for contact in found.survey.contacts if contact.recording == "0001"]
     recording = of_recording(one, contacts, one.refusals)
     assert len(recording["time"]) == len(recording["pose"][2]) == one.track.seen.sum() < len(one.track)
@@ -98,11 +98,11 @@ def test_a_recording_has_its_frames_flights_and_contacts(found):
 
 
 def test_long_recordings_are_thinned(found, tmp_path):
-    (one,) = found.again({"0001"})
+    (one,) = found.reload({"0001"})
     frames = 40 * len(one.track)
     time = np.arange(frames) * one.track.step
     pose = np.resize(one.track.pose, (frames, 3))
-    long = replace(one.track, time=time, pose=pose, apart=np.zeros(frames), tilted=np.zeros(frames))
+    long = replace(one.track, time=time, pose=pose)
     about = of_recording(replace(one, track=long), (), ())
     assert len(about["time"]) <= FRAMES
     assert all(len(flight["at"]) == len(own.frames) for flight, own in zip(about["flights"], one.flights, strict=True))
@@ -127,7 +127,7 @@ def test_long_recordings_are_thinned(found, tmp_path):
         in of_recordings(replace(found, survey=replace(survey, recordings=1000)))["_limits"]
     )
     content = of_recordings(found)
-    scores = standardised([*found.again(set(chosen(found)))])
+    scores = standardised([*found.reload(set(chosen(found)))])
     shown = [trace["y"] for trace in content["figures"]["residuals"]["data"] if trace["type"] == "bar"]
     for bars, score in zip(shown, scores.T, strict=True):
         assert sum(bars) * 0.2 == pytest.approx(1, abs=1e-3)

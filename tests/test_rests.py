@@ -155,8 +155,7 @@ def lying_track(change, frames=250, sigma=5e-5):
     time = np.arange(frames) / 250
     pose = np.array((0.1, 0.025, 0.01)) + change(time)[:, None] * np.array((0.0, 0.0, 1.0))
     pose += np.array((sigma, sigma, 20 * sigma)) * np.random.default_rng(0).standard_normal(pose.shape)
-    zero = np.zeros(frames)
-    return Track(name="lies", time=time, pose=pose, apart=zero, tilted=zero), np.array((1, 1, 20)) * sigma
+    return Track(name="lies", time=time, pose=pose), np.array((1, 1, 20)) * sigma
 
 
 def test_a_body_is_still_from_when_on_it_no_longer_rocks():

@@ -53,7 +53,7 @@ def tracks(body, slides, noise, seed=0):
         q = turned * Rotation.from_quat(pose[:, 3:], scalar_first=True)
         position = pose[:, :3] + rng.normal(0, noise, (len(TIME), 3))
         pose = np.concatenate((position, q.as_quat(scalar_first=True)), 1)
-        yield Track(name="", time=TIME, pose=pose, apart=0 * TIME, tilted=0 * TIME)
+        yield Track(name="", time=TIME, pose=pose)
 
 
 @pytest.mark.parametrize("body", [BOX, TETRAHEDRON], ids=["box", "tetrahedron"])
@@ -94,6 +94,6 @@ def test_flight_rest_and_other_bodies_do_not_rock():
     flies[:, 2] += 2 * TIME
     lies[:, 2:] = BOX.half[2], 1, 0, 0, 0
     for pose in (flies, lies):
-        moved = Track(name="", time=TIME, pose=pose, apart=track.apart, tilted=track.tilted)
+        moved = Track(name="", time=TIME, pose=pose)
         assert not len(rocking(moved, BOX))
     assert not len(rocking(track, Ellipsoid(BOX.half)))

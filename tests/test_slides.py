@@ -27,8 +27,7 @@ def slid(seed, *, d, speed=0.6, drag=0.0, spin=0.0):
         turn = Rotation.from_rotvec(turned[:, None] * np.array((0.0, 1.0, 0.0))).as_quat(scalar_first=True)
         pose = np.concatenate((horizontal, height[:, None], turn), 1)
     pose[:, :d] += NOISE * rng.standard_normal((len(time), d))
-    none = np.zeros(len(time))
-    return Track(name=str(seed), time=time, pose=pose, apart=none, tilted=none)
+    return Track(name=str(seed), time=time, pose=pose)
 
 
 def slides_of(count=20, **settings):

@@ -22,7 +22,7 @@ CHI_3 = 7.815  # 95 % quantile with three degrees of freedom
 
 def track_of(pose: np.ndarray, time: np.ndarray | None = None, name: str = "one") -> Track:
     time = np.arange(len(pose)) / RATE if time is None else time
-    return Track(name=name, time=time, pose=pose, apart=np.zeros(len(pose)), tilted=np.zeros(len(pose)))
+    return Track(name=name, time=time, pose=pose)
 
 
 def bounce(
@@ -276,7 +276,7 @@ def test_a_track_is_the_recording_upright():
     assert flat.angle is not None
     assert np.abs(track.pose[:, :2] - flat.position).max() < 1e-3
     assert np.abs(turn(track.pose[:, 2] - flat.angle)).max() < 0.02
-    assert np.abs(track.apart).max() < 1e-3
+    assert np.abs(track.out_of_plane).max() < 1e-3
     assert np.degrees(track.tilted).max() < 1
 
 

@@ -66,7 +66,7 @@ def test_impacts_agree_with_the_engines_states_within_their_errors(ellipses):
     assert len(scores) >= 35
     assert (np.abs(np.mean(scores, 0)) < 4 / len(scores) ** 0.5).all()
     assert 0.8 < np.std(scores) < 1.2
-    shortest = max(find_flights(one.track).width for one in found.again({"0001", "0002"})) + 1
+    shortest = max(find_flights(one.track).width for one in found.reload({"0001", "0002"})) + 1
     clean = {int(j) for j in np.flatnonzero(truth.frames.min(1) >= shortest)}
     there = {true_one(truth, contact) for contact in found.survey.contacts}
     assert shortest <= FlightOptions().narrowest(Air()) + 2, "the noise asks for few frames more"

@@ -32,7 +32,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.flights import Air, FlightOptions, find_flights
 from contactlearn.data.recordings.poses import turn
-from contactlearn.data.recordings.result import Hit
+from contactlearn.data.recordings.result import RecordedContact
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.effects import find_effect
@@ -79,7 +79,7 @@ class Tally:
     missing: int = 0
     card: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
-    def add(self, hit: Hit, v: np.ndarray, late: float, skipped: int) -> None:
+    def add(self, hit: RecordedContact, v: np.ndarray, late: float, skipped: int) -> None:
         """Count an accepted contact with its true velocities [2, 3], and the error of its instant in frames."""
         error, covariance = np.concatenate((hit.v_pre, hit.v_post)) - v.ravel(), hit.covariance
         self.errors.append(error / np.sqrt(covariance.diagonal()[:6]))
@@ -170,7 +170,7 @@ def judged(rig: Rig, seen: Film, tally: Tally) -> float:
             found = find_impacts(file, mass=1.0, shape=rig.shape)
             spent = time.process_time() - start
             survey, turn_of = found.survey, math.pi / 2 if rig.body == "square" else math.pi
-            few = found.again({"001", "002", "003"})
+            few = found.reload({"001", "002", "003"})
             width = max(find_flights(one.track, survey.model.air).width for one in few)
             for name, truth in rig.card().items():
                 one, whole = getattr(found.impacts.apparatus, name), turn_of if name == "orientation" else math.inf

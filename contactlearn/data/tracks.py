@@ -45,7 +45,7 @@ from contactlearn.data.recordings.frame import Clue, Frame
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import REASONS, Found, Hit
+from contactlearn.data.recordings.result import REASONS, Found, RecordedContact
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.sufficiency import NEEDED
@@ -118,7 +118,7 @@ class Tracked:
         """Covariances of the contact points in m² where the shape is the hull of the markers."""
         return None if self.hull is None else self.hull.contact_covariance(self.survey.contacts)
 
-    def again(self, names: Collection[str]) -> Iterator[Found]:
+    def reload(self, names: Collection[str]) -> Iterator[Found]:
         """Search some recordings once more for their tracks and flights, which a survey does not keep.
 
         Files that cannot be read are left out.
@@ -639,7 +639,9 @@ def _typical(residual: Array, size: Array, noise: Array) -> float:
     return float(share[order][min(int(np.searchsorted(summed, summed[-1] / 2)), len(share) - 1)])
 
 
-def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyration_squared: Any, limit: float) -> None:
+def _check_handedness(
+    path: Path, contacts: Sequence[RecordedContact], shape: Solid, gyration_squared: Any, limit: float
+) -> None:
     """Refuse positions in left-handed axes: the moment balance then closes with one of them mirrored.
 
     Raises:
@@ -666,7 +668,13 @@ def _check_handedness(path: Path, contacts: Sequence[Hit], shape: Solid, gyratio
 
 
 def _impacts(
-    contacts: Sequence[Hit], shape: Shape, mass: float, inertia: Any, name: str, source: str, apparatus: Apparatus
+    contacts: Sequence[RecordedContact],
+    shape: Shape,
+    mass: float,
+    inertia: Any,
+    name: str,
+    source: str,
+    apparatus: Apparatus,
 ) -> Impacts:
     """The impacts of contacts with the floor, with the errors of their instants in both covariances."""
     twice = [name for name, count in Counter(contact.name for contact in contacts).items() if count > 1]

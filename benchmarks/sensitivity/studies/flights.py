@@ -8,7 +8,7 @@ import numpy as np
 from contactlearn.data.recordings.contacts import find_contacts
 from contactlearn.data.recordings.flights import Air, FlightOptions
 from contactlearn.data.recordings.floor import find_floor, off_the_floor
-from contactlearn.data.recordings.result import Hit, Reason
+from contactlearn.data.recordings.result import Reason, RecordedContact
 from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Ellipse
@@ -42,8 +42,7 @@ def flat(recording: Recording) -> Track:
     """The track of a recording that is in world axes and SI units."""
     assert recording.angle is not None
     pose = np.column_stack((recording.position, continuous(recording.angle, recording.time)))
-    zero = np.zeros(len(pose))
-    return Track(name=recording.name, time=recording.time, pose=pose, apart=zero, tilted=zero)
+    return Track(name=recording.name, time=recording.time, pose=pose)
 
 
 def _recorded(kind: str, seed: int) -> Recorded:
@@ -106,8 +105,7 @@ def _crafted(kind: str, seed: int) -> Track:
             x = x + late * (between(0.005, 0.02, seed + 2) * (kind == "jumps") - slower * (tau - flight / 2))
     pose = np.column_stack((x, y, 2.0 * tau))
     pose = pose + np.array((sigma, sigma, 20 * sigma)) * np.random.default_rng(seed).standard_normal(pose.shape)
-    zero = np.zeros(len(time))
-    return Track(name=kind, time=time, pose=pose, apart=zero, tilted=zero)
+    return Track(name=kind, time=time, pose=pose)
 
 
 def _called(reason: Reason):
@@ -132,7 +130,7 @@ JUMPS = Study(
 )  # fmt: skip
 
 
-def _on_a_floor(kind: str, seed: int) -> list[Hit]:
+def _on_a_floor(kind: str, seed: int) -> list[RecordedContact]:
     """Contacts of a few recordings; a hand strikes the body in the last, or the zero of θ is off in all."""
     recordings, _ = simulate(12, CAMERAS["noisy" if seed % 2 else "plain"], seed=seed)
     hits = [hit for recording in recordings for hit in find_contacts(flat(recording)).contacts]
@@ -155,7 +153,7 @@ FLOOR = Study(
 )  # fmt: skip
 
 
-def _zeroed(hits: list[Hit], thresholds: AllThresholds) -> bool:
+def _zeroed(hits: list[RecordedContact], thresholds: AllThresholds) -> bool:
     """Whether any number of the contacts, from eight on, says that the zero of θ is off."""
     for count in (8, 16, 24, len(hits)):
         zero = find_floor(hits[:count], BODY, limits=thresholds.tracks).orientation

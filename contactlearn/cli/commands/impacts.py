@@ -71,7 +71,7 @@ def find_recorded(source: SourceSettings) -> tracks.Tracked:
 def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
     """Draw a few contacts, and the residuals of some recordings, into a folder."""
     contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
-    founds = {one.track.name: one for one in found.again([*contacts][-_MOST:])}
+    founds = {one.track.name: one for one in found.reload([*contacts][-_MOST:])}
     for name in [*contacts][-_CONTACTS:]:
         stem = "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST]
         style.save(contact_figure(founds[name], contacts[name], found.shape), folder, stem)

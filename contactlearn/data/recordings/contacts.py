@@ -36,14 +36,14 @@ from contactlearn.data.recordings.flights import (
     FlightOptions,
     Flights,
     Indices,
-    apart,
     find_flights,
     fit,
     restore_skipped_frames,
     same_flight,
+    state_difference,
 )
 from contactlearn.data.recordings.poses import Array, arms, away, displaced, levers, orientation
-from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal
+from contactlearn.data.recordings.result import Found, Reason, RecordedContact, Refusal
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Track, about_centre
 
@@ -63,7 +63,7 @@ class ContactFit:
         time: of contact in s.
         missing: frames that the recording skips there.
         certainty: probability of that number.
-        apart: squared distance in standard deviations, the contact's duration allowed for.
+        chi_square: squared distance in standard deviations, the contact's duration allowed for.
         distance: in m, of the two positions.
         gain: derivative [k] of the instant in the distance p⁻ − p⁺.
         lasting: s about the instant in which frames are in no flight.
@@ -72,7 +72,7 @@ class ContactFit:
     time: float
     missing: int
     certainty: float
-    apart: float
+    chi_square: float
     distance: float
     gain: Float[Array, "k"]
     lasting: float
@@ -101,19 +101,19 @@ def fit_contact(
     time = (low + high) / 2
     information, gain = np.ones_like(time), np.zeros((len(time), before.air.k))
     for _ in range(_ROUNDS):
-        d, S, change = _apart(before, after, time, skipped)
+        d, S, change = _differences(before, after, time, skipped)
         information = (change**2 / S).sum(1)
         gain = -change / S / information[:, None]
         time = np.clip(time + (gain * d).sum(1), low - 2 * step, high + 2 * step)
-    d, S, change = _apart(before, after, time, skipped)
+    d, S, change = _differences(before, after, time, skipped)
     lasts, rotates = np.array(lasting)[:, None], np.arange(before.air.k) >= before.air.d
     aside = _ASIDE * before.sigma * np.linalg.norm(change / before.sigma, axis=1, keepdims=True)
     S = S + lasts[..., None] ** 2 * ((_QUARTER * change * rotates) ** 2 + aside**2)
     loose = (change**2 / S).sum(-1)
     d = d - change * ((change * d / S).sum(-1) / loose)[..., None]  # at the nearest point, in units of this scatter
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
-    apart = (d**2 / S).sum(-1) + (outside / (information**-0.5 + lasts / 2)) ** 2
-    weight = -(apart + np.log(loose) + np.log(S).sum(-1)) / 2 + skipped / step * np.log(_SKIPS)
+    chi_square = (d**2 / S).sum(-1) + (outside / (information**-0.5 + lasts / 2)) ** 2
+    weight = -(chi_square + np.log(loose) + np.log(S).sum(-1)) / 2 + skipped / step * np.log(_SKIPS)
     weight[1:] += np.log(_LONG)
     share = np.exp(weight - weight.max())
     how, best = np.unravel_index(int(share.argmax()), share.shape)
@@ -121,14 +121,14 @@ def fit_contact(
         time=float(time[best]),
         missing=int(best),
         certainty=float(share[:, best].sum() / share.sum()),
-        apart=float(apart[how, best]),
+        chi_square=float(chi_square[how, best]),
         distance=float(np.linalg.norm(d[how, best, : before.air.d])),
         gain=gain[best],
         lasting=float(lasting[how]),
     )
 
 
-def _apart(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[Array, Array, Array]:
+def _differences(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[Array, Array, Array]:
     """Distance p⁻ − p⁺ [M, k], its variance and the difference of velocities, for each number of missing frames."""
     d = away(before.poses(time), after.poses(time - skipped))
     S = before.spread(time) ** 2 + after.spread(time - skipped) ** 2
@@ -217,56 +217,61 @@ def fit_between(track: Track, before: Flight, after: Flight, options: FlightOpti
     return meeting, int((~within).sum())
 
 
-def hit_of(
-    track: Track, number: int, found: ContactFit, flights: Sequence[Flight], place: int, centre: Sequence[float]
-) -> Hit:
+def recorded_contact(
+    track: Track, number: int, meeting: ContactFit, flights: Sequence[Flight], place: int, centre: Sequence[float]
+) -> RecordedContact:
     """State of the tracked point before and after contact at its instant, with all covariances.
 
     Args:
         track: of the centre of mass.
         number: of the contact.
-        found: where the flights meet.
+        meeting: of its flights.
         flights: of the track.
         place: of the flight before contact.
         centre: of mass, about the tracked point.
     """
     before, after = flights[place : place + 2]
-    (p, u, A), (q, v, B) = before.at(found.time), after.at(found.time - found.missing * track.step)
+    late = meeting.time - meeting.missing * track.step  # by the clock of the flight after contact
+    (p, u, A), (q, v, B) = before.at(meeting.time), after.at(late)
     d, k = before.air.d, before.air.k
     errors = np.zeros((4 * k, 4 * k))
-    errors[: 2 * k, : 2 * k], errors[2 * k :, 2 * k :] = A, B
-    instant = np.concatenate((found.gain, np.zeros(k), -found.gain, np.zeros(k)))
-    trust = np.diag(A)[:k] / (np.diag(A)[:k] + np.diag(B)[:k])  # of the pose after contact
-    pose = displaced(p, trust * away(q, p))
+    errors[: 2 * k, : 2 * k], errors[2 * k :, 2 * k :] = A, B  # of p, u and q, v: two flights are independent
+    weight = np.diag(A)[:k] / (np.diag(A)[:k] + np.diag(B)[:k])  # of the pose after contact
+    pose = displaced(p, weight * away(q, p))
+
+    # Of (v_pre, v_post, pose, time) in (p, u, q, v).  The instant is that at which p and q are nearest, and it moves
+    # along both flights whatever is evaluated there.
     jacobian, pre, post, at = np.zeros((3 * k + 1, 4 * k)), np.s_[:k], np.s_[k : 2 * k], np.s_[2 * k : 3 * k]
+    instant = np.concatenate((meeting.gain, np.zeros(k), -meeting.gain, np.zeros(k)))
     jacobian[pre, k : 2 * k] = jacobian[post, 3 * k :] = np.eye(k)
-    jacobian[pre] += np.outer(before.acceleration(found.time), instant)
-    jacobian[post] += np.outer(after.acceleration(found.time - found.missing * track.step), instant)
-    jacobian[at, :k], jacobian[at, 2 * k : 3 * k] = np.diag(1 - trust), np.diag(trust)
-    jacobian[at] += np.outer((1 - trust) * u + trust * v, instant)
+    jacobian[at, :k], jacobian[at, 2 * k : 3 * k] = np.diag(1 - weight), np.diag(weight)
+    jacobian[pre] += np.outer(before.acceleration(meeting.time), instant)
+    jacobian[post] += np.outer(after.acceleration(late), instant)
+    jacobian[at] += np.outer((1 - weight) * u + weight * v, instant)
     jacobian[3 * k] = instant
+
+    # From the centre of mass to the tracked point, an arm −c away: its velocity has −ω × c, and turns with the pose.
     arm = arms(centre, orientation(pose))
     lever, to_point = levers(arm), np.eye(3 * k + 1)
-    to_point[:d, d:k] = to_point[k : k + d, k + d : 2 * k] = to_point[2 * k : 2 * k + d, 2 * k + d : 3 * k] = lever
-    to_point[:d, 2 * k + d : 3 * k], to_point[k : k + d, 2 * k + d : 3 * k] = (
-        _swept_matrix(w[d:]) @ lever for w in (u, v)
-    )
+    for row, w in ((0, u), (k, v)):
+        to_point[row : row + d, row + d : row + k] = lever
+        to_point[row : row + d, 2 * k + d : 3 * k] = _swept_matrix(w[d:]) @ lever
+    to_point[2 * k : 2 * k + d, 2 * k + d : 3 * k] = lever
     jacobian = to_point @ jacobian
-    lost = int((~track.seen[before.last + 1 : after.first]).sum())
-    u, v = (np.append(w[:d] + lever @ w[d:], w[d:]) for w in (u, v))
-    return Hit(
+    v_pre, v_post = (np.append(w[:d] + lever @ w[d:], w[d:]) for w in (u, v))
+    return RecordedContact(
         recording=track.name,
         number=number,
-        time=found.time,
-        v_pre=u,
-        v_post=v,
+        time=meeting.time,
+        v_pre=v_pre,
+        v_post=v_post,
         pose=np.append(pose[:d] - arm, pose[d:]),
         covariance=jacobian @ errors @ jacobian.T,
-        missing=found.missing,
-        certainty=found.certainty,
-        lost=lost,
-        apart=found.apart,
-        lasting=found.lasting,
+        missing=meeting.missing,
+        certainty=meeting.certainty,
+        lost=int((~track.seen[before.last + 1 : after.first]).sum()),
+        chi_square=meeting.chi_square,
+        lasting=meeting.lasting,
         flight=place,
     )
 
@@ -290,7 +295,7 @@ def find_contacts(
     """Find the contacts of a track between free flights, and refuse everything else."""
     track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits.excess)
     found = find_flights(track, model.air, options, limits)
-    flights, contacts, refusals = list(found.flights), list[Hit](), list[Refusal]()
+    flights, contacts, refusals = list(found.flights), list[RecordedContact](), list[Refusal]()
     if not flights:
         refusals = [_gap(track, 0, len(track) - 1, found, limits)]
         return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
@@ -303,7 +308,7 @@ def find_contacts(
     for k, (before, after) in enumerate(pairwise(flights)):
         result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
         if isinstance(result, ContactFit):
-            contacts.append(hit_of(track, len(contacts) + 1, result, flights, k, model.centre))
+            contacts.append(recorded_contact(track, len(contacts) + 1, result, flights, k, model.centre))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
@@ -320,7 +325,7 @@ def _one_contact(
     if not close(before, after, options):
         return None
     meeting, neither = fit_between(track, before, after, options)
-    return meeting if meeting.apart <= limits.meets_in(track.k) and neither <= 1 else None
+    return meeting if meeting.chi_square <= limits.meets_in(track.k) and neither <= 1 else None
 
 
 def _between(
@@ -337,7 +342,7 @@ def _between(
     if not close(before, after, options):
         return _gap(track, first + 1, last - 1, found, limits)
     meeting, neither = fit_between(track, before, after, options)
-    change, errors = apart(before, after, meeting.time)
+    change, errors = state_difference(before, after, meeting.time)
     k, d = track.k, track.d
     changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
     lost = int((~track.seen[first + 1 : last]).sum())
@@ -351,7 +356,7 @@ def _between(
         (changed < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
         (
-            meeting.apart > limits.meets_in(k),
+            meeting.chi_square > limits.meets_in(k),
             Reason.DOUBLE_HIT,
             "distance of the flights",
             1e3 * meeting.distance,

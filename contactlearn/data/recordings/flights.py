@@ -609,14 +609,14 @@ def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, exces
         return track
     sigma, k = frame_noise(time, track.pose, max(options.narrowest(air), 5), air), air.k
     for _ in range(_ROUNDS):
-        apart = np.stack(
-            [
-                windows(time, track.pose, 2 * _SIDE, air, sigma, n * track.step).misfit.sum(1)
-                for n in range(options.most_missing + 1)
-            ]
+        late = [n * track.step for n in range(options.most_missing + 1)]
+        chi_square = np.stack(
+            [windows(time, track.pose, 2 * _SIDE, air, sigma, seconds).misfit.sum(1) for seconds in late]
         )
-        best = apart.argmin(0)
-        sure = (apart.min(0) <= _limit(np.array(2 * k * _SIDE - 2 * k), excess)) & (apart[0] - apart.min(0) > _SAME)
+        best = chi_square.argmin(0)
+        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _SIDE - 2 * k), excess)) & (
+            chi_square[0] - chi_square.min(0) > _SAME
+        )
         if not sure.any():
             break
         time[_SIDE:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_SIDE - 1)))
@@ -719,7 +719,7 @@ def _first(time: Array, pose: Array, run: tuple[int, int], sigma: Array, air: Ai
     return flight if air.d == 2 else fit(time, pose, frames, flight_noise(flight, sigma), air)
 
 
-def apart(
+def state_difference(
     one: Flight, other: Flight, time: float, late: float = 0.0
 ) -> tuple[Float[Array, "two_k"], Float[Array, "two_k two_k"]]:
     """Difference of two flights' states at an instant, and its covariance.
@@ -732,7 +732,7 @@ def apart(
 
 def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
     """Whether two flights agree at an instant as one flight does."""
-    difference, covariance = apart(one, other, time, late)
+    difference, covariance = state_difference(one, other, time, late)
     return float(difference @ np.linalg.solve(covariance, difference)) <= _SAME
 
 

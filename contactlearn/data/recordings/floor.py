@@ -26,11 +26,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
 from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
-from contactlearn.data.recordings.result import Hit, Reason, Refusal, Rest
+from contactlearn.data.recordings.result import Reason, RecordedContact, Refusal, Rest
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
@@ -168,7 +169,7 @@ class Floor:
     slope_b: Estimate | None = None
 
 
-def _lowest(contacts: Sequence[Hit], shape: Shape, turned: float = 0.0) -> Float[Array, "n d"]:
+def _lowest(contacts: Sequence[RecordedContact], shape: Shape, turned: float = 0.0) -> Float[Array, "n d"]:
     """Contact points in m, of a body that is turned further by an angle in rad, which is 0 in space."""
     pose = np.stack([contact.pose for contact in contacts])
     r = contact_point(shape, torch.from_numpy(orientation(pose) + turned)).numpy()
@@ -194,7 +195,7 @@ def _raised(shape: Shape, name: str, theta: Array) -> Array:
 
 
 def find_floor(
-    contacts: Sequence[Hit],
+    contacts: Sequence[RecordedContact],
     shape: Shape,
     rests: Sequence[Rest] = (),
     *,
@@ -237,21 +238,17 @@ def find_floor(
         sided = [rest for rest, holds in zip(sided, good, strict=True) if holds]
 
 
-def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> Floor:
+def _under_solid(
+    contacts: Sequence[RecordedContact], shape: Solid, rests: Sequence[Rest], limits: TrackThresholds
+) -> Floor:
     """The floor under a body in space, robustly: its height and slopes, and round corners and the outline's place."""
     lies, down = _lying(shape, rests, limits)
-    done, floor = dict[str, float](), None
-    for _ in range(_TURNS + 1):
-        columns, value = _solid_rows(contacts, lies, down, shape, done, limits)
-        design = np.stack([*columns.values()], 1)
-        kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((len(contacts), len(lies), 0)))
-        good = _near(design, value, kinds, 0.0)
-        own = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lies])) if lies else 0.0
-        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (own, 0.0))
-        found = {
-            name: Estimate(value=float(x) + done.get(name, 0.0), error=float(error))
-            for name, x, error in zip(columns, fit, errors, strict=True)
-        }
+    within = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lies])) if lies else 0.0
+    alone, done, floor = np.ones(len(contacts), dtype=np.bool_), dict[str, float](), None
+    for _ in range(_TURNS + 1):  # each about the outline that the one before has found
+        design = _solid_design(contacts, lies, down, shape, done, limits)
+        found, scatter, above, (_, on, *_) = design.solved(alone, (within, 0.0))
+        found = {name: replace(one, value=one.value + done.get(name, 0.0)) for name, one in found.items()}
         if isinstance(shape, Cornered) and "corner" in found:  # no radius is less than 0
             found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
         done = {name: found[name].value for name in _changes(shape) if name in found}
@@ -262,9 +259,9 @@ def _under_solid(contacts: Sequence[Hit], shape: Solid, rests: Sequence[Rest], l
             orientation=None,
             outline={name: found[name] for name in _OUTLINE if name in found},
             sinking=found.get("sinking"),
-            scatter=spread,
-            rests=int(good[kinds[1]].sum()),
-            above=(value - design @ fit)[kinds[0]],
+            scatter=scatter,
+            rests=int(on.sum()),
+            above=above,
         )
     assert floor is not None
     return floor
@@ -281,46 +278,107 @@ def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tupl
     return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
 
 
-def _solid_rows(
-    contacts: Sequence[Hit],
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Design:
+    """Least squares by named columns: heights of contacts, heights of rests, angles of rests, and a row a prior.
+
+    Args:
+        heights: right-hand side of the first two kinds of rows, in m.
+        angles: that of the third, in rad; none in space.
+        columns: derivatives of heights and of angles.
+        priors: what is expected of a column from other measurements.
+    """
+
+    heights: Array
+    angles: Array
+    columns: dict[str, tuple[Array, Array | float]] = field(default_factory=dict)
+    priors: dict[str, Estimate] = field(default_factory=dict)
+
+    def expect(self, error: float, *names: str, about: Mapping[str, float] = {}) -> None:
+        """Expect columns about 0, less what was done of them already, with a standard deviation."""
+        self.priors.update({name: Estimate(value=-about.get(name, 0.0), error=error) for name in names})
+
+    def solved(
+        self, alone: Mask, within: tuple[float, float]
+    ) -> tuple[dict[str, Estimate], float, Float[Array, " contacts"], list[Mask]]:
+        """Solve robustly: estimates by column, the scatter of contacts, their heights above the fit, and good rows.
+
+        Args:
+            alone: contacts that take part, of all.
+            within: scatter within bodies at rest, of heights and of angles.
+        """
+        errors = [max(one.error, _LEAST) for one in self.priors.values()]
+        matrix = np.stack(
+            [
+                np.concatenate(
+                    (
+                        heights,
+                        np.broadcast_to(angles, len(self.angles)),
+                        [(other == name) / error for other, error in zip(self.priors, errors, strict=True)],
+                    )
+                )
+                for name, (heights, angles) in self.columns.items()
+            ],
+            1,
+        )
+        wanted = [one.value / error for one, error in zip(self.priors.values(), errors, strict=True)]
+        value = np.concatenate((self.heights, self.angles, wanted))
+        hits, rests = len(alone), len(self.heights) - len(alone)
+        kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, len(self.angles))))
+        contacts, kinds[0] = kinds[0], kinds[0][alone]
+        good = _near(matrix, value, kinds, within[1])
+        fit, deviations, scatter = _weighted(matrix, value, [rows[good[rows]] for rows in kinds], within)
+        found = {
+            name: Estimate(value=float(x), error=float(error))
+            for name, x, error in zip(self.columns, fit, deviations, strict=True)
+        }
+        return found, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
+
+
+def _solid_design(
+    contacts: Sequence[RecordedContact],
     lies: Sequence[Rest],
     down: Float[Array, " r"],
     shape: Solid,
     done: Mapping[str, float],
     limits: TrackThresholds,
-) -> tuple[dict[str, Array], Array]:
-    """Columns of the design by name, and its right-hand side, of a body of an outline that is changed."""
+) -> _Design:
+    """Heights in space of a body of an outline that is changed."""
     now, hits, none = reshaped(shape, done), np.stack([hit.pose for hit in contacts]), np.zeros(len(lies))
     size, still = float(shape.outline().norm(dim=-1).nanmean()), np.reshape([rest.pose for rest in lies], (-1, 7))
     points, pose = _lowest(contacts, now), np.concatenate((hits, still))
     x, y, _ = np.concatenate((points, still[:, :3])).T
-    columns, known = {"height": np.ones(len(x))}, dict[str, Estimate]()
+    design = _Design(heights=np.concatenate((points[:, 2], still[:, 2] + down)), angles=np.zeros(0))
+    heights = {"height": np.ones(len(x))}
     if len(contacts) > NEEDED.heights_of_slope:
-        columns |= {"slope": x, "slope_b": y}
-    if lies:
-        columns["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lies)))
-        known["raised"] = Estimate(value=0.0, error=limits.off_least)
+        heights |= {"slope": x, "slope_b": y}
+    if lies:  # bodies at rest do not sink in as contacts do
+        heights["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lies)))
+        design.expect(limits.off_least, "raised")
     if len(contacts) >= 2 * limits.contacts_of_a_slope:
         up = rotation(torch.from_numpy(pose[:, 3:]))[:, 2].numpy()
-        columns |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
-        v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in contacts])) for name in _SIDES)
-        r = torch.from_numpy(points - hits[:, :3])
-        columns["sinking"] = np.append((root_of_mass(r, v, w) * contact_velocity(r, v)[:, 2]).numpy(), none)
-        columns |= {name: np.append(-_raised(now, name, hits[:, 3:]), none) for name in _changes(shape)}
-        known |= dict.fromkeys(("middle_a", "middle_b", "middle_c"), Estimate(value=0.0, error=size))
-        known |= {name: Estimate(value=-done.get(name, 0.0), error=_CHANGE * size) for name in _changes(shape)}
-    for name, column in columns.items():
-        prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]
-        columns[name] = np.concatenate((column, prior))
-    wanted = [one.value / max(one.error, _LEAST) for one in known.values()]
-    return columns, np.concatenate((points[:, 2], still[:, 2] + down, wanted))
+        heights |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
+        speeds, *_ = _speeds(contacts, points)
+        heights["sinking"] = np.append(speeds, none)
+        heights |= {name: np.append(-_raised(now, name, hits[:, 3:]), none) for name in _changes(shape)}
+        design.expect(size, "middle_a", "middle_b", "middle_c")
+        design.expect(_CHANGE * size, *_changes(shape), about=done)
+    design.columns.update({name: (column, 0.0) for name, column in heights.items()})
+    return design
+
+
+def _speeds(contacts: Sequence[RecordedContact], points: Float[Array, "n d"]) -> tuple[Array, Tensor, Tensor]:
+    """v_n √(m_c/m) of contacts, by which they sink in, and the velocities before and after them."""
+    v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in contacts])) for name in _SIDES)
+    r = torch.from_numpy(points - [hit.pose[: points.shape[1]] for hit in contacts])
+    return (root_of_mass(r, v, w) * contact_velocity(r, v)[:, -1]).numpy(), v, w
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Problem:
-    """Least squares: rows are heights of contacts and of rests, angles of rests, and priors."""
+    """The floor in the plane, from contacts and bodies at rest."""
 
-    contacts: Sequence[Hit]
+    contacts: Sequence[RecordedContact]
     rests: Sequence[Rest]
     shape: Shape
     lying: RestPoses
@@ -333,23 +391,14 @@ class _Problem:
         It is linearised about a body of such an outline that is turned further by an angle in rad.
         """
         change = {name: outline[name].value for name in _changes(self.shape) if name in outline}
-        columns, value, angles = self._rows(turned, change)
-        hits, rests = len(self.contacts), len(self.rests)
-        design = np.stack([*columns.values()], 1)
-        kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, angles)))
-        every, kinds[0] = kinds[0], kinds[0][self._alone(turned)]
-        _, lies, turns = np.sqrt(np.mean([r.error**2 for r in self.rests], axis=0)).tolist() if rests else (0.0,) * 3
-        good = _near(design, value, kinds, turns)
-        on = good[kinds[1]] & good[kinds[2]] if angles else good[kinds[1]]
-        fit, errors, spread = _weighted(design, value, [rows[good[rows]] for rows in kinds], (lies, turns))
-        found = {
-            name: Estimate(value=float(x), error=float(error))
-            for name, x, error in zip(columns, fit, errors, strict=True)
-        }
+        design, rests = self._design(turned, change), self.rests
+        _, lies, turns = np.sqrt(np.mean([r.error**2 for r in rests], axis=0)).tolist() if rests else (0.0,) * 3
+        found, scatter, above, (_, on, flat, _) = design.solved(self._alone(turned), (lies, turns))
         slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
         deep = abs(sinking.value) if sinking else 0.0
-        for name in _ROUGH.keys() & found.keys():
-            speed = 1.0 if name == "late" else abs(float(np.median(columns["sinking"][:hits]))) if deep else 0.0
+        for name in _ROUGH.keys() & found.keys():  # what the course of the force in a lasting contact adds
+            typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if deep else 0.0
+            speed = 1.0 if name == "late" else typical
             found[name] = replace(found[name], error=math.hypot(found[name].error, _ROUGH[name] * deep * speed))
         floor = Floor(
             height=found["height"],
@@ -361,11 +410,11 @@ class _Problem:
                 if name in found
             },
             sinking=sinking,
-            scatter=spread,
-            rests=len(self.rests),
-            above=(value - design @ fit)[every],
+            scatter=scatter,
+            rests=len(rests),
+            above=above,
         )
-        return floor, on
+        return floor, on & flat if len(flat) else on
 
     def _alone(self, turned: float) -> Mask:
         """Contacts of one point; all of them where these are too few to show the floor."""
@@ -373,56 +422,54 @@ class _Problem:
         alone = one_point(self.shape, pose[:, 2] + turned, v, w).numpy()
         return alone if alone.sum() >= NEEDED.heights_of_slope else np.ones_like(alone)
 
-    def _rows(self, turned: float, change: Mapping[str, float]) -> tuple[dict[str, Array], Array, int]:
-        """Columns of the design by name, its right-hand side, and the number of angles."""
-        shape = reshaped(self.shape, change)
-        lying, rests, size = self.lying, self.rests, float(shape.outline().norm(dim=-1).mean()) / 2**0.5
-        points, theta = _lowest(self.contacts, shape, turned), np.array([hit.pose[2] for hit in self.contacts])
-        pose = np.reshape([rest.pose for rest in rests], (-1, 3))
-        side = [lying.nearest(angle) for angle in pose[:, 2].tolist()] if len(lying.angles) else []
-        lies = lying.angles[side] if len(lying.angles) else pose[:, 2]
+    def _design(self, turned: float, change: Mapping[str, float]) -> _Design:
+        """Heights and angles of a body of such an outline that is turned further by an angle in rad."""
+        shape, lying, contacts, limits = reshaped(self.shape, change), self.lying, self.contacts, self.limits
+        size = float(shape.outline().norm(dim=-1).mean()) / 2**0.5
+        points, theta = _lowest(contacts, shape, turned), np.array([hit.pose[2] for hit in contacts])
+        rest = np.reshape([rest.pose for rest in self.rests], (-1, 3))
+        side = [lying.nearest(angle) for angle in rest[:, 2].tolist()] if len(lying.angles) else []
+        lies, none = lying.angles[side] if len(lying.angles) else rest[:, 2], np.zeros(len(rest))
         down = contact_point(shape, torch.from_numpy(lies))[:, 1].numpy()
-        x, y = np.append(points[:, 0], pose[:, 0]), np.append(points[:, 1], pose[:, 1] + down)
-        higher, lower = (_lowest(self.contacts, shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
-        rising, enough = (higher - lower) / (2 * _STEP), self.limits.contacts_of_a_slope
-        by_angle = len(side) >= enough // 2 and len(x) >= enough and np.ptp(x) > 0
-        by_angle = by_angle and (lying.gain == 1 or len(set(side)) > 1)  # on one pole its centre of mass may be off
-        by_height = len(theta) >= 2 * enough and np.std(rising) > _ROUND * size
-        n, none = len(side) if by_angle else 0, np.zeros(len(rests))
-        parts: dict[str, tuple[Array, Array | float]] = {"height": (np.ones(len(x)), 0.0)}
-        known: dict[str, Estimate] = {}
+        x, y = np.append(points[:, 0], rest[:, 0]), np.append(points[:, 1], rest[:, 1] + down)
+        higher, lower = (_lowest(contacts, shape, turned + step)[:, 1] for step in (_STEP, -_STEP))
+        rising = (higher - lower) / (2 * _STEP)  # of contact points as the body turns, in m/rad
+
+        # Angles of rests show the zero of θ beside a slope; on one pole of an ellipse its centre of mass may be off.
+        by_angle = len(side) >= limits.contacts_of_a_slope // 2 and len(x) >= limits.contacts_of_a_slope
+        by_angle = by_angle and np.ptp(x) > 0 and (lying.gain == 1 or len(set(side)) > 1)
+        by_height = len(theta) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND * size
+        off = turn(rest[:, 2] + turned - lies)[: len(side) if by_angle else 0]
+        design = _Design(heights=y, angles=off)
+        columns = design.columns
+        columns["height"] = np.ones(len(x)), 0.0
         if len(x) >= NEEDED.heights_of_slope and np.ptp(x) > 0:
-            parts["slope"] = (x, lying.gain)
-        if len(rests):
-            parts["raised"] = (np.repeat((0.0, 1.0), (len(theta), len(rests))), 0.0)
-            known["raised"] = Estimate(value=0.0, error=self.limits.off_least)
+            columns["slope"] = x, lying.gain
+        if len(rest):  # bodies at rest do not sink in as contacts do
+            columns["raised"] = np.repeat((0.0, 1.0), (len(theta), len(rest))), 0.0
+            design.expect(limits.off_least, "raised")
         if by_angle or by_height:
-            parts["orientation"] = (np.append(-rising, none), -1.0)
+            columns["orientation"] = np.append(-rising, none), -1.0
         if by_height:
             angles = np.append(theta + turned, lies)
-            parts |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
-            v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in self.contacts])) for name in _SIDES)
-            r = torch.from_numpy(points - [hit.pose[:2] for hit in self.contacts])
-            speeds = (root_of_mass(r, v, w) * contact_velocity(r, v)[:, 1]).numpy()
+            columns |= {"middle_a": (-np.sin(angles), 0.0), "middle_b": (-np.cos(angles), 0.0)}
+            speeds, v, w = _speeds(contacts, points)
             if np.ptp(speeds) > 0:
-                parts["sinking"] = (np.append(speeds, none), 0.0)
-                known["sinking"] = Estimate(value=0.0, error=LONGEST)
-            spins = {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}
-            parts |= {name: (np.append(-rising[: len(theta)] * spin, none), 0.0) for name, spin in spins.items()}
-            known |= {"late": Estimate(value=0.0, error=LATE), "gap": Estimate(value=0.0, error=_GAP)}
-            changed = {name: -_raised(shape, name, angles) for name in _changes(shape)}
-            parts |= {name: (column, 0.0) for name, column in changed.items()}
-            known |= dict.fromkeys(("middle_a", "middle_b"), Estimate(value=0.0, error=size))
-            known |= {name: Estimate(value=-change.get(name, 0.0), error=_CHANGE * size) for name in changed}
-        if by_angle and lying.gain != 1:
-            parts |= {"poise": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
-            known |= {"poise": Estimate(value=0.0, error=size), "lean": self.lean}
-        columns = dict[str, Array]()
-        for name, (high, turns) in parts.items():
-            prior = [(other == name) / max(one.error, _LEAST) for other, one in known.items()]
-            columns[name] = np.concatenate((high, np.broadcast_to(turns, n), prior))
-        off = turn(pose[:, 2] + turned - lies)[:n]
-        return columns, np.concatenate((y, off, [one.value / max(one.error, _LEAST) for one in known.values()])), n
+                columns["sinking"] = np.append(speeds, none), 0.0
+                design.expect(LONGEST, "sinking")
+            # A frame's angle is that of another instant than its position, and flights may meet in θ at a third one.
+            for name, spin in {"late": (v + w)[:, 2].numpy() / 2, "gap": (w - v)[:, 2].numpy()}.items():
+                columns[name] = np.append(-rising * spin, none), 0.0
+            columns |= {name: (-_raised(shape, name, angles), 0.0) for name in _changes(shape)}
+            design.expect(LATE, "late")
+            design.expect(_GAP, "gap")
+            design.expect(size, "middle_a", "middle_b")
+            design.expect(_CHANGE * size, *_changes(shape), about=change)
+        if by_angle and lying.gain != 1:  # an ellipse turns with its centre of mass, and with gravity that leans
+            columns |= {"com_offset_major": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
+            design.expect(size, "com_offset_major")
+            design.priors["lean"] = self.lean
+        return design
 
 
 def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> Mask:
@@ -487,13 +534,13 @@ def _between(squares: Array, free: Array, own: float) -> float:
 
 
 def off_the_floor(
-    contacts: Sequence[Hit],
+    contacts: Sequence[RecordedContact],
     shape: Shape,
     floor: Floor,
     limits: TrackThresholds = TrackThresholds(),
     *,
     longest: float = 0.0,
-) -> tuple[list[Hit], list[Refusal]]:
+) -> tuple[list[RecordedContact], list[Refusal]]:
     """Contacts with the floor, and refusals of those with a hand or a wall, or with several corners.
 
     Another corner may share the impulse if it comes down to the floor within the `longest` contact, in s.
@@ -539,7 +586,7 @@ def off_the_floor(
     return kept, refusals
 
 
-def _alone(contacts: Sequence[Hit], shape: Shape, longest: float) -> Float[Array, " n"]:
+def _alone(contacts: Sequence[RecordedContact], shape: Shape, longest: float) -> Float[Array, " n"]:
     """Least height in m of another corner in space, less three errors and its way down in the longest contact."""
     if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)

@@ -121,23 +121,22 @@ class Frame:
         position = np.where(seen[:, None], recording.position, np.nan) * self.scale
         if self.in_space:
             pose = np.column_stack((position @ self.axes.T, self._turned(recording)))
-            still = np.zeros(len(recording))
-            return Track(name=recording.name, time=recording.time, pose=pose, apart=still, tilted=still)
+            return Track(name=recording.name, time=recording.time, pose=pose)
         planar = position @ self.axes[:2].T
         if recording.quaternion is not None and self.body is not None:
             quaternion = np.where(seen[:, None], recording.quaternion, np.nan)
             angle = planar_angle(quaternion, self.order, self.axes, self.body[0])
             away = position @ self.axes[2]
-            apart = away - (np.nanmedian(away) if seen.any() else 0.0)
+            out_of_plane = away - (np.nanmedian(away) if seen.any() else 0.0)
             tilted = tilt(quaternion, self.order, self.axes, self.body[1])
         else:
             assert recording.angle is not None
             right, up = self.axes[:, 0]
             turned = 1 if self.axes[0, 0] * self.axes[1, 1] - self.axes[0, 1] * self.axes[1, 0] > 0 else -1
             angle = np.arctan2(up, right) + turned * self.angle * np.where(seen, recording.angle, np.nan)
-            apart = tilted = np.zeros(len(recording))
+            out_of_plane = tilted = None
         pose = np.column_stack((planar, self.sense * continuous(angle, recording.time)))
-        return Track(name=recording.name, time=recording.time, pose=pose, apart=apart, tilted=tilted)
+        return Track(name=recording.name, time=recording.time, pose=pose, out_of_plane=out_of_plane, tilted=tilted)
 
     def _turned(self, recording: Recording) -> Float[Array, "t 4"]:
         """Unit quaternions from the body's axes to the world's."""

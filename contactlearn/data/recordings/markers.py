@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.frame import Frame, matrices
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.result import Hit
+from contactlearn.data.recordings.result import RecordedContact
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Recording, finite
 from contactlearn.mechanics.shapes import Polygon, contact_point
@@ -109,7 +109,7 @@ class MarkerHull:
     places: Float[Array, "m d"]
     error: float
 
-    def contact_covariance(self, contacts: Sequence[Hit]) -> Float[Array, "n 2 2"]:
+    def contact_covariance(self, contacts: Sequence[RecordedContact]) -> Float[Array, "n 2 2"]:
         """Covariances of the contact points relative to the centre of mass in m²: by θ's error and the marker's place.
 
         Which marker is the lowest is taken for certain; where two are equally low the point may be the other one.

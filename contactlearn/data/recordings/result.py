@@ -60,7 +60,7 @@ class Refusal:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class Hit:
+class RecordedContact:
     """One contact between two free flights, at the instant at which they meet.
 
     Args:
@@ -74,7 +74,7 @@ class Hit:
         missing: frames at contact that the recording skips without a gap in its time stamps.
         certainty: probability that this is their number.
         lost: frames at contact that are marked as lost.
-        apart: squared distance of the two flights at that instant in standard deviations; 2 is expected, 5 in space.
+        chi_square: squared distance of the two flights there in standard deviations; 2 is expected, 5 in space.
         lasting: s about its instant in which frames are in no flight.
         flight: place of the flight before contact among those of its track; the one after contact is the next.
     """
@@ -89,7 +89,7 @@ class Hit:
     missing: int
     certainty: float
     lost: int
-    apart: float
+    chi_square: float
     lasting: float
     flight: int
 
@@ -149,7 +149,7 @@ class Found:
     track: Track
     sigma: Float[Array, "k"]
     flights: tuple[Flight, ...]
-    contacts: tuple[Hit, ...]
+    contacts: tuple[RecordedContact, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...] = ()
     slides: tuple[SlideToRest, ...] = ()

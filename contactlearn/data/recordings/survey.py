@@ -24,7 +24,7 @@ from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.readers import Layout, read
-from contactlearn.data.recordings.result import Found, Hit, Reason, Refusal, Rest, SlideToRest
+from contactlearn.data.recordings.result import Found, Reason, RecordedContact, Refusal, Rest, SlideToRest
 from contactlearn.data.recordings.rocking import Rocking, rocking
 from contactlearn.data.recordings.slides import find_slides
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -86,7 +86,7 @@ class Survey:
     frame: Frame
     model: FlightModel
     recordings: int
-    contacts: tuple[Hit, ...]
+    contacts: tuple[RecordedContact, ...]
     refusals: tuple[Refusal, ...]
     rests: tuple[Rest, ...]
     slides: tuple[SlideToRest, ...]
@@ -208,10 +208,12 @@ def key(recording: Recording) -> tuple[str, str]:
 
 def _out_of_plane(track: Track, limits: TrackThresholds) -> Refusal | None:
     for values, limit, quantity, unit, factor in (
-        (track.apart, limits.plane_distance, "distance from the plane of motion", "mm", 1e3),
+        (track.out_of_plane, limits.plane_distance, "distance from the plane of motion", "mm", 1e3),
         (track.tilted, limits.plane_tilt, "tilt out of the plane of motion", "°", 180 / np.pi),
     ):
-        value = float(np.quantile(np.abs(values[track.seen]), 0.95)) if track.seen.any() else 0.0
+        value = 0.0
+        if values is not None and track.seen.any():
+            value = float(np.quantile(np.abs(values[track.seen]), 0.95))
         if value > limit:
             return refuse(track, 0, len(track) - 1, Reason.OUT_OF_PLANE, quantity, value * factor, unit)
     return None

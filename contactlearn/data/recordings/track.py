@@ -103,16 +103,16 @@ class Track:
         name: of the recording.
         time: of the frames in s.
         pose: (x, y, θ) in m, m and rad, θ continuous but for whole turns; in space (x, y, z) and a unit quaternion.
-        apart: distance of the tracked point from the plane of motion in m; 0 where only a plane was recorded.
-        tilted: angle in rad between the body's axis of rotation and the normal of the plane, or 0.
+        out_of_plane: distance of the tracked point from the plane of motion in m; None where no other was recorded.
+        tilted: angle in rad between the body's axis of rotation and the normal of the plane, or None.
         low: height in m of the lowest point of a body in space, where its shape is known.
     """
 
     name: str
     time: Float[Array, " t"]
     pose: Float[Array, "t m"]
-    apart: Float[Array, " t"]
-    tilted: Float[Array, " t"]
+    out_of_plane: Float[Array, " t"] | None = None
+    tilted: Float[Array, " t"] | None = None
     low: Float[Array, " t"] | None = None
 
     def __len__(self) -> int:

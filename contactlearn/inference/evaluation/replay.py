@@ -26,7 +26,7 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings.flights import FlightModel
 from contactlearn.data.recordings.poses import Array, away
-from contactlearn.data.recordings.result import Found, Hit, Reason
+from contactlearn.data.recordings.result import Found, Reason, RecordedContact
 from contactlearn.data.tracks import Tracked
 from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
@@ -152,7 +152,7 @@ def replays(
     assert not isinstance(shape, Mapping)  # recordings are of one body
     up = impacts.space.d - 1
     floor = (impacts.q[:, up] + impacts.r[:, up]).median()
-    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start) for one in found.again({*hits})]
+    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start) for one in found.reload({*hits})]
     seen = correct(_as_impacts(raw, takes), corrections)
     poses = seen.q.clone()
     poses[:, up] -= floor
@@ -185,9 +185,9 @@ def replays(
     ]
 
 
-def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[int, Hit]]]:
+def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[int, RecordedContact]]]:
     """Accepted contacts and their rows by recording."""
-    hits = defaultdict[str, list[tuple[int, Hit]]](list)
+    hits = defaultdict[str, list[tuple[int, RecordedContact]]](list)
     for row, hit in enumerate(found.survey.contacts):
         if hit.recording not in without:
             hits[hit.recording].append((row, hit))
@@ -253,7 +253,7 @@ class _Take:
     bounces: Int[np.ndarray, "t"]
 
     @classmethod
-    def of(cls, found: Found, hits: Sequence[tuple[int, Hit]], model: FlightModel, start: str) -> Self:
+    def of(cls, found: Found, hits: Sequence[tuple[int, RecordedContact]], model: FlightModel, start: str) -> Self:
         """Return the frames from the start until the body rests."""
         (row, first), track = hits[0], found.track
         flight = found.flights[first.flight]

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.poses import Array, away, rotated, turn
-from contactlearn.data.recordings.result import Found, Hit
+from contactlearn.data.recordings.result import Found, RecordedContact
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -25,7 +25,7 @@ _DEGREES = 180 / math.pi
 
 
 @st.look()
-def contact_figure(found: Found, contact: Hit, shape: Shape) -> Figure:
+def contact_figure(found: Found, contact: RecordedContact, shape: Shape) -> Figure:
     """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there.
 
     In space rotations are counted from the pose at contact, and the body is seen along y.

@@ -23,7 +23,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.flights import Flight, Indices
 from contactlearn.data.recordings.poses import Array, away, turn
-from contactlearn.data.recordings.result import REASONS, Found, Hit, Reason, Refusal
+from contactlearn.data.recordings.result import REASONS, Found, Reason, RecordedContact, Refusal
 from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.space import PLANE
@@ -72,7 +72,7 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
     for refusal in found.survey.refusals:
         refusals[refusal.recording].append(refusal)
     founds = dict[str, Found]()
-    for one in found.again({*chosen(found)}):  # the first where two have one name
+    for one in found.reload({*chosen(found)}):  # the first where two have one name
         founds.setdefault(one.track.name, one)
     shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
     scores, floor, space = standardised([*founds.values()]), found.floor, found.impacts.space
@@ -164,7 +164,7 @@ def _residuals(scores: np.ndarray) -> list[str]:
     ]
 
 
-def of_recording(found: Found, contacts: Sequence[Hit], refusals: Sequence[Refusal]) -> dict[str, Any]:
+def of_recording(found: Found, contacts: Sequence[RecordedContact], refusals: Sequence[Refusal]) -> dict[str, Any]:
     """Return all that a page says and draws of one recording.
 
     Args:
@@ -239,7 +239,7 @@ def _flight(track: Track, flight: Flight, pose: Float[Array, "t m"], kept: Int[I
     }
 
 
-def _contact(contact: Hit) -> dict[str, Any]:
+def _contact(contact: RecordedContact) -> dict[str, Any]:
     """A row of the table of contacts, the pose (m, m, rad), and the place of the flight before it."""
     errors = np.sqrt(contact.covariance.diagonal()).tolist()
     velocities = [*contact.v_pre.tolist(), *contact.v_post.tolist()]
@@ -253,7 +253,7 @@ def _contact(contact: Hit) -> dict[str, Any]:
             *map(measured, velocities, errors),
             f"{contact.missing} ({percent(contact.certainty, 1)})",
             str(contact.lost),
-            number(contact.apart, 2),
+            number(contact.chi_square, 2),
         ],
     }
 
