@@ -194,5 +194,5 @@ def test_a_table_has_the_simplest_rig_that_closes_its_balance_proposed():
     assert {*fit.estimates} == {"inertia", "orientation"}
     for name, one in fit.estimates.items():
         assert abs(one.value - TRUTH[name]) < 4 * one.error
-    assert fit.left < 0.5 * fit.physical
+    assert fit.remaining < 0.5 * fit.physical
     assert simplest_rig(changed(impacts, TRUTH)) is None

@@ -87,7 +87,7 @@ def _proposal(impacts: Impacts) -> str:
     rows = [Row(name=name, estimate=one, **PROPERTIES[name]) for name, one in fit.estimates.items()]
     return (
         f"; the simplest rig that closes it has {' and '.join(str(row) for row in rows if row.differs)}, which leaves "
-        f"{fit.left / fit.given:.0%} of the residual, and a single moment at the contact or loss after it leaves "
+        f"{fit.remaining / fit.given:.0%} of the residual, and a single moment at the contact or loss after it leaves "
         f"{fit.physical / fit.given:.0%}: heights and rests in recordings would decide"
     )
 

@@ -62,13 +62,14 @@ A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on 
 _TURN = 3  # step of the mirror of y that follows a swap
 _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
-_LEFT = 0.15  # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
+# contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
+_MAX_CONTRADICTIONS = 0.15
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
 _DEPTH = 4  # corrections at once: no table that anybody brought had more than three
-_SHOWN = 0.005  # change of a mean contradiction from which on it is part of the evidence
-_BESIDE = 2  # other corrections that a rare unit may come with
+_MIN_CHANGE = 0.005  # change of a mean contradiction from which on it is part of the evidence
+_MAX_BESIDE_RARE = 2  # other corrections that a rare unit may come with
 _UNIT_MARGIN = 0.1  # contradictions by which an inertia may explain more than a unit before it is preferred to it
 _FITS = 4.0  # standard errors of the moment balance within which a unit explains it
 _UNIT_ERROR = 0.5  # of the logarithm of a unit: imbalance that may be left of a mistake that it explains
@@ -166,7 +167,7 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         accepted = [h for h in applied if h is not None and _better(h, given)]
         if accepted:
             chosen = _chosen(given, accepted, tried)
-            if not _CONFUSED.intersection(chosen.best.names) and chosen.best.score < _LEFT:
+            if not _CONFUSED.intersection(chosen.best.names) and chosen.best.score < _MAX_CONTRADICTIONS:
                 return chosen
             return _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
     accepted = _inclined(given) if given.score > thresholds.sound else []
@@ -183,7 +184,7 @@ def _inclined(given: Hypothesis) -> list[Hypothesis]:
     accepted = list[Hypothesis]()
     for mirrors in _MIRRORS:
         level, inclined = _applied(given, mirrors), _applied(given, (*mirrors, "inclined_floor"))
-        if level is None or inclined is None or inclined.score > _LEFT or not _better(inclined, given):
+        if level is None or inclined is None or inclined.score > _MAX_CONTRADICTIONS or not _better(inclined, given):
             continue
         angle = (level.impacts.q[0, 2] - inclined.impacts.q[0, 2] + math.pi).remainder(2 * math.pi) - math.pi
         alone = ConventionComparison(given=given, best=level, equals=(), tried=1)
@@ -284,7 +285,7 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
     if len(columns) > len(set(columns)) or len(names.intersection(DEGREES)) > 1:
         return False
     rare = names.intersection(_RARE)
-    beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _BESIDE
+    beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _MAX_BESIDE_RARE
     if rare and (len(names) > 1 + beside or len(rare) > 1 or "inertia_scaled" in names):
         return False
     return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
@@ -351,7 +352,7 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
     total = given.total.mean().item(), best.total.mean().item()
     better = (best.total < given.total).double().mean().item()
     turned = str(before) != str(after)
-    changed = {question: pair for question, pair in means.items() if abs(pair[0] - pair[1]) > _SHOWN}
+    changed = {question: pair for question, pair in means.items() if abs(pair[0] - pair[1]) > _MIN_CHANGE}
     evidence = evidence_of(
         *(before.coefficients("before").items() if turned else ()),
         *after.coefficients("after").items(),

@@ -32,11 +32,11 @@ _NOISE = 0.03  # the same of deviations from a disc or an ellipse that do not fo
 _HARMONICS = torch.arange(1, 9)  # of θ, which deviations may follow
 _BETTER = 1.25  # ratio of deviations from which on the floor leans
 _NEARLY_ALL = 0.95  # of the trials: the others may be outliers, or land so flat that either corner is lowest
-_ENOUGH = 5000  # trials of a body, spread evenly
-_FEWEST = 10  # orientations, to within 0.01 rad; and two for each number of the shape
+_MAX_TRIALS = 5000  # trials of a body, spread evenly
+_MIN_ORIENTATIONS = 10  # orientations, to within 0.01 rad; and two for each number of the shape
 _SPREAD = 0.02  # least eigenvalue of the normalised design of 1/a² and 1/b²; 0.25 if the points go all around evenly
 _CORNER = 0.02  # of the largest |r|: points as near as this are the same corner
-_CORNERS = 16  # of a polygon, at most
+_MAX_CORNERS = 16  # of a polygon, at most
 _LEANS = 0.005 * torch.arange(-40, 41, dtype=torch.float64)  # rad; half a step moves r by less than the tolerance
 
 
@@ -102,7 +102,7 @@ def with_traced_shape(impacts: Impacts) -> Impacts:
 
 def _traced(impacts: Impacts) -> Outline | None:
     """Return the simplest outline of one body that the contact points trace."""
-    rows = torch.linspace(0, len(impacts) - 1, min(len(impacts), _ENOUGH)).round().long()
+    rows = torch.linspace(0, len(impacts) - 1, min(len(impacts), _MAX_TRIALS)).round().long()
     r, theta = impacts.r[rows], impacts.q[rows, 2]
     orientations = len((theta.remainder(2 * math.pi) / 0.01).round().unique())
     for shape, numbers in _candidates(rotate(r, -theta)):
@@ -113,7 +113,7 @@ def _traced(impacts: Impacts) -> Outline | None:
         best = level if farthest[level] <= _BETTER * farthest[best] else best
         exact = farthest[best] <= _TOLERANCE
         noisy = not isinstance(shape, Polygon) and farthest[best] <= _NOISE
-        if orientations < max(_FEWEST, 2 * numbers) or not (exact or noisy):
+        if orientations < max(_MIN_ORIENTATIONS, 2 * numbers) or not (exact or noisy):
             continue
         near = off[best].norm(dim=-1) <= farthest[best]
         if exact or _following(theta[near], off[best][near]) <= _TOLERANCE:
@@ -143,7 +143,7 @@ def _candidates(points: Float[Tensor, "n 2"]) -> Iterator[tuple[Shape, int]]:
         yield Disc(math.sqrt(a * b)), 1
         yield Ellipse((a, b)), 2
     left, corners = points, []
-    while len(left) and len(corners) < _CORNERS:
+    while len(left) and len(corners) < _MAX_CORNERS:
         near = (left - left[0]).norm(dim=-1) < _CORNER * points.norm(dim=-1).max()
         corners.append(left[near].median(0).values.tolist())
         left = left[~near]

@@ -51,9 +51,10 @@ _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
 _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
 _SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a length over the distance of contacts
-_COMPARED, _NEARLY = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
-_FEWEST = 5  # impacts for each change, at least
-_CLEARLY = 0.8  # of the spread that the best single physical cause leaves, below which the rig explains the balance
+_COMPARED, _AS_GOOD = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
+_MIN_IMPACTS = 5  # impacts for each change, at least
+# of the spread that the best single physical cause leaves, below which the rig explains the balance
+_EXPLAINED_SHARE = 0.8
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
 _LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
 _SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
@@ -170,13 +171,13 @@ class BalanceFit:
 
     Args:
         estimates: by the fields of `Apparatus`.
-        left: robust standard deviation of what is left, as a share of the spin that |Δv| makes at a radius of gyration.
+        remaining: robust standard deviation of the residual, over the spin that |Δv| makes at a radius of gyration.
         given: the same of the impacts as they are.
         physical: the same with the best single moment at the contact, or loss after it, in place of the rig.
     """
 
     estimates: dict[str, Estimate]
-    left: float
+    remaining: float
     given: float
     physical: float
 
@@ -190,9 +191,9 @@ def fit_balance(impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[s
         known: changes that are made as others measured them.  Their errors may be systematic: no number of impacts
             reduces what they add to the others (Schmidt's consider covariance, 1966).
     """
-    estimates, left = _fitted(impacts, free, known)
+    estimates, remaining = _fitted(impacts, free, known)
     given = _spread(_imbalance(impacts, {}))
-    return BalanceFit(estimates=estimates, left=left, given=given, physical=_physical(impacts, known))
+    return BalanceFit(estimates=estimates, remaining=remaining, given=given, physical=_physical(impacts, known))
 
 
 def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
@@ -207,7 +208,7 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
         meets_below: s_d, where it is known.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
-    few, length = _FEWEST * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
+    few, length = _MIN_IMPACTS * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
     expected = {"inertia": _INERTIA, "depth": _DEPTH * length}
     if impacts.space is SPACE:
         expected |= {"swing": _TURNS} | {f"centre_{axis}": _SHARE * length for axis in "abc"}
@@ -226,7 +227,7 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
     free = {name: Estimate(value=0.0, error=error) for name, error in expected.items() if name not in known}
     free |= {name: known.pop(name) for name in [*known] if name.startswith("centre")}
     fit = fit_balance(impacts, free, known)
-    if fit.left >= _CLEARLY * min(fit.physical, fit.given):
+    if fit.remaining >= _EXPLAINED_SHARE * min(fit.physical, fit.given):
         return rig
     return replace(rig, **{name: one for name, one in fit.estimates.items() if name in CHANGES})
 
@@ -250,12 +251,12 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
         (count, fit_balance(some, {name: one for group in chosen for name, one in group.items()}))
         for count in range(1, len(groups) + 1)
         for chosen in combinations(groups, count)
-        if len(some) >= _FEWEST * 2 * count
+        if len(some) >= _MIN_IMPACTS * 2 * count
     ]
-    least = min((fit.left for _, fit in fits), default=math.inf)
-    near = [(count, fit.left, fit) for count, fit in fits if fit.left <= least * _NEARLY]
+    least = min((fit.remaining for _, fit in fits), default=math.inf)
+    near = [(count, fit.remaining, fit) for count, fit in fits if fit.remaining <= least * _AS_GOOD]
     best = min(near, key=lambda one: one[:2])[2] if near else None
-    return best if best and best.left < _CLEARLY * best.given else None
+    return best if best and best.remaining < _EXPLAINED_SHARE * best.given else None
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
@@ -345,7 +346,7 @@ def _spread(residual: Float[Tensor, " n"]) -> float:
 def _fitted(
     impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[str, Estimate]
 ) -> tuple[dict[str, Estimate], float]:
-    """Estimates of what is free, and the spread that is left."""
+    """Estimates of what is free, and the spread of the residual."""
     names, n = [*free, *known], len(free)
     both = [*free.values(), *known.values()]
     wanted = torch.tensor([one.value for one in both], dtype=torch.float64)
@@ -390,7 +391,7 @@ def _physical(impacts: Impacts, known: Mapping[str, Estimate]) -> float:
         slope, keep = 0.0, torch.ones_like(x)
         for _ in range(_ROUNDS):
             slope = ((keep * x * y).sum() / (keep * x * x).sum().clamp_min(1e-300)).item()
-            left = y - slope * x
-            keep = (1 - (left / (_BIWEIGHT * max(_spread(left), 1e-12))) ** 2).clamp_min(0) ** 2
+            remaining = y - slope * x
+            keep = (1 - (remaining / (_BIWEIGHT * max(_spread(remaining), 1e-12))) ** 2).clamp_min(0) ** 2
         least = min(least, _spread(y - slope * x))
     return least

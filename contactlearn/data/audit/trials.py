@@ -25,16 +25,16 @@ ENERGY_GAIN = 1.25
 """Ratio of kinetic energies after and before impact above which a trial gains energy; 1 to 1.25 decide the same."""
 _SLIGHT_GAIN = 0.005  # of the energy, that is gained in as many trials as noise never gives: rounding is less
 _GAIN_SIGMAS = 4.0  # standard errors by which the mean gain differs from 0, and the share of gaining trials from a half
-_GAINING = 0.05  # share of trials that gain energy above which this is reported; it guards against noise
+_GAINING_SHARE = 0.05  # share of trials that gain energy above which this is reported; it guards against noise
 _IMBALANCE = 1 / 3  # share of the terms of the balance that a gross residual exceeds: the spread of exact data is tiny
-_COMMON = 0.1  # share of an object's trials with a gross mass from which on it is two bodies of one name
+_COMMON_SHARE = 0.1  # share of an object's trials with a gross mass from which on it is two bodies of one name
 _APPARATUS_SIGMAS = 3.0  # standard errors by which the scale must be off, too
 _SECONDS_A_TRIAL = 0.5  # that a trial takes at least: times that span less are no clock of the session
 _RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
 _SORTED = 0.9  # rank correlation of the order and the state from which on trials are sorted by it: chance gives 0.5
-_FEWEST_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
+_MIN_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
-_STRAY = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
+_MAX_STRAY_SHARE = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _LISTED = 5  # values that a sentence names
 
 
@@ -148,7 +148,7 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
         if values.max() - values.min() > _ROUNDING * values.abs().max()
     }
     most = max(agreement, key=lambda name: abs(agreement[name]), default=None)
-    if len(impacts) < _FEWEST_SORTED or most is None or abs(agreement[most]) < _SORTED:
+    if len(impacts) < _MIN_SORTED or most is None or abs(agreement[most]) < _SORTED:
         return []
     sentence = (
         f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
@@ -225,7 +225,7 @@ def _outlier_findings(
         *((reason, n, "trials") for reason, n in reasons.items()),
     )
     correction = "drop_outliers" if few else None
-    mistake = share > _STRAY
+    mistake = share > _MAX_STRAY_SHARE
     return [
         Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction, mistake=mistake)
     ]
@@ -280,7 +280,7 @@ def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: Au
     order, counts = objects.argsort(stable=True), torch.bincount(objects).tolist()
     for same in order.split(counts):
         far = (values[same] / values[same].median()).log().abs() > math.log(thresholds.gross_ratio)
-        if far.sum() < _COMMON * len(same):
+        if far.sum() < _COMMON_SHARE * len(same):
             unlike[same] = far
     return unlike
 
@@ -320,7 +320,7 @@ def _energy_findings(impacts: Impacts) -> list[Finding]:
     """More trials than noise explains gain energy."""
     before, after = kinetic_energy(impacts)
     share = (after > ENERGY_GAIN * before).double().mean().item()
-    if share <= _GAINING:
+    if share <= _GAINING_SHARE:
         return _slight_gain(after / before - 1)
     ratio = (after / before).median().item()
     sentence = (

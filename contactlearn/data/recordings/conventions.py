@@ -46,11 +46,12 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 _DURATION = 0.06  # s of a window
 _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
-_EDGE = 3  # of a window, by which those before and after it hold one motion too: weak contacts hide in short flights
-_SURE = 8.0  # standard deviations of an acceleration that is not zero
-_APART = 6.0  # standard errors between rest and flight in a window that can distinguish them
-_NEAR = 0.05  # relative distance of accelerations that are the same
-_TRIED = 300
+# of a window, by which those before and after it hold one motion too: weak contacts hide in short flights
+_EDGE_SHARE = 3
+_ACCELERATION_SIGMAS = 8.0  # standard deviations of an acceleration that is not zero
+_DISTINCT_SIGMAS = 6.0  # standard errors between rest and flight in a window that can distinguish them
+_SAME_ACCELERATION = 0.05  # relative distance of accelerations that are the same
+_MAX_CANDIDATES = 300
 _ROUNDS = 4
 
 
@@ -114,12 +115,14 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     """
     motions = _together([_motions(recording, k) for k, recording in enumerate(recordings)])
     sizes = np.linalg.norm(motions.acceleration, axis=1)
-    sure = np.flatnonzero(sizes > _SURE * motions.error)  # to choose from; windows that agree are not chosen by size
+    sure = np.flatnonzero(
+        sizes > _ACCELERATION_SIGMAS * motions.error
+    )  # to choose from; windows that agree are not chosen by size
     if len(sure):
-        tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_TRIED, len(sure))).astype(int))]
+        tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_MAX_CANDIDATES, len(sure))).astype(int))]
         apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
-        agree = apart <= _NEAR * sizes[tried, None] + 3 * motions.error
-        agree &= _APART * motions.error < sizes[tried, None]
+        agree = apart <= _SAME_ACCELERATION * sizes[tried, None] + 3 * motions.error
+        agree &= _DISTINCT_SIGMAS * motions.error < sizes[tried, None]
         explained = agree @ (sizes / motions.error) ** 2  # more of a fall than of bodies that slow alike as they roll
         for best in agree[np.argsort(-explained, kind="stable")]:
             if best.sum() >= NEEDED.windows_of_gravity and (found := _shared(motions, best, drag)) is not None:
@@ -140,8 +143,8 @@ def _shared(motions: _Motions, agree: Mask, stated: float | None) -> Gravity | N
     known, covariance = _fitted(motions[agree])
     for _ in range(_ROUNDS):
         left = np.linalg.norm(motions.acceleration - known[:-1] + known[-1] * motions.velocity, axis=1)
-        agree = left <= _NEAR * np.linalg.norm(known[:-1]) + 3 * motions.error
-        agree &= _APART * motions.error < np.linalg.norm(known[:-1])
+        agree = left <= _SAME_ACCELERATION * np.linalg.norm(known[:-1]) + 3 * motions.error
+        agree &= _DISTINCT_SIGMAS * motions.error < np.linalg.norm(known[:-1])
         if agree.sum() < NEEDED.windows_of_gravity:
             return None
         known, covariance = _fitted(motions[agree])
@@ -207,7 +210,7 @@ def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> 
     fits = windows(time, pose, frames, Air().smooth(), sigma)
     share = fits.misfit[:, :width].sum(1) / (width * np.maximum(fits.count - 3, 1))
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
-    edge = frames // _EDGE
+    edge = frames // _EDGE_SHARE
     good = sliding_window_view(np.pad(good, edge, mode="edge"), 2 * edge + 1).all(-1)
     rows = np.flatnonzero(good)
     return _Motions(
@@ -242,7 +245,8 @@ _DRAG_SIGMAS = 3.0  # standard errors of a drag that is allowed for; 2 to 5 rais
 _CENTRE_SIGMAS = 3.0  # standard errors of a centre of mass that is allowed for
 _LEAN_SIGMAS = 2.0  # cautious standard errors of a gravity that leans: its error would bias all velocities
 _UPRIGHT = np.radians(2)  # angle of gravity from an axis of the file that is taken for up
-_FLAT = 0.2  # spread across the plane over that along it, up to which positions show it; 0.01 to 0.5 decide alike
+# spread across the plane over that along it, up to which positions show it; 0.01 to 0.5 decide alike
+_MAX_FLATNESS = 0.2
 _HALF = 0.5  # of the horizontal spread, up to which an axis of rotation is across the motion all the same
 
 
@@ -492,8 +496,8 @@ def _spatial(
     off: dict[str, float] = {}
     for name, (axis, _) in axes_of.items():
         level = axis - (axis @ up) * up
-        crosses = flat > _FLAT and level @ scatter @ level > _HALF**2 * scatter.trace()
-        against = 0.0 if crosses else abs(axis @ across) if flat <= _FLAT else float(np.linalg.norm(level))
+        crosses = flat > _MAX_FLATNESS and level @ scatter @ level > _HALF**2 * scatter.trace()
+        against = 0.0 if crosses else abs(axis @ across) if flat <= _MAX_FLATNESS else float(np.linalg.norm(level))
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
     fits = [name for name in ORDERS if off[name] <= limits.aligned]
@@ -511,7 +515,7 @@ def _spatial(
             "state data.order=wxyz or data.order=xyzw"
         )
     chosen = order or fits[0]
-    normal = across if flat <= _FLAT else axes_of[chosen][0]
+    normal = across if flat <= _MAX_FLATNESS else axes_of[chosen][0]
     normal = normal - (normal @ up) * up
     normal /= np.linalg.norm(normal)
     right = _right(np.cross(up, normal))

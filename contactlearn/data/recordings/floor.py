@@ -109,8 +109,8 @@ def find_rests(
     """
     size = max(round(_BLOCK / track.step), 2)
     fewest = max(round(_LASTS / (size * track.step)), 2)
-    found, own = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
-    least = np.maximum(sigma, own)
+    found, floor_noise = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
+    least = np.maximum(sigma, floor_noise)
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
         blocks = frames[: len(frames) // size * size].reshape(-1, size)
@@ -125,17 +125,17 @@ def find_rests(
         if len(run) >= fewest:
             error, mean = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
             pose = displaced(0 * mean if track.d == 2 else last, mean)
-            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, own / size)))
+            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, floor_noise / size)))
     return tuple(found)
 
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
-_ROUGH = {"late": 0.07, "corner": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
+_LASTING_SHARES = {"late": 0.07, "corner": 0.15}  # errors over the depth of contacts, roughly ∝ their speed
 _GAP = 3e-4  # s, standard deviation that is expected between the instants at which heights and angles meet
 _STEP = 1e-4  # rad, of a difference quotient
-_FAR = 7.5  # times the median distance: five standard deviations
-_FREE = 0.05  # of a contact's residual, at least, that its own leverage leaves
-_LEAST, _SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
+_MAX_DISTANCE = 7.5  # times the median distance: five standard deviations
+_MIN_FREEDOM = 0.05  # of a contact's residual, at least, that its own leverage leaves
+_MIN_SCATTER, _FIRST_SCATTER = 1e-9, 1e-4  # m or rad: of any scatter; m, of heights at first
 _UPRIGHT = Estimate(value=0.0, error=0.0)
 _SIDES = ("v_pre", "v_post")
 _OUTLINE = ("late", "corner", "oblong", "middle_a", "middle_b", "middle_c")
@@ -307,7 +307,7 @@ class _Design:
             alone: contacts that take part, of all.
             within: scatter within bodies at rest, of heights and of angles.
         """
-        errors = [max(one.error, _LEAST) for one in self.priors.values()]
+        errors = [max(one.error, _MIN_SCATTER) for one in self.priors.values()]
         matrix = np.stack(
             [
                 np.concatenate(
@@ -396,10 +396,12 @@ class _Problem:
         found, scatter, above, (_, on, flat, _) = design.solved(self._alone(turned), (lies, turns))
         slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
         deep = abs(sinking.value) if sinking else 0.0
-        for name in _ROUGH.keys() & found.keys():  # what the course of the force in a lasting contact adds
+        for name in _LASTING_SHARES.keys() & found.keys():  # what the course of the force in a lasting contact adds
             typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if deep else 0.0
             speed = 1.0 if name == "late" else typical
-            found[name] = replace(found[name], error=math.hypot(found[name].error, _ROUGH[name] * deep * speed))
+            found[name] = replace(
+                found[name], error=math.hypot(found[name].error, _LASTING_SHARES[name] * deep * speed)
+            )
         floor = Floor(
             height=found["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
@@ -472,7 +474,7 @@ class _Problem:
         return design
 
 
-def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> Mask:
+def _near(design: Array, value: Array, kinds: Sequence[Indices], within: float) -> Mask:
     """Rows that are near the fit of least absolute deviations; prior rows always are."""
     hits, rests, angles, _ = kinds
     weight, good, off = np.zeros(len(value)), np.ones(len(value), dtype=np.bool_), value.copy()
@@ -481,10 +483,13 @@ def _near(design: Array, value: Array, kinds: Sequence[Indices], own: float) -> 
         off[rows] -= np.median(value[rows]) if len(rows) else 0.0
     for k in range(_ROUNDS + 1):
         away = np.abs(off)
-        for rows, shown, least in ((np.append(hits, rests), hits, _LEAST), (angles, angles, own + _LEAST)):
+        for rows, shown, least in (
+            (np.append(hits, rests), hits, _MIN_SCATTER),
+            (angles, angles, within + _MIN_SCATTER),
+        ):
             middle = max(_middle(away[shown], design[shown]), least)
             weight[rows] = 1 / (middle * (np.maximum(away[rows], middle / 10) if k else middle))
-            good[rows] = away[rows] <= _FAR * middle
+            good[rows] = away[rows] <= _MAX_DISTANCE * middle
         if k < _ROUNDS:
             fit = np.linalg.lstsq(design * weight[:, None] ** 0.5, value * weight**0.5, rcond=None)[0]
             off = value - design @ fit
@@ -500,15 +505,15 @@ def _middle(away: Array, design: Array) -> float:
 
 
 def _weighted(
-    design: Array, value: Array, kinds: Sequence[Indices], own: tuple[float, float]
+    design: Array, value: Array, kinds: Sequence[Indices], within: tuple[float, float]
 ) -> tuple[Array, Array, float]:
     """Fit, its errors and the scatter of contacts, each kind of row with the scatter that it shows.
 
     Some contacts scatter more than others, and not at random among the columns: errors follow from their own residuals
-    (MacKinnon and White 1985, HC3).  `own` is the scatter within bodies at rest, of heights and of angles.
+    (MacKinnon and White 1985, HC3).  `within` is the scatter within bodies at rest, of heights and of angles.
     """
     hits, rests, angles, _ = kinds
-    sigma, spread, lies, turns = np.ones(len(value)), _SCATTER, _SCATTER, max(own[1], _LEAST)
+    sigma, spread, lies, turns = np.ones(len(value)), _FIRST_SCATTER, _FIRST_SCATTER, max(within[1], _MIN_SCATTER)
     rows, fit, errors = np.concatenate(kinds), np.zeros(0), np.zeros(0)
     uneven = np.ones(len(value))
     for _ in range(_COMPONENTS):
@@ -519,18 +524,18 @@ def _weighted(
         inverse = inverse / np.outer(size, size)
         fit, toward = inverse @ scaled[rows].T @ (value / sigma)[rows], scaled @ inverse
         squares, free = (value - design @ fit) ** 2, 1 - (toward * scaled).sum(1)
-        uneven[hits] = squares[hits] / (sigma * np.maximum(free, _FREE))[hits] ** 2
+        uneven[hits] = squares[hits] / (sigma * np.maximum(free, _MIN_FREEDOM))[hits] ** 2
         errors = np.sqrt((uneven[:, None] * toward**2)[rows].sum(0))
-        spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _LEAST)
-        lies = _between(squares[rests], free[rests], own[0]) if len(rests) >= NEEDED.rests_of_scatter else spread
-        turns = _between(squares[angles], free[angles], own[1])
+        spread = max(float(squares[hits].sum() / max(free[hits].sum(), 1.0)) ** 0.5, _MIN_SCATTER)
+        lies = _between(squares[rests], free[rests], within[0]) if len(rests) >= NEEDED.rests_of_scatter else spread
+        turns = _between(squares[angles], free[angles], within[1])
     return fit, errors, spread
 
 
-def _between(squares: Array, free: Array, own: float) -> float:
+def _between(squares: Array, free: Array, within: float) -> float:
     """Scatter of bodies at rest: within one, and between them, which a few bodies show poorly."""
-    beyond = float(squares.sum() - own**2 * free.sum()) / max(float(free.sum()) - 2, 1.0)
-    return max(own**2 + max(beyond, 0.0), _LEAST**2) ** 0.5
+    beyond = float(squares.sum() - within**2 * free.sum()) / max(float(free.sum()) - 2, 1.0)
+    return max(within**2 + max(beyond, 0.0), _MIN_SCATTER**2) ** 0.5
 
 
 def off_the_floor(

@@ -16,8 +16,8 @@ from contactlearn.data.recordings.poses import Array, conjugate, product
 from contactlearn.data.recordings.track import Recording, Track, continuous
 from contactlearn.mechanics.rigid_body import rotation
 
-_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
-_APART = 8  # frames between two orientations that are compared
+_LENGTH_TOLERANCE = 1e-3  # by which the length of a quaternion may differ from 1
+_FRAME_STRIDE = 8  # frames between two orientations that are compared
 
 
 def matrices(quaternion: Float[Array, "t 4"], order: str) -> Float[Array, "t 3 3"]:
@@ -32,9 +32,9 @@ def rotation_axis(recordings: Sequence[Recording], order: str) -> tuple[Float[Ar
     for recording in recordings:
         assert recording.quaternion is not None
         R = matrices(recording.quaternion[recording.seen], order)
-        if len(R) <= _APART:
+        if len(R) <= _FRAME_STRIDE:
             continue
-        step = R[_APART:] @ R[:-_APART].transpose(0, 2, 1)
+        step = R[_FRAME_STRIDE:] @ R[:-_FRAME_STRIDE].transpose(0, 2, 1)
         vector = np.stack(
             (step[:, 2, 1] - step[:, 1, 2], step[:, 0, 2] - step[:, 2, 0], step[:, 1, 0] - step[:, 0, 1]), -1
         )
@@ -142,7 +142,7 @@ class Frame:
         """Unit quaternions from the body's axes to the world's."""
         assert recording.quaternion is not None
         length = np.linalg.norm(recording.quaternion, axis=1)
-        if (bad := np.flatnonzero(recording.seen & (np.abs(length - 1) > _UNIT))).size:
+        if (bad := np.flatnonzero(recording.seen & (np.abs(length - 1) > _LENGTH_TOLERANCE))).size:
             raise DataError(
                 f"{recording.source}: {recording.name}: frame {bad[0] + 1}: a quaternion must be of length 1, got "
                 f"{length[bad[0]]:g}; are its columns mixed up (data.columns.quaternion)?"

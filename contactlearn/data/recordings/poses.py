@@ -23,8 +23,8 @@ _NEXT, _LAST = np.array((1, 2, 0)), np.array((2, 0, 1))
 _SIGNS = np.array(((1.0, -1.0, -1.0, -1.0), (1.0, 1.0, 1.0, -1.0), (1.0, -1.0, 1.0, 1.0), (1.0, 1.0, -1.0, 1.0)))
 _PLACES = np.arange(4)[:, None] ^ np.arange(4)  # (p q)_i = Σ_j ± p_j q_k, k = i xor j
 _STEP = 0.2  # rad that a body turns in a step of an integration: errors of 1e-6 a step
-_MOST = 0.95  # share of the times whose way sets the steps: some windows are no flights
-_EQUAL = 1e-3  # relative difference of moments up to which a body turns as if they were equal
+_STEP_QUANTILE = 0.95  # share of the times whose way sets the steps: some windows are no flights
+_MOMENT_TOLERANCE = 1e-3  # relative difference of moments up to which a body turns as if they were equal
 
 
 def turn(angle: Any) -> Any:
@@ -123,11 +123,11 @@ def free_turn(
         moments: principal moments of inertia along the body's axes in any unit; None if they are equal.
     """
     vector = spin * tau[..., None]
-    if moments is None or max(moments) / min(moments) < 1 + _EQUAL:
+    if moments is None or max(moments) / min(moments) < 1 + _MOMENT_TOLERANCE:
         return product(quaternion(vector), q), np.broadcast_to(spin, vector.shape)
     I = np.asarray(moments)  # noqa: E741
     way = np.linalg.norm(vector, axis=-1)
-    steps = max(math.ceil(float(np.quantile(way, _MOST)) / _STEP), 1) if way.size else 1
+    steps = max(math.ceil(float(np.quantile(way, _STEP_QUANTILE)) / _STEP), 1) if way.size else 1
     h = tau[..., None] / steps
     q = np.broadcast_to(q, (*vector.shape[:-1], 4))
     w = rotated(conjugate(q), np.broadcast_to(spin, vector.shape))

@@ -25,8 +25,8 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Cornered, Solid
 
 _LASTS = 0.8  # of a piece over √(|p|/g), the time in which a body rocks; 0.65 to 1 decide alike
-_FEWEST_FRAMES = 5  # of a piece
-_LEAST = 1e-9  # m²/s², of any scatter of moments
+_MIN_FRAMES = 5  # of a piece
+_MIN_SCATTER = 1e-9  # m²/s², of any scatter of moments
 _ROUNDS, _SLIGHT, _ROBUST = 10, 1e-6, 2.0  # of weights; of a difference quotient; scatters from which they fall
 _VAGUE = 0.1  # of what is expected: an error beyond it is no estimate, as of c along edges that are all parallel
 _OUTLINE = ("corner", "middle_a", "middle_b", "middle_c")
@@ -53,7 +53,7 @@ def rocking(track: Track, solid: Solid | None) -> Rocking:
         return np.zeros((0, 4, 18))
     corners, edges, shown = _edges(solid)
     reach = float(np.linalg.norm(corners, axis=-1).max())
-    size = max(round(_LASTS * math.sqrt(reach / GRAVITY) / track.step), _FEWEST_FRAMES)
+    size = max(round(_LASTS * math.sqrt(reach / GRAVITY) / track.step), _MIN_FRAMES)
     heights = rotated(track.pose[:, None, 3:], corners)[..., 2] + track.height[:, None]
     order = np.argsort(heights, -1)[:, :3]
     low = np.take_along_axis(heights, order, -1)
@@ -125,7 +125,7 @@ def rocked(
     for _ in range(_ROUNDS):
         off = moment(at)
         slope = np.stack([(moment(at + _SLIGHT * one) - off) / _SLIGHT for one in np.eye(4)], -1)
-        scatter = max(MAD_SCALE * float(np.median(np.abs(off))), _LEAST)
+        scatter = max(MAD_SCALE * float(np.median(np.abs(off))), _MIN_SCATTER)
         weight = 1 / np.hypot(1, off / (_ROBUST * scatter))
         inverse = np.linalg.inv(slope.T @ (weight[:, None] * slope) + np.diag((scatter / expected) ** 2))
         scores = np.add.reduceat((weight * off)[:, None] * slope, first)

@@ -96,10 +96,11 @@ measured of the moments, and bounces along the normal alone have no slip.
 _SPINS = {"omega", "ω", "spin", "rotation", "angular", "rpm", "w", "rot", "dtheta"}
 _SPEEDS = {"v", "vx", "velocity", "speed", "vel", "tangential", "slip", "u", "dx", "horizontal"}
 _ANGLES = {"theta", "θ", "phi", "φ", "angle", "orientation", "attitude", "rotation"}
-_NEAR, _SLIP = 0.5, 0.85  # similarity to a needed, and to any other column's name, from which on a name is a slip of it
+# similarity to a needed, and to any other column's name, from which on a name is a slip of it
+_NEEDED_SIMILARITY, _OTHER_SIMILARITY = 0.5, 0.85
 _VALUES = ("null", "true", "false", "nan", "inf")  # words of Hydra's that are no text
-_FEW = 4  # missing columns up to which all that are known are listed
-_APART = 0.75  # to a needed name that begins with another letter: m_g is not omega, pos_x is not vy_post
+_MAX_LISTED = 4  # missing columns up to which all that are known are listed
+_UNLIKE_SIMILARITY = 0.75  # to a needed name that begins with another letter: m_g is not omega, pos_x is not vy_post
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,8 +282,10 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
     """The missing column that each name is a slip of, the nearest pairs first and each column once."""
     near: list[tuple[float, str, str]] = []
     for name, column in product(unused, free):
-        apart = _APART if column.endswith("_post") or name[:1].lower() != column[0] else _NEAR  # v_x_pre is not vx_post
-        least = apart if column in needed else _SLIP
+        apart = (
+            _UNLIKE_SIMILARITY if column.endswith("_post") or name[:1].lower() != column[0] else _NEEDED_SIMILARITY
+        )  # v_x_pre is not vx_post
+        least = apart if column in needed else _OTHER_SIMILARITY
         pair = SequenceMatcher(None, column, name.lower())
         if pair.real_quick_ratio() >= least and pair.quick_ratio() >= least and pair.ratio() >= least:
             near.append((pair.ratio(), name, column))
@@ -299,7 +302,7 @@ def _missing(
     """Describe which columns are missing, which look like them, and how to map their names."""
     lacking = [column for column in needed if column not in slips.values()]
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
-    few = len(lacking) <= _FEW or not unused
+    few = len(lacking) <= _MAX_LISTED or not unused
     other = f"{len(lacking)} columns are missing, or have other names than ours"
     parts += [f"missing column {', '.join(lacking)}" if few else other] if lacking else []
     others = [repr(name) for name in unused if name not in slips]

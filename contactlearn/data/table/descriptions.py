@@ -26,9 +26,9 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import SPACE
 
-_CLEARLY = 3  # times less spread of the floor, with which a quaternion is read; 2 and 5 decide alike on 20 trials
-_SEEN = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
-_TURNING = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
+_SPREAD_RATIO = 3  # times less spread of the floor, with which a quaternion is read; 2 and 5 decide alike on 20 trials
+_MIN_HEIGHT_SHARE = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
+_MIN_NEGATIVE = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
 """Words for what a body hits, in names of columns."""
@@ -151,7 +151,7 @@ def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, uni
 def _scalar_by_sign(cells: Sheet, names: Sequence[str]) -> tuple[str, str] | None:
     """Where the scalar is in a quaternion of a tracker that makes the sign unique: its scalar is never negative."""
     negative = [int((cells.numbers(name, "1") < 0).sum()) for name in (names[0], names[3])]
-    if min(negative) or max(negative) < _TURNING:
+    if min(negative) or max(negative) < _MIN_NEGATIVE:
         return None
     place = "last" if negative[1] == 0 else "first"
     return place, f"the scalar is {place}, for it is never negative"
@@ -173,7 +173,7 @@ def _scalar_by_height(
         floor = z + contact_points(shape, None, quaternion / quaternion.norm(dim=1, keepdim=True).clamp(min=1e-9))[:, 2]
         spread[place] = (floor - floor.median()).abs().median().item()
     place = min(spread, key=lambda one: spread[one])
-    if max(spread.values()) < max(_CLEARLY * spread[place], _SEEN * z.abs().median().item()):
+    if max(spread.values()) < max(_SPREAD_RATIO * spread[place], _MIN_HEIGHT_SHARE * z.abs().median().item()):
         return None
     spreads = f"{spread[place]:.2g} m against {max(spread.values()):.2g} m"
     return place, f"the scalar is {place}, with which the lowest points lie on one floor ({spreads})"

@@ -25,7 +25,7 @@ from contactlearn.data.recordings.track import Recording, mean_step
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
 _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
-_APART = 0.01  # relative distance of a stated frame rate from that of the time stamps
+_RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
 def _strings(names: Sequence[str]) -> tuple[str, ...]:
@@ -92,7 +92,7 @@ class Layout:
             return stamps / self.rate
         if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
             return stamps
-        if abs(mean_step(stamps) * self.rate - 1) > _APART:
+        if abs(mean_step(stamps) * self.rate - 1) > _RATE_TOLERANCE:
             raise DataError(
                 f"{source}: frames are {mean_step(stamps):.4g} s apart by their time stamps, and {1 / self.rate:.4g} s "
                 f"by data.rate={self.rate:g}; leave out the wrong one, time stamps by time: null in data.columns"
