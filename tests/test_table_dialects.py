@@ -46,6 +46,15 @@ def text(frame: pd.DataFrame, separator: str = ",", decimal: str = ".", header: 
     return "\n".join(separator.join(row) for row in [header or [*frame.columns], *rows]) + "\n"
 
 
+def with_cell(path: Path, frame: pd.DataFrame, column: int, cell: str, *dialect: str) -> Path:
+    """The file of a table, with another text in its fifth row."""
+    lines = text(frame, *dialect).splitlines()
+    cells = lines[5].split(dialect[0])
+    lines[5] = dialect[0].join([*cells[:column], cell, *cells[column + 1 :]])
+    path.write_text("\n".join(lines), "utf-8")
+    return path
+
+
 def group_rows(frame: pd.DataFrame) -> str:
     lines = text(frame).splitlines()
     return "\n".join([",,,before,,,after,,", "x,y,theta,vx,vy,omega,vx,vy,omega", *lines[1:]])
@@ -206,16 +215,9 @@ def test_a_unit_without_signs_has_one_meaning(space):
 
 
 def test_covariances_have_the_units_of_their_velocities(frame):
-    pairs = {
-        "cov_vx_vx": 1e6,
-        "cov_vx_vy": 1e3,
-        "cov_vx_omega": 1e3,
-        "cov_vy_vy": 1,
-        "cov_vy_omega": 1,
-        "cov_omega_omega": 1,
-    }
-    values = dict(zip(pairs, (4e-4, 1e-5, 1e-4, 5e-4, 2e-4, 9e-2), strict=True))
-    named = frame.assign(vx=1e3 * frame.vx, **{name: pairs[name] * value for name, value in values.items()})
+    pairs = {"vx_vx": 1e6 * 4e-4, "vx_vy": 1e3 * 1e-5, "vx_omega": 1e3 * 1e-4}  # of mm/s
+    pairs |= {"vy_vy": 5e-4, "vy_omega": 2e-4, "omega_omega": 9e-2}
+    named = frame.assign(vx=1e3 * frame.vx, **{f"cov_{pair}": value for pair, value in pairs.items()})
     found = table.read(named.rename(columns={"vx": "vx [mm/s]"}), units={"length": "m"}, **BODY)
     expected = torch.tensor([[4e-4, 1e-5, 1e-4], [1e-5, 5e-4, 2e-4], [1e-4, 2e-4, 9e-2]], dtype=torch.float64)
     torch.testing.assert_close(found.impacts.v_pre_cov[0], expected, rtol=1e-9, atol=0)
@@ -235,17 +237,9 @@ def test_a_unit_of_another_quantity_is_refused(frame):
             table.read(frame.rename(columns={"omega": "omega [mm/s]"}), columns=columns, **BODY)
 
 
-def missing_cases() -> list[str]:
-    return ["", "-", "n/a", "NA", "N/A", "#N/A", "#DIV/0!", "nan", "NaN", "null", "#WERT!"]
-
-
-@pytest.mark.parametrize("cell", missing_cases())
+@pytest.mark.parametrize("cell", ["", "-", "n/a", "NA", "N/A", "#N/A", "#DIV/0!", "nan", "NaN", "null", "#WERT!"])
 def test_missing_numbers_are_as_empty_cells(tmp_path, frame, cell):
-    lines = text(frame, ";", ",").splitlines()
-    cells = lines[5].split(";")
-    lines[5] = ";".join([*cells[:3], cell, *cells[4:]])
-    path = tmp_path / "drops.csv"
-    path.write_text("\n".join(lines))
+    path = with_cell(tmp_path / "drops.csv", frame, 3, cell, ";", ",")
     with refused(["row 5 (line 6), column vx", "drop_incomplete"]):
         table.read(path, **BODY)
     found = table.read(path, drop_incomplete=True, **BODY)
@@ -262,20 +256,15 @@ GROUPED = {
 @pytest.mark.parametrize(("cell", "value"), GROUPED.values(), ids=GROUPED)
 def test_groups_of_thousands(tmp_path, frame, cell, value):
     decimal = "," if cell.rfind(",") > max(cell.rfind("."), cell.rfind("'")) and cell.count(",") == 1 else "."
-    lines = text(frame, "\t", decimal).splitlines()
-    cells = lines[5].split("\t")
-    lines[5] = "\t".join([cell, *cells[1:]])
-    (tmp_path / "drops.csv").write_text("\n".join(lines), "utf-8")
-    assert table.read(tmp_path / "drops.csv", **BODY).impacts.q[4, 0].item() == value
+    path = with_cell(tmp_path / "drops.csv", frame, 0, cell, "\t", decimal)
+    assert table.read(path, **BODY).impacts.q[4, 0].item() == value
 
 
 def test_a_group_that_may_be_decimals_is_refused_in_its_row(tmp_path, frame):
-    for cell, decimal, readings in (("1,234", ".", "1234, or 1.234"), ("1.234", ",", "1234, or 1.234")):
-        lines = text(frame, "\t", decimal).splitlines()
-        lines[5] = "\t".join([cell, *lines[5].split("\t")[1:]])
-        (tmp_path / "drops.csv").write_text("\n".join(lines), "utf-8")
-        with refused(["row 5 (line 6), column x", f"'{cell}', which is {readings}"]):
-            table.read(tmp_path / "drops.csv", **BODY)
+    for cell, decimal in (("1,234", "."), ("1.234", ",")):
+        path = with_cell(tmp_path / "drops.csv", frame, 0, cell, "\t", decimal)
+        with refused(["row 5 (line 6), column x", f"'{cell}', which is 1234, or 1.234"]):
+            table.read(path, **BODY)
 
 
 def long(frame: pd.DataFrame) -> pd.DataFrame:
