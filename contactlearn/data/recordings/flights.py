@@ -404,28 +404,35 @@ def windows(
     if air.d == 3:
         y = np.concatenate((y[..., :3], _rotations(when, y[..., 3:], seen, air)), -1)
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
-    leverage, line, columns = np.zeros_like(residual), residual, [*np.moveaxis(slopes, -1, 0)]
-    factor = size = np.zeros(())
-    for power, column in enumerate(columns):  # Gram and Schmidt
-        for other in columns[:power]:
-            column = column - other * (column * other).sum(1, keepdims=True) / np.maximum(
-                (other**2).sum(1, keepdims=True), _NOTHING
-            )
-        columns[power], line = column, residual
-        size = np.maximum((column**2).sum(1, keepdims=True), _NOTHING)
-        prior = (sigma / np.maximum(air.own[0], _NOTHING)) ** 2 if power == 2 else 0.0
-        factor = (column * residual).sum(1, keepdims=True) / (size + prior)
+    columns, sizes = _orthogonal(np.moveaxis(slopes, -1, 0))
+    # place and speed are free; an acceleration beyond that of the air is as small as those of other flights
+    priors = (0.0, 0.0, (sigma / np.maximum(air.own[0], _NOTHING)) ** 2)
+    leverage, line, factor = np.zeros_like(residual), residual, residual
+    for column, size, prior in zip(columns, sizes, priors, strict=True):
+        line, factor = residual, (column * residual).sum(1, keepdims=True) / (size + prior)
         residual = residual - column * factor
         leverage = leverage + column**2 / (size + prior)
+    bend, size = columns[2], sizes[2][:, 0]
     return Windows(
         count=seen.sum(1),
         misfit=(line * residual).sum(1) / sigma**2,
         residual=residual / sigma,
         leverage=leverage,
         acceleration=factor[:, 0],
-        error=sigma / np.sqrt(size[:, 0]),
-        smooth=((line**2).sum(1) - (columns[2] * line).sum(1) ** 2 / size[:, 0]) / sigma**2,
+        error=sigma / np.sqrt(size),
+        smooth=((line**2).sum(1) - (bend * line).sum(1) ** 2 / size) / sigma**2,
     )
+
+
+def _orthogonal(columns: Iterable[Array]) -> tuple[list[Array], list[Array]]:
+    """Columns [S, w, k] of a design without what those before them explain, and the sums of their squares."""
+    rest, sizes = [], []
+    for column in columns:
+        for other, size in zip(rest, sizes, strict=True):
+            column = column - other * (column * other).sum(1, keepdims=True) / size
+        rest.append(column)
+        sizes.append(np.maximum((column**2).sum(1, keepdims=True), _NOTHING))
+    return rest, sizes
 
 
 def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w 3"]:
@@ -443,18 +450,15 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
 
 _TURNS = 3  # of a flight in space, whose difference from free turning falls by orders of magnitude in each
 _WIDEST = 80  # frames
-_REST_POWER = {
-    2: 300.0,
-    3: 100.0,
-}  # χ² that a body at rest makes in the shortest window of a flight; 300 to 750 decide alike
+# χ² that a body at rest makes in the shortest window of a flight, in plane and space; 300 to 750 decide alike
+_REST_POWER = {2: 300.0, 3: 100.0}
 _CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
 _SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL = 0.1  # of the way of a fast window
 _UNEVEN = {2: 1.0, 3: 5.0}  # noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
 _SIDE = 3  # frames before and after a skip
-_ROUND = (
-    0.006  # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
-)
+# m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
+_ROUND = 0.006
 _MARGIN = 3  # frames of a window on each side of a bad one
 
 
