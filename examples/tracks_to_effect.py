@@ -31,7 +31,7 @@ for reason, count in Counter(str(refusal.reason) for refusal in found.survey.ref
 
 # One of the contacts: both flights, what they leave, and the body there.
 contact = found.survey.contacts[0]
-(recording,) = found.again([contact.recording])
+(recording,) = found.reload([contact.recording])
 show(cl.plot.contact(recording, contact, found.shape), chosen.out / "contact")
 
 # The covariances of the impacts are the noise of every fit.

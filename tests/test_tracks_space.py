@@ -135,8 +135,8 @@ def test_velocities_are_within_their_errors(tosses):
         deviation = getattr(impacts, f"v_{side}_cov").diagonal(dim1=-2, dim2=-1).sqrt()
         inside.append((error.abs() < 1.96 * deviation).double().mean().item())
     assert 0.93 < np.mean(inside) < 0.975
-    apart = np.array([contact.apart for contact in found.survey.contacts])
-    assert np.mean(apart) == pytest.approx(5, abs=1.7)  # χ² with 5 degrees of freedom; 4 standard errors
+    chi_square = np.array([contact.chi_square for contact in found.survey.contacts])
+    assert np.mean(chi_square) == pytest.approx(5, abs=1.7)  # χ² with 5 degrees of freedom; 4 standard errors
     assert (impacts.time - torch.tensor([made[row][3] for row in rows])).abs().max() < 5e-4
     ratio = impacts.wrench[:, :2].norm(dim=-1) / impacts.wrench[:, 2]
     assert ratio.quantile(0.9) < 0.2  # μ is 0.18

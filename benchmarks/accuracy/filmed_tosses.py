@@ -136,7 +136,7 @@ def judged(found: Tracked, truth: list[list[Touch]]) -> dict[str, object]:
             right = len(near) == 1 and near[0].single
             false += not right
             if right:
-                apart.append(c.apart)
+                apart.append(c.chi_square)
                 one = near[0]
                 shift = c.time - np.array((one.start, one.end))
                 for side, v, t in (("pre", one.before, shift[0]), ("post", one.after, shift[1])):
