@@ -101,7 +101,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     first += spins
     unmeasured = unmeasured_findings(sound)
     if unmeasured:
-        return (*unmeasured, *findings, *first, *notes)
+        return Audit((*unmeasured, *findings, *first, *notes))
     comparison = compare(_subsample(sound), thresholds)
     fatal = exchanged_findings(comparison) or impossible_findings(comparison, thresholds)
     if fatal:
