@@ -51,7 +51,7 @@ def test_its_probability_is_stated(found):
     assert one.level is Level.FOUND
     assert 0.9 < one.confidence < 1
     assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error (99 %), error")
-    assert [one.name for one in found.findings] == ["audit_in_space"]
+    assert [one.name for one in found.findings] == ["consistent"]
     assert not found.formulas
 
 

@@ -6,12 +6,13 @@ import torch
 
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS
-from contactlearn.data.audit.moments import MUST, Balance, balance, drag_factor, inertia_text, needed_inertia, torque
+from contactlearn.data.audit.moments import BALANCE, Balance, balance, drag_factor, inertia_text, needed_inertia, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.rig import simplest_rig
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.apparatus import PROPERTIES, Row
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE
 
 _INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
 _INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
@@ -33,7 +34,7 @@ def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
     if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
         return []
     description = CORRECTIONS["inertia_scaled"].description
-    sentence = f"{description}, {inertia_text(factor)}: as read, the balance {MUST} gives {fit}"
+    sentence = f"{description}, {inertia_text(factor)}: as read, the balance {_must(impacts)} gives {fit}"
     evidence = evidence_of(("factor", factor), *fit.coefficients("before").items())
     return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
 
@@ -60,13 +61,14 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     opened = fit.imbalance > thresholds.open_balance
     contradictory = total > thresholds.consistent and not explained
     if not opened and not contradictory:
-        return _consistent_note(fit)
+        return _consistent_note(impacts, fit)
     doubted = contradictory or balance(balanced).judged.imbalance > thresholds.doubted_balance
-    rule = "the moment balance does not close" if opened else "the trials contradict planar rigid impacts"
-    sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {MUST} gives {fit}"
+    rule = "the moment balance does not close" if opened else f"the trials contradict {_rigid(impacts)}"
+    sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {_must(impacts)} "
+    sentence += f"gives {fit}"
     if opened and not doubted:
         sentence += "; a wrong inertia, a drag after contact, or a moment at the contact would have this effect"
-        sentence += _proposal(impacts)
+        sentence += _proposal(impacts) if impacts.space is PLANE else ""
     if contradictory:
         sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
     evidence = evidence_of(
@@ -77,6 +79,14 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     )
     name = "moment_balance_open" if opened else "contradictions"
     return Finding(name=name, sentence=sentence, evidence=evidence, mistake=doubted)
+
+
+def _must(impacts: Impacts) -> str:
+    return f"{BALANCE[impacts.space.name]}, which must give +1 and +1,"
+
+
+def _rigid(impacts: Impacts) -> str:
+    return "planar rigid impacts" if impacts.space is PLANE else "rigid impacts"
 
 
 def _proposal(impacts: Impacts) -> str:
@@ -99,13 +109,14 @@ def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts
         found.append(impacts.replace(inertia=factor * impacts.inertia))
     gain = drag_factor(impacts)
     if 1 < gain < _DRAG:
-        faster = torch.tensor((gain, gain, 1.0), dtype=torch.float64)
+        d, D = impacts.space.d, impacts.space.D
+        faster = torch.tensor([gain] * d + [1.0] * (D - d), dtype=torch.float64)
         found.append(impacts.replace(v_post=impacts.v_post * faster, validate=False))
     return found
 
 
-def _consistent_note(fit: Balance) -> Finding:
-    """Note that nothing contradicts planar rigid impacts, with the moment balance that was measured.
+def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
+    """Note that nothing contradicts rigid impacts, with the moment balance that was measured.
 
     It closes only where the interval of each coefficient, to two decimals, has 1 in it.
     """
@@ -121,9 +132,9 @@ def _consistent_note(fit: Balance) -> Finding:
     else:
         closes = "closes"
     sentence = (
-        "the measurements are consistent with planar rigid impacts: columns, units, axes, order, energy and contact "
+        f"the measurements are consistent with {_rigid(impacts)}: columns, units, axes, order, energy and contact "
         f"points; the moment balance {closes}"
     )
-    sentence += f": I Δω = a r_x P_n − b r_y P_t gives {fit}" if fit.terms else ""
+    sentence += f": {BALANCE[impacts.space.name]} gives {fit}" if fit.terms else ""
     evidence = evidence_of(*fit.coefficients("measured").items())
     return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)

@@ -26,11 +26,12 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct, units_and_axes
 from contactlearn.data.audit.incline import incline_text
-from contactlearn.data.audit.moments import MUST, Balance, Columns, balance, inertia_text, needed_inertia, torque
+from contactlearn.data.audit.moments import BALANCE, Balance, Columns, balance, inertia_text, needed_inertia, torque
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, SPACE
 
 AXES = (
     "swapped_pre_post",
@@ -42,6 +43,18 @@ AXES = (
     "contact_point_sign",
     "contact_point_mirrored",
 )
+AXES_IN_SPACE = (
+    "swapped_pre_post",
+    *("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body"),
+    *("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space"),
+    *("scalar_last", "inverse_quaternion", "spin_in_body_axes", "mirrored_spin"),
+    *("contact_point_sign", "contact_point_in_body_axes"),
+)
+_INERTIA = ("inertia_xzy", "inertia_yxz", "inertia_yzx", "inertia_zxy", "inertia_zyx")
+_EXCLUSIVE = AXES_IN_SPACE[1:7], AXES_IN_SPACE[7:10], _INERTIA
+"""Of which a hypothesis has one: two are a third."""
+_AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", *_INERTIA}
+"""Corrections that the moments alone may show, by the axes of the inertia."""
 DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 _RARE = tuple(name for name, unit in MISWRITTEN.items() if name not in UNITS and "shape" not in unit.columns)
@@ -53,13 +66,16 @@ _MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
 _SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
 _INDISTINCT = 0.02  # difference of the sum of contradictions below which two hypotheses are equivalent
 _EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
+_SHARPER = 0.5  # of the residual of the moment balance
 _REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
-_STEPS = (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS[:-1], *_RARE, "inertia_scaled")
-"""Corrections in the order in which they are applied.
+_STEPS = {
+    "plane": (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS[:-1], *_RARE, "inertia_scaled"),
+    "space": (*AXES_IN_SPACE, "degrees_omega", *UNITS[3:-1], *_RARE, *_INERTIA, "inertia_scaled"),
+}
+"""Corrections by the name of the space, in the order in which they are applied.
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
-_TURN = 3  # step of the mirror of y that follows a swap
 _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
@@ -69,7 +85,7 @@ _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of thos
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
 # corrections at once: the pictures of a camera may give mm, mm/s and degrees with y downwards; no table that anybody
 # brought had more than three. 150 impacts in the plane are 1, 44, 249, 1244, and 818 hypotheses (0.3 s for the last).
-_DEPTH = 4
+_DEPTH = {"plane": 4, "space": 3}
 _MIN_CHANGE = 0.005  # change of a mean contradiction from which on it is part of the evidence
 _MAX_BESIDE_RARE = 2  # other corrections that a rare unit may come with
 _UNIT_MARGIN = 0.1  # contradictions by which an inertia may explain more than a unit before it is preferred to it
@@ -159,9 +175,10 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
 def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> ConventionComparison:
     """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none."""
     given = Hypothesis(names=(), impacts=impacts.replace(validate=False), thresholds=thresholds)
+    as_given = ConventionComparison(given=given, best=given, equals=(), tried=1)
     tried = 1
-    for depth in range(1, _DEPTH + 1):
-        if depth > 1 and given.closed:
+    for depth in range(1, _DEPTH[impacts.space.name] + 1):
+        if depth > 1 and given.closed and not impossible_findings(as_given, thresholds):
             break
         screened = _screened(given.impacts, depth, thresholds)
         tried += len(screened.names)
@@ -179,12 +196,12 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
 
 
 def _inclined(given: Hypothesis) -> list[Hypothesis]:
-    """The accepted hypotheses of an inclined floor.
+    """The accepted hypotheses of an inclined floor, in the plane.
 
     An incline within the range of `surface_tilt` is left to that effect, unless the data are impossible without it.
     """
     accepted = list[Hypothesis]()
-    for mirrors in _MIRRORS:
+    for mirrors in _MIRRORS if given.impacts.space is PLANE else ():
         level, inclined = _applied(given, mirrors), _applied(given, (*mirrors, "inclined_floor"))
         if level is None or inclined is None or inclined.score > _MAX_CONTRADICTIONS or not _better(inclined, given):
             continue
@@ -223,12 +240,19 @@ def _margin(unit: Hypothesis, least: Hypothesis) -> float:
 def _better(new: Hypothesis, given: Hypothesis) -> bool:
     """Whether a hypothesis is clearly better; other units must not merely shrink a Δω that is all noise."""
     gain, thresholds = given.total - new.total, new.thresholds
-    if gain.mean().item() < thresholds.convention_gain * len(new.names) or _sigmas(gain) < _SIGMAS:
+    least = 0.0 if _sharper(new, given) else thresholds.convention_gain * len(new.names)
+    if gain.mean().item() < least or _sigmas(gain) < _SIGMAS:
         return False
     if not _explains(new):
         return False
     explained = torque(new.impacts).explained.item() > _EXPLAINED
     return (explained or not BALANCED.intersection(new.names)) and new.closed
+
+
+def _sharper(new: Hypothesis, given: Hypothesis) -> bool:
+    """Whether other axes of the inertia, and nothing else, halve what is left of the moment balance."""
+    left = [(terms := torque(one.impacts)).size(terms.residual).median() for one in (new, given)]
+    return _AXES_OF_INERTIA.issuperset(new.names) and bool(left[0] < _SHARPER * left[1])
 
 
 def _explains(new: Hypothesis) -> bool:
@@ -258,9 +282,10 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
     if depth > 1 and len(impacts) > _SAMPLE:
         impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
     names: list[tuple[str, ...]] = [()]
-    columns = Columns.of(impacts)
-    for step, name in enumerate(_STEPS):
-        before = [k for k, have in enumerate(names) if len(have) < depth and _sensible(have, step)]
+    columns, steps = Columns.of(impacts), _STEPS[impacts.space.name]
+    for step, name in enumerate(steps):
+        again = name in steps[:step]
+        before = [k for k, have in enumerate(names) if len(have) < depth and _sensible(have, name, again)]
         changed, plausible = _changed(columns[torch.tensor(before, dtype=torch.long)], name, thresholds)
         names += [(*names[k], name) for k, good in zip(before, plausible.tolist(), strict=True) if good]
         columns = columns.and_also(changed[plausible])
@@ -272,15 +297,17 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
     return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
 
 
-def _sensible(have: tuple[str, ...], step: int) -> bool:
-    """Whether a step may follow others.
+def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:
+    """Whether a step may follow others; the second of its name follows a swap alone.
 
     A column is converted once, and only one correction changes I relative to m.  Before and after are not swapped
     together with two other changes of the axes: a mirrored film run backwards explains any body that gains energy.
     A rare unit comes with few other mistakes, that of one side of the impact with none.
     """
-    name, names = _STEPS[step], {*have, _STEPS[step]}
-    if name in have or (step == _TURN and "swapped_axes" not in have):
+    names = {*have, name}
+    if name in have or (again and "swapped_axes" not in have):
+        return False
+    if any(len(names.intersection(some)) > 1 for some in _EXCLUSIVE):
         return False
     columns = [column for one in names if one in MISWRITTEN for column in MISWRITTEN[one].columns]
     columns += ["mass"] * ("inertia_scaled" in names)
@@ -290,7 +317,7 @@ def _sensible(have: tuple[str, ...], step: int) -> bool:
     beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _MAX_BESIDE_RARE
     if rare and (len(names) > 1 + beside or len(rare) > 1 or "inertia_scaled" in names):
         return False
-    return "swapped_pre_post" not in names or len(names.intersection(AXES)) < 3
+    return "swapped_pre_post" not in names or len(names.intersection({*AXES, *AXES_IN_SPACE})) < 3
 
 
 def _changed(columns: Columns, name: str, thresholds: AuditThresholds) -> tuple[Columns, Tensor]:
@@ -302,7 +329,8 @@ def _changed(columns: Columns, name: str, thresholds: AuditThresholds) -> tuple[
     if name != "inertia_scaled":
         return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
     factor = needed_inertia(columns, thresholds)
-    return columns.replace(inertia=columns.inertia * factor[:, None]), factor.isfinite()
+    scaled = columns.inertia * factor.view(-1, *[1] * (columns.inertia.ndim - 1))
+    return columns.replace(inertia=scaled), factor.isfinite()
 
 
 def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
@@ -330,7 +358,9 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
     findings = []
     for place, name in enumerate(best.names):
         others = ", ".join(other for other in best.names if other != name)
-        factor = (best.impacts.inertia / given.impacts.inertia)[0].item() if name == "inertia_scaled" else None
+        factor = None
+        if name == "inertia_scaled":
+            factor = (best.impacts.inertia.mean() / given.impacts.inertia.mean()).item()
         text = CORRECTIONS[name].description + ("" if factor is None else f", {inertia_text(factor)}")
         if name == "inclined_floor":
             text = incline_text(correct(given.impacts, best.names[:place]))
@@ -366,7 +396,8 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
         ("hypotheses", float(comparison.tried)),
     )
     most = max(means, key=lambda question: means[question][0] - means[question][1])
-    numbers = f"the moment balance {MUST} gives {before} as read and {after} corrected; " if turned else ""
+    must = f"{BALANCE[given.impacts.space.name]}, which must give +1 and +1,"
+    numbers = f"the moment balance {must} gives {before} as read and {after} corrected; " if turned else ""
     numbers += (
         f"the contradictions per trial fall from {total[0]:.2f} to {total[1]:.2f} (mostly {most} {means[most][0]:.2f} "
         f"to {means[most][1]:.2f}; {comparison.sigmas:.0f} standard errors, better in {better:.0%} of "
@@ -376,7 +407,7 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
 
 
 def impossible_findings(comparison: ConventionComparison, thresholds: AuditThresholds) -> list[Finding]:
-    """Data that no planar impact of a rigid body can have produced under any hypothesis; fatal."""
+    """Data that no impact of a rigid body can have produced under any hypothesis; fatal."""
     best = comparison.best
     share, means, fit = max(0.0, torque(best.impacts).explained.item()), best.means(), best.balance
     moment = best.answers["moment"]
@@ -392,11 +423,16 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     reasons = [reason for reason, holds in reasons.items() if holds]
     if not reasons:
         return []
+    space = best.impacts.space
+    tried = (
+        "the shape, mirrored, swapped and reversed axes, a floor inclined by any angle, and another moment of inertia"
+    )
+    if space is SPACE:
+        tried = "the shape, turned, mirrored and body axes, other quaternions, and other moments of inertia"
     sentence = (
-        f"no planar impact of a rigid body can have produced these data: under the best of {comparison.tried} "
-        f"hypotheses about units and axes ({best}) {'; '.join(reasons)}. Tried were the units of every column and of "
-        "the shape, mirrored, swapped and reversed axes, a floor inclined by any angle, and another moment of inertia. "
-        "Do before and after belong to the same trials?"
+        f"no {'planar ' if space is PLANE else ''}impact of a rigid body can have produced these data: under the best "
+        f"of {comparison.tried} hypotheses about units and axes ({best}) {'; '.join(reasons)}. Tried were the units of "
+        f"every column and of {tried}. Do before and after belong to the same trials?"
     )
     evidence = evidence_of(
         ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()

@@ -16,8 +16,9 @@ A column swap of x and y leaves θ and ω as they are; axes that are turned by 9
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Any, cast
 
 import torch
 from jaxtyping import Bool
@@ -35,7 +36,9 @@ from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import in_world, matvec, rotation, turn_quaternion
 from contactlearn.mechanics.shapes import scaled
+from contactlearn.mechanics.space import PLANE, SPACE, require_space
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _FOLLOWS = 1e-6  # relative difference up to which r or I are those of the stated shape, from which they were computed
@@ -91,7 +94,7 @@ def correct(
     for name in names:
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, corrected.q[:, 2]))
+            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, _orientation(corrected)))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
@@ -114,31 +117,51 @@ def _scaled(*groups: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts
 
     def scale(impacts: Impacts, _: AuditThresholds) -> Impacts:
         for factors, names in groups:
-            factor = torch.tensor(factors, dtype=torch.float64)
-            product = factor[:, None] * factor
-            fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
-            fields |= {f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
-            impacts = impacts.replace(**fields)
+            impacts = _multiplied(impacts, factors, names)
         return impacts
 
     return scale
 
 
+def _multiplied(impacts: Impacts, factors: Sequence[float], names: Sequence[str]) -> Impacts:
+    """Impacts with fields multiplied component by component, and their covariances with them."""
+    factor = torch.tensor(factors, dtype=torch.float64)
+    product = factor[:, None] * factor
+    fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
+    fields |= {f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
+    return impacts.replace(**fields)
+
+
+def _orientation(impacts: Impacts | Columns) -> Tensor:
+    """θ, or in space the quaternion, of every trial."""
+    return impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
+
+
 def _written(unit: Miswritten) -> Correction:
     """The correction that converts columns from another unit."""
-    columns = {"q": ("place", "place", "theta"), "q_post": ("place", "place", "theta"), "r": ("place", "place")}
-    columns |= {f"v_{time}": (*[f"velocity_{time}"] * 2, f"omega_{time}") for time in ("pre", "post")}
-    groups = [
-        ([unit.factor if column in unit.columns else 1.0 for column in each], (field,))
-        for field, each in columns.items()
-        if set(each).intersection(unit.columns)
-    ]
     if "mass" in unit.columns:
         return Correction(unit.words, lambda impacts, _: impacts.replace(mass=impacts.mass * unit.factor))
     if "shape" in unit.columns:
         return Correction(unit.words, lambda impacts, _: _resized(impacts, unit.factor), Apparatus.without_outline)
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
-    return Correction(unit.words, _scaled(*groups), _forget("orientation") if "theta" in unit.columns else apparatus)
+    return Correction(unit.words, _converted(unit), _forget("orientation") if "theta" in unit.columns else apparatus)
+
+
+def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """Multiply the columns of a unit; θ is an angle in the plane alone, a quaternion has no unit."""
+
+    def convert(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        d, D = impacts.space.d, impacts.space.D
+        turn = ("theta",) if impacts.space is PLANE else ("quaternion",) * 4
+        columns = {"q": ("place",) * d + turn, "q_post": ("place",) * d + turn, "r": ("place",) * d}
+        columns |= {f"v_{time}": (f"velocity_{time}",) * d + (f"omega_{time}",) * (D - d) for time in ("pre", "post")}
+        for field, each in columns.items():
+            if set(each).intersection(unit.columns):
+                factors = [unit.factor if column in unit.columns else 1.0 for column in each]
+                impacts = _multiplied(impacts, factors, (field,))
+        return impacts
+
+    return convert
 
 
 def _resized(impacts: Impacts, factor: float) -> Impacts:
@@ -150,7 +173,7 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
     shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
-    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
+    expected = contact_points(impacts.shape, impacts.body, _orientation(impacts))
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
@@ -196,6 +219,120 @@ def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
             f"{impacts.source}: no positive moment of inertia balances the moments; correct the signs first"
         )
     return impacts.replace(inertia=impacts.inertia * factor)
+
+
+# --- Space -----------------------------------------------------------------------------------------
+
+
+def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction to axes with z up, by a turn about a vector in rad, of the body's axes too or not."""
+    by = torch.tensor(vector, dtype=torch.float64)
+    turn = rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+    both = torch.block_diag(turn, turn)
+
+    def quaternion(q: Tensor) -> Tensor:
+        return torch.cat((q[..., :1], q[..., 1:] @ turn.T), -1) if with_body else turn_quaternion(q, by)
+
+    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        fields = {name: x @ both.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
+        fields |= {f"{name}_cov": both @ x @ both.T for name, x in _covariances(impacts)}
+        fields |= {
+            name: torch.cat((x[..., :3] @ turn.T, quaternion(x[..., 3:])), -1)
+            for name in _POSES
+            if (x := getattr(impacts, name)) is not None
+        }
+        return impacts.replace(r=impacts.r @ turn.T, **fields)
+
+    return turned
+
+
+def _other_quaternion(change: Callable[[Tensor], Tensor]) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction of what the four numbers of a quaternion mean."""
+
+    def corrected(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        fields = {
+            name: torch.cat((x[..., :3], change(x[..., 3:])), -1)
+            for name in _POSES
+            if (x := getattr(impacts, name)) is not None
+        }
+        return impacts.replace(**fields)
+
+    return corrected
+
+
+def _spin_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    R = rotation(impacts.q[..., 3:])
+    both = torch.cat((torch.cat((torch.eye(3).to(R).expand_as(R), 0 * R), -1), torch.cat((0 * R, R), -1)), -2)
+    fields = {name: matvec(both, getattr(impacts, name)) for name in _VELOCITIES}
+    return impacts.replace(**fields, **{f"{name}_cov": both @ x @ both.mT for name, x in _covariances(impacts)})
+
+
+def _contact_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    return impacts.replace(r=in_world(impacts.r, impacts.q))
+
+
+def _mirrored(axis: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction that turns an axis of places, velocities and contact points; spins and quaternions stay."""
+    signs = [-1.0 if k == axis else 1.0 for k in range(3)]
+    return _scaled(((*signs, 1, 1, 1, 1), _POSES), ((*signs, 1, 1, 1), _VELOCITIES), (signs, ("r",)))
+
+
+def _permuted(*axes: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    return lambda impacts, _: impacts.replace(inertia=impacts.inertia[..., axes])
+
+
+def _in_space(name: str, function: Callable[[Impacts, AuditThresholds], Impacts]) -> Any:
+    """A correction of bodies in space alone; contact points that were computed from the shape are so again after it."""
+
+    def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
+        require_space(f"correction {name}", impacts.space, (SPACE,))
+        after = function(impacts, thresholds)
+        shape = impacts.shape
+        if shape is None:
+            return after
+        before, now = (contact_points(shape, one.body, _orientation(one)) for one in (impacts, after))
+        follows = (impacts.r - before).norm(dim=(-2, -1)) <= _FOLLOWS * before.norm(dim=(-2, -1))
+        return after.replace(r=torch.where(follows[..., None, None], now, after.r))
+
+    return corrected
+
+
+_IN_SPACE = {
+    **{
+        name + end: Correction(text + more, _turned_axes(*vector, with_body=with_body))
+        for end, more, with_body in (("", "", False), ("_in_body", ", in the axes of the body too", True))
+        for name, text, vector in (
+            ("y_up", "y points up, not z", (math.pi / 2, 0.0, 0.0)),
+            ("x_up", "x points up, not z", [-2 * math.pi / 3 / math.sqrt(3)] * 3),
+            ("z_down", "z points down", (math.pi, 0.0, 0.0)),
+        )
+    },
+    **{
+        f"mirrored_{axis}_in_space": Correction(
+            f"{axis} points the other way in positions, velocities and contact points, not in spins and quaternions",
+            _mirrored(k),
+        )
+        for k, axis in enumerate("xyz")
+    },
+    "scalar_last": Correction("the scalar of the quaternion is last", _other_quaternion(lambda q: q.roll(1, -1))),
+    "inverse_quaternion": Correction(
+        "the quaternion turns from the axes of the world to those of the body, or the other way round",
+        _other_quaternion(lambda q: q * torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)),
+    ),
+    "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
+    "mirrored_spin": Correction(
+        "ω turns the other way, as in left-handed axes", _scaled(((1, 1, 1, -1, -1, -1), _VELOCITIES))
+    ),
+    "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
+    **{
+        f"inertia_{''.join('xyz'[k] for k in axes)}": Correction(
+            f"the moments of inertia are about the axes {', '.join('xyz'[k] for k in axes)} of the body, in this order",
+            _permuted(*(axes.index(k) for k in range(3))),
+        )
+        for axes in permutations(range(3))
+        if axes != (0, 1, 2)
+    },
+}
 
 
 def _drop(impacts: Impacts, bad: Bool[Tensor, " n"]) -> Impacts:
@@ -257,7 +394,13 @@ CORRECTIONS = {
         Apparatus.with_theta_mirrored,
     ),
     "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
-    "contact_point_sign": Correction("r points from the contact to the centre of mass", _scaled(((-1, -1), ("r",)))),
+    **{
+        name: replace(one, function=_in_space(name, one.function), apparatus=Apparatus.without_outline)
+        for name, one in _IN_SPACE.items()
+    },
+    "contact_point_sign": Correction(
+        "r points from the contact to the centre of mass", lambda impacts, _: impacts.replace(r=-impacts.r)
+    ),
     "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
     **{name: _written(one) for name, one in MISWRITTEN.items()},
     "inertia_scaled": Correction(

@@ -24,8 +24,8 @@
     constant_columns          columns with one value, and what they cannot show: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
-    audit_in_space            units and axes of bodies in space are not compared: a note
 
+In space rows that cannot be real, energy and contact points are not looked at, nor is a floor inclined by any angle.
 Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
 centre of mass, a moment at the contact) cause none unless they are enormous.  Later findings are made on the data as
 the earlier ones would correct it; nothing is corrected here.
@@ -65,17 +65,10 @@ from contactlearn.data.audit.trials import (
     trial_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.space import PLANE
 
 _MIN_TRIALS = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _QUICK = 500  # trials of a quick audit
-_IN_SPACE = Finding(
-    name="audit_in_space",
-    sentence="units, axes and the moment balance are compared for bodies in a plane alone; here rows, times and the "
-    "floor's velocity were",
-    evidence=(),
-    mistake=False,
-)
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
 
 
@@ -85,25 +78,22 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
-    if impacts.space is SPACE:
-        moving = moving_floor_findings(impacts)
-        notes = [*sorted_notes(impacts), *state_notes(impacts), *rig_notes(impacts), _IN_SPACE]
-        return Audit((*shape_findings_in_space(impacts), *moving, *findings, *order_findings(impacts), *notes))
     sound = impacts.replace(validate=False)[~repeated(impacts)]
-    notes = rig_notes(impacts)
+    notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
-        return Audit((*findings, *trial_findings(sound, thresholds), *notes))
-    notes = [*constant_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
-    first = shape_unit_findings(sound)
+        return Audit((*findings, *(trial_findings(sound, thresholds) if plane else order_findings(sound)), *notes))
+    notes = [*sorted_notes(sound), *state_notes(sound), *notes]
+    first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     sound = correct(sound, Audit(first).corrections)
-    spins = spin_notes(sound)
-    sound = correct(sound, Audit(spins).corrections)
-    first += spins
-    unmeasured = unmeasured_findings(sound)
-    if unmeasured:
-        return Audit((*unmeasured, *findings, *first, *notes))
+    if plane:
+        notes, spins = [*constant_notes(sound), *notes], spin_notes(sound)
+        sound = correct(sound, Audit(spins).corrections)
+        first += spins
+        unmeasured = unmeasured_findings(sound)
+        if unmeasured:
+            return Audit((*unmeasured, *findings, *first, *notes))
     comparison = compare(_subsample(sound), thresholds)
-    fatal = exchanged_findings(comparison) or impossible_findings(comparison, thresholds)
+    fatal = (exchanged_findings(comparison) if plane else []) or impossible_findings(comparison, thresholds)
     if fatal:
         return Audit((*fatal, *findings, *first, *order_findings(sound), *notes))
     corrected = convention_findings(comparison)
@@ -115,13 +105,14 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
         sound, corrected = correct(sound, ["moving_floor"]), [*corrected, *moving]
     else:
         notes = [*moving, *notes]
-    of_trials = trial_findings(sound, thresholds)
+    of_trials = trial_findings(sound, thresholds) if plane else order_findings(sound)
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]
     found = [*first, *corrected, closing, *findings, *of_trials]
+    outlines = outline_notes(sound) if plane else []
     shown = (one for one in found if one.name != "consistent" or len(found) == 1)
-    return Audit((*shown, *outline_notes(sound), *notes))
+    return Audit((*shown, *outlines, *notes))
 
 
 def _not_recommended(finding: Finding) -> Finding:

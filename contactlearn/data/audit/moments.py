@@ -1,6 +1,7 @@
 """The moment balance and the energy of measured impacts, and the coefficients that the measurements give the balance.
 
-    I Δω = a r_x P_n − b r_y P_t with P = m Δv; a = b = 1 for a rigid planar impact
+    I Δω = a r_x P_n − b r_y P_t with P = m Δv; a = b = 1 for a rigid impact
+    I Δω = a r × P_n + b r × P_t            in space, in world axes
 
 Neither friction nor restitution enters.  `torque` has the terms of each trial, of impacts or of many hypotheses about
 them at once; `balance` fits the coefficients, and leaves open what these data do not determine.
@@ -18,10 +19,14 @@ from contactlearn.core.numerics import MAD_SCALE, Z_95
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.rigid_body import contact_velocity, inertia_in_world, moment, spin, squared_mass_norm
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
-MUST = "I Δω = a r_x P_n − b r_y P_t, which must give +1 and +1,"
-"""The moment balance in words."""
+BALANCE = {
+    "plane": "I Δω = a r_x P_n − b r_y P_t",
+    "space": "I Δω = a r × P_n + b r × P_t",
+}
+"""The moment balance in words, by the name of the space."""
 _FIELDS = ("mass", "inertia", "r", "q", "v_pre", "v_post", "q_post")
 HEAVIEST = 8.0
 """Largest plausible (I/m)/|r|² of a body of unknown outline: one that lands flat, far inside its outline."""
@@ -34,15 +39,15 @@ _SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of s
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Fields of `Impacts` in their units, [..., n] and [..., n, 2 or 3]; nothing is validated."""
+    """Fields of `Impacts` in their units and of their components, with leading axes; nothing is validated."""
 
     mass: Float[Tensor, "*batch n"]
-    inertia: Float[Tensor, "*batch n"]
-    r: Float[Tensor, "*batch n 2"]
-    q: Float[Tensor, "*batch n 3"]
-    v_pre: Float[Tensor, "*batch n 3"]
-    v_post: Float[Tensor, "*batch n 3"]
-    q_post: Float[Tensor, "*batch n 3"] | None
+    inertia: Float[Tensor, "..."]
+    r: Float[Tensor, "*batch n d"]
+    q: Float[Tensor, "*batch n pose"]
+    v_pre: Float[Tensor, "*batch n D"]
+    v_post: Float[Tensor, "*batch n D"]
+    q_post: Float[Tensor, "*batch n pose"] | None
     shape: AnyShape | None
     body: Int[Tensor, " n"]
 
@@ -54,9 +59,19 @@ class Columns:
         return cls(**fields, shape=impacts.shape, body=impacts.body)
 
     @property
-    def v_c(self) -> Float[Tensor, "*batch n 2"]:
-        """Velocity (v_t, v_n) of the contact point before contact in m/s."""
+    def v_c(self) -> Float[Tensor, "*batch n d"]:
+        """Velocity of the contact point before contact in m/s, its normal component last."""
         return contact_velocity(self.r, self.v_pre)
+
+    @property
+    def space(self) -> Space:
+        """The plane, or space."""
+        return PLANE if self.r.shape[-1] == PLANE.d else SPACE
+
+    @property
+    def world_inertia(self) -> Float[Tensor, "..."]:
+        """Moment of inertia in kg m², in space in world axes."""
+        return inertia_in_world(self.inertia, self.q)
 
     def replace(self, **changes: Tensor) -> "Columns":
         """Return the columns with some of them changed."""
@@ -74,32 +89,40 @@ class Columns:
 
 
 class Torque(NamedTuple):
-    """Terms [..., n] of the moment balance spin = normal + tangential, all in rad/s.
+    """Terms [..., n], in space [..., n, 3], of the moment balance spin = normal + tangential, all in rad/s.
 
-    `spin` is Δω, `normal` r_x P_n / I, `tangential` −r_y P_t / I, and `scale` |Δv| / ρ with ρ² = I/m: the spin that
-    the same momentum at one radius of gyration makes.
+    `spin` is Δω, `normal` r_x P_n / I, `tangential` −r_y P_t / I, in space I⁻¹ (r × P_n) and I⁻¹ (r × P_t), and `scale`
+    [..., n] |Δv| / ρ with ρ² = I/m: the spin that the same momentum at one radius of gyration makes.
     """
 
-    spin: Float[Tensor, "*batch n"]
-    normal: Float[Tensor, "*batch n"]
-    tangential: Float[Tensor, "*batch n"]
+    spin: Float[Tensor, "..."]
+    normal: Float[Tensor, "..."]
+    tangential: Float[Tensor, "..."]
     scale: Float[Tensor, "*batch n"]
 
     @property
-    def residual(self) -> Float[Tensor, "*batch n"]:
+    def residual(self) -> Float[Tensor, "..."]:
         """τ / I in rad/s: the part of the spin that no point contact makes."""
         return self.spin - self.normal - self.tangential
+
+    def size(self, term: Float[Tensor, "..."]) -> Float[Tensor, "*batch n"]:
+        """Return the size of a term of each trial."""
+        return term.abs() if term.ndim == self.scale.ndim else term.norm(dim=-1)
+
+    def by_component(self, term: Float[Tensor, "..."]) -> Float[Tensor, "*batch m"]:
+        """Return the components of a term of all trials in one row, which the balance holds one by one."""
+        return term if term.ndim == self.scale.ndim else term.flatten(-2)
 
     @property
     def imbalance(self) -> Float[Tensor, "*batch n"]:
         """|residual| relative to the terms, in [0, 1]; a twentieth of `scale` is added to them, for tiny terms."""
-        size = self.spin.abs() + self.normal.abs() + self.tangential.abs() + 0.05 * self.scale
-        return (self.residual.abs() / size.clamp_min(torch.finfo(size.dtype).tiny)).clamp_max(1)
+        size = self.size(self.spin) + self.size(self.normal) + self.size(self.tangential) + 0.05 * self.scale
+        return (self.size(self.residual) / size.clamp_min(torch.finfo(size.dtype).tiny)).clamp_max(1)
 
     @property
     def explained(self) -> Float[Tensor, "*batch"]:
         """Share of Δω that the balance with coefficients +1 and +1 explains, by medians; ≤ 0 if none."""
-        residual, spin = (x.abs().median(-1).values for x in (self.residual, self.spin))
+        residual, spin = (self.size(x).median(-1).values for x in (self.residual, self.spin))
         return 1 - (residual / spin.clamp_min(1e-300)) ** 2
 
     @property
@@ -109,24 +132,33 @@ class Torque(NamedTuple):
         It is the geometric mean of the slopes of r × P over I Δω and of I Δω over r × P, by least absolute deviations
         through the origin: noise in neither biases it, and it is robust to outliers.
         """
-        moment = self.normal + self.tangential
-        one, other = _slope(moment, self.spin), _slope(self.spin, moment)
+        moment, spin = map(self.by_component, (self.normal + self.tangential, self.spin))
+        one, other = _slope(moment, spin), _slope(spin, moment)
         return torch.where((one > 0) & (other > 0), (one / other).sqrt(), math.nan)
 
 
 def torque(impacts: Impacts | Columns) -> Torque:
-    """Compute the terms of the moment balance I Δω = r_x P_n − r_y P_t with P = m Δv."""
+    """Compute the terms of the moment balance I Δω = r × P with P = m Δv."""
     dv = impacts.v_post - impacts.v_pre
+    if impacts.space is SPACE:
+        along = dv[..., :3] * torch.tensor((1.0, 1.0, 0.0)).to(dv)
+        inertia, mass = impacts.world_inertia, impacts.mass[..., None]
+        normal, tangential = (spin(inertia, moment(impacts.r, mass * part)) for part in (dv[..., :3] - along, along))
+        rho = (impacts.inertia.mean(-1) / impacts.mass).sqrt()
+        return Torque(dv[..., 3:], normal, tangential, dv[..., :3].norm(dim=-1) / rho)
     gyration = impacts.inertia / impacts.mass
     normal, tangential = impacts.r[..., 0] * dv[..., 1] / gyration, -impacts.r[..., 1] * dv[..., 0] / gyration
     return Torque(dv[..., 2], normal, tangential, dv[..., :2].norm(dim=-1) / gyration.sqrt())
 
 
 def drag_factor(impacts: Impacts) -> float:
-    """Compute the factor on v_x and v_y after contact at which the moments balance, by least absolute deviations."""
-    ratio = impacts.r * (impacts.mass / impacts.inertia)[:, None]
-    before, after = (ratio[:, 0] * v[:, 1] - ratio[:, 1] * v[:, 0] for v in (impacts.v_pre, impacts.v_post))
-    return _slope(impacts.v_post[:, 2] - impacts.v_pre[:, 2] + before, after).item()
+    """Compute the factor on velocities after contact at which the moments balance, by least absolute deviations."""
+    d, mass = impacts.space.d, impacts.mass[:, None]
+    before, after = (
+        spin(impacts.world_inertia, moment(impacts.r, mass * v[:, :d])) for v in (impacts.v_pre, impacts.v_post)
+    )
+    change = (impacts.v_post - impacts.v_pre)[:, d:]
+    return _slope((change + before).flatten(), after.flatten()).item()
 
 
 def _slope(y: Float[Tensor, "*batch n"], x: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch"]:
@@ -139,8 +171,8 @@ def _slope(y: Float[Tensor, "*batch n"], x: Float[Tensor, "*batch n"]) -> Float[
 
 def kinetic_energy(impacts: Impacts | Columns) -> tuple[Float[Tensor, "*batch n"], Float[Tensor, "*batch n"]]:
     """Compute the kinetic energy in J before and after contact."""
-    weight = torch.stack((impacts.mass, impacts.mass, impacts.inertia), -1)
-    before, after = (0.5 * (weight * v**2).sum(-1) for v in (impacts.v_pre, impacts.v_post))
+    inertia = impacts.world_inertia
+    before, after = (squared_mass_norm(impacts.mass, inertia, v) / 2 for v in (impacts.v_pre, impacts.v_post))
     return before, after
 
 
@@ -222,7 +254,8 @@ def balance(impacts: Impacts) -> Balance:
     A term that is 0 in every trial (r_x of a disc) has the coefficient 0 ± ∞.
     """
     terms = torque(impacts)
-    X, y = torch.stack((terms.normal, terms.tangential), -1), terms.spin
+    normal, tangential, y = map(terms.by_component, (terms.normal, terms.tangential, terms.spin))
+    X = torch.stack((normal, tangential), -1)
     X = torch.where((X**2).sum(0) > 1e-12 * (terms.scale**2).sum(), X, 0.0)  # r_x of a disc is 0 but for rounding
     weight = torch.ones_like(y)
     fit, covariance = _weighted(X, y, weight)
@@ -267,7 +300,7 @@ def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> F
     of the outline, or of a body of unknown outline than if that were well beyond its contact points.
     """
     factor = torque(impacts).inertia_factor
-    gyration = (impacts.inertia / impacts.mass).median(-1).values
+    gyration = median_gyration(impacts)
     if impacts.shape is None:
         most = HEAVIEST * impacts.r.norm(dim=-1).median(-1).values ** 2
     else:
@@ -277,6 +310,12 @@ def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> F
         most = _ROUNDED * farthest**2
     wrong = factor.log().abs() > math.log(thresholds.inertia_factor)
     return torch.where(wrong & (factor * gyration <= most), factor, math.nan)
+
+
+def median_gyration(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
+    """Compute the median of I/m in m², in space of its mean over the axes."""
+    inertia = impacts.inertia if impacts.space is PLANE else impacts.inertia.mean(-1)
+    return (inertia / impacts.mass).median(-1).values
 
 
 def inertia_text(factor: float) -> str:

@@ -1,0 +1,127 @@
+"""The audit in space: mistakes of units, axes and quaternions are found, and what nothing repairs is refused."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from contactlearn.core.errors import ContactLearnError
+from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.findings import audit
+from contactlearn.laws import find as find_law
+from contactlearn.mechanics.bodies import contact_points
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_velocity, in_body
+from contactlearn.mechanics.shapes import Cuboid
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
+
+MASS, BOX = 0.3, Cuboid((0.05, 0.035, 0.02))
+MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
+CONJUGATE = torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)
+UP = torch.tensor(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)), dtype=torch.float64)  # y points up
+
+
+def box_tosses() -> Impacts:
+    """200 tosses of a box that Wang–Mason resolves, with noise of 3 cm/s and 1 rad/s."""
+    generator = torch.Generator().manual_seed(1)
+    q = torch.randn(1000, 4, generator=generator, dtype=torch.float64)
+    q = q / q.norm(dim=-1, keepdim=True)
+    r = contact_points(BOX, None, q)
+    v = torch.randn(1000, 6, generator=generator, dtype=torch.float64) * torch.tensor((1.5, 1.5, 0.5, 8, 8, 8))
+    v[:, 2] -= 1.5
+    rows = (contact_velocity(r, v)[:, 2] < -0.2).nonzero()[:200, 0]
+    place = torch.cat((torch.rand(1000, 2, generator=generator, dtype=torch.float64), -r[:, 2:]), -1)
+    inertia = (MASS * BOX.gyration_squared()).expand(1000, 3)
+    mass = torch.full((1000,), MASS, dtype=torch.float64)
+    columns = (mass, inertia, r, torch.cat((place, q), -1), v, v)
+    impacts = Impacts(*(column[rows] for column in columns), shape=BOX, validate=False)
+    v_post = ContactModel(base=find_law("wang_mason").at(0.25, 0.6), effects={}).predict(impacts).v_post
+    noise = torch.randn(v_post.shape, generator=generator, dtype=torch.float64)
+    return impacts.replace(v_post=v_post + noise * torch.tensor((0.03,) * 3 + (1.0,) * 3))
+
+
+@pytest.fixture(scope="module")
+def tosses() -> Impacts:
+    return box_tosses()
+
+
+def spun(impacts: Impacts, change) -> Impacts:
+    """The same with other spins."""
+    parts = {name: getattr(impacts, name) for name in ("v_pre", "v_post")}
+    return impacts.replace(**{name: torch.cat((v[:, :3], change(v[:, 3:])), -1) for name, v in parts.items()})
+
+
+def turned(impacts: Impacts, turn: Tensor) -> Impacts:
+    """All columns, spins and quaternions too, as arrows in other axes, left-handed ones if `turn` is a mirror."""
+    both = torch.block_diag(turn, turn)
+    q = torch.cat((impacts.q[:, :3] @ turn.T, impacts.q[:, 3:4], impacts.q[:, 4:] @ turn.T), -1)
+    return impacts.replace(q=q, r=impacts.r @ turn.T, v_pre=impacts.v_pre @ both.T, v_post=impacts.v_post @ both.T)
+
+
+def with_quaternion(impacts: Impacts, q: Tensor) -> Impacts:
+    return impacts.replace(q=torch.cat((impacts.q[:, :3], q), -1))
+
+
+def lengthened(impacts: Impacts, factor: float) -> Impacts:
+    """Velocities in another unit of length."""
+    by = torch.tensor([factor] * 3 + [1.0] * 3, dtype=torch.float64)
+    return impacts.replace(v_pre=by * impacts.v_pre, v_post=by * impacts.v_post)
+
+
+MISTAKES = {
+    "none": (lambda one: one, set()),
+    "scalar last": (lambda one: with_quaternion(one, one.q[:, 3:].roll(-1, -1)), {"scalar_last"}),
+    "world to body": (lambda one: with_quaternion(one, one.q[:, 3:] * CONJUGATE), {"inverse_quaternion"}),
+    "body axes": (lambda one: spun(one, lambda w: in_body(w, one.q)), {"spin_in_body_axes"}),
+    "left-handed spins": (lambda one: spun(one, lambda w: -w), {"mirrored_spin"}),
+    "left-handed axes": (lambda one: turned(one, MIRROR), {"mirrored_spin", "inverse_quaternion"}),
+    "y up": (lambda one: turned(one, UP), {"y_up_in_body"}),
+    "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),
+    "millimetres": (lambda one: lengthened(one, 1e3), {"millimetres_velocity"}),
+    "before and after": (lambda one: one.replace(v_pre=one.v_post, v_post=one.v_pre), {"swapped_pre_post"}),
+    "contact point": (lambda one: one.replace(r=in_body(one.r, one.q)), {"contact_point_in_body_axes"}),
+    "moments": (lambda one: one.replace(inertia=one.inertia[:, [1, 0, 2]]), {"inertia_yxz"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_found_and_undone(tosses, name):
+    change, names = MISTAKES[name]
+    wrong = change(tosses)
+    found = audit(wrong)
+    corrections = [one.correction for one in found if one.correction]
+    assert set(corrections) == names
+    assert not any(one.fatal for one in found)
+    left = [one.name for one in audit(correct(wrong, corrections))]
+    assert left == ["consistent"]
+
+
+@pytest.mark.parametrize("name", ["scalar last", "moments"])
+def test_moments_tell_a_mistake_without_a_shape(tosses, name):
+    change, names = MISTAKES[name]
+    found = audit(change(tosses).replace(shape=None))
+    assert {one.correction for one in found if one.correction} == names
+
+
+@pytest.mark.parametrize("name", ["scalar last", "left-handed axes", "y up"])
+def test_computed_contact_points_follow_the_correction(tosses, name):
+    change, names = MISTAKES[name]
+    wrong = change(tosses)
+    wrong = wrong.replace(r=contact_points(BOX, None, wrong.q[:, 3:]))
+    corrections = [one.correction for one in audit(wrong) if one.correction]
+    assert set(corrections) == names
+    right = correct(wrong, corrections)
+    torch.testing.assert_close(right.r, contact_points(BOX, None, right.q[:, 3:]), rtol=0, atol=1e-12)
+
+
+def test_what_no_hypothesis_repairs_is_refused(tosses):
+    (fatal, *_) = audit(tosses.replace(v_post=tosses.v_post.roll(7, 0)))
+    assert fatal.fatal
+    assert "no impact of a rigid body can have produced these data" in fatal.sentence
+
+
+def test_corrections_of_space_are_refused_in_a_plane():
+    with pytest.raises(ContactLearnError, match="correction scalar_last exists for bodies that move in space alone"):
+        correct(synthetic.load(size=10), ["scalar_last"])
