@@ -38,7 +38,7 @@ from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import in_world, matvec, rotation, turn_quaternion
 from contactlearn.mechanics.shapes import scaled
-from contactlearn.mechanics.space import PLANE, SPACE, require_space
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
 _FOLLOWS = 1e-6  # relative difference up to which r or I are those of the stated shape, from which they were computed
@@ -53,12 +53,14 @@ class Correction:
         function: undoes it; only `drop_outliers` uses the limits of outliers, which every function takes.
         apparatus: transforms the estimates of the apparatus.
         needs_all_trials: whether all trials must be in memory; otherwise blocks are corrected one by one.
+        spaces: in which it exists.
     """
 
     description: str
     function: Callable[[Impacts, AuditThresholds], Impacts]
     apparatus: Callable[[Apparatus], Apparatus] = lambda apparatus: apparatus
     needs_all_trials: bool = False
+    spaces: tuple[Space, ...] = BOTH
 
 
 def correct(
@@ -92,6 +94,7 @@ def correct(
         return impacts
     corrected = impacts.replace(validate=False)
     for name in names:
+        require_space(f"correction {name}", impacts.space, CORRECTIONS[name].spaces)
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
             corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, _orientation(corrected)))
@@ -144,7 +147,9 @@ def _written(unit: Miswritten) -> Correction:
     if "shape" in unit.columns:
         return Correction(unit.words, lambda impacts, _: _resized(impacts, unit.factor), Apparatus.without_outline)
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
-    return Correction(unit.words, _converted(unit), _forget("orientation") if "theta" in unit.columns else apparatus)
+    if "theta" in unit.columns:
+        return _in_plane(unit.words, _converted(unit), apparatus=_forget("orientation"))
+    return Correction(unit.words, _converted(unit), apparatus)
 
 
 def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -281,12 +286,11 @@ def _permuted(*axes: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     return lambda impacts, _: impacts.replace(inertia=impacts.inertia[..., axes])
 
 
-def _in_space(name: str, function: Callable[[Impacts, AuditThresholds], Impacts]) -> Any:
+def _in_space(one: Correction) -> Correction:
     """A correction of bodies in space alone; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
-        require_space(f"correction {name}", impacts.space, (SPACE,))
-        after = function(impacts, thresholds)
+        after = one.function(impacts, thresholds)
         shape = impacts.shape
         if shape is None:
             return after
@@ -294,7 +298,11 @@ def _in_space(name: str, function: Callable[[Impacts, AuditThresholds], Impacts]
         follows = (impacts.r - before).norm(dim=(-2, -1)) <= _FOLLOWS * before.norm(dim=(-2, -1))
         return after.replace(r=torch.where(follows[..., None, None], now, after.r))
 
-    return corrected
+    return replace(one, function=corrected, apparatus=Apparatus.without_outline, spaces=(SPACE,))
+
+
+def _in_plane(*parts: Any, **more: Any) -> Correction:
+    return Correction(*parts, spaces=(PLANE,), **more)
 
 
 _IN_SPACE = {
@@ -373,48 +381,45 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 
 CORRECTIONS = {
     "swapped_pre_post": Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post),
-    "mirrored_y": Correction(
+    "mirrored_y": _in_plane(
         "y points down: positions, velocities and the contact point",
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
         Apparatus.with_y_mirrored,
     ),
-    "swapped_axes": Correction(
+    "swapped_axes": _in_plane(
         "x and y are exchanged: positions, velocities, contact point",
         _swapped_axes,
         _forget("slope", "orientation"),
     ),
-    "mirrored_x": Correction(
+    "mirrored_x": _in_plane(
         "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
         Apparatus.with_x_mirrored,
     ),
-    "mirrored_theta": Correction(
+    "mirrored_theta": _in_plane(
         "θ and ω are positive clockwise",
         _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
         Apparatus.with_theta_mirrored,
     ),
-    "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
-    **{
-        name: replace(one, function=_in_space(name, one.function), apparatus=Apparatus.without_outline)
-        for name, one in _IN_SPACE.items()
-    },
+    "mirrored_omega": _in_plane("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
+    **{name: _in_space(one) for name, one in _IN_SPACE.items()},
     "contact_point_sign": Correction(
         "r points from the contact to the centre of mass", lambda impacts, _: impacts.replace(r=-impacts.r)
     ),
-    "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
+    "contact_point_mirrored": _in_plane("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
     **{name: _written(one) for name, one in MISWRITTEN.items()},
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data requires",
         _inertia_scaled,
         needs_all_trials=True,
     ),
-    "inclined_floor": Correction(
+    "inclined_floor": _in_plane(
         "the floor is inclined against the axes, which are turned by the angle at which the moments balance",
         _inclined_floor,
         _forget("slope", "slope_b", "orientation"),
         needs_all_trials=True,
     ),
-    "spin_from_moments": Correction(
+    "spin_from_moments": _in_plane(
         "the spin was not measured: it is 0 before impact, and after it what the moment of the impulse makes",
         _spin_from_moments,
     ),
@@ -426,18 +431,18 @@ CORRECTIONS = {
         lambda impacts, _: _drop(impacts, repeated(impacts)),
         needs_all_trials=True,
     ),
-    "drop_outliers": Correction(
+    "drop_outliers": _in_plane(
         "gross outliers, which cannot be real measurements",
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
         needs_all_trials=True,
     ),
-    "averaged_vx": Correction(
+    "averaged_vx": _in_plane(
         "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), needs_all_trials=True
     ),
-    "averaged_vy": Correction(
+    "averaged_vy": _in_plane(
         "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), needs_all_trials=True
     ),
-    "averaged_omega": Correction(
+    "averaged_omega": _in_plane(
         "ω before impact varies by no more than its noise: its mean is used", _averaged(2), needs_all_trials=True
     ),
     "moving_floor": Correction(
@@ -451,7 +456,7 @@ CORRECTIONS = {
         lambda impacts, _: as_measured(impacts),
         needs_all_trials=True,
     ),
-    "traced_shape": Correction(
+    "traced_shape": _in_plane(
         "the shape is not stated, and the contact points trace it",
         lambda impacts, _: with_traced_shape(impacts),
         needs_all_trials=True,
