@@ -1,11 +1,19 @@
 """Bodies in space for tests: planar ones seen in space, and random ones."""
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
+from contactlearn.laws import find
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.shapes import Ellipse, Ellipsoid
+from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.shapes import Cuboid, Ellipse, Ellipsoid
+from contactlearn.models.contact_model import ContactModel
 
+BOX = Cuboid((0.05, 0.035, 0.02))
+Coefficient = float | Callable[[Impacts], Tensor]
 ACROSS = torch.tensor((0.0, 1.0, 0.0), dtype=torch.float64)
 
 
@@ -63,3 +71,29 @@ def tossed(count: int, seed: int = 0) -> Impacts:
     v_pre[:, 2] = -swept - 0.1 - normal(count).abs()
     v_post = v_pre + torch.cat((normal(count, 3), 5 * normal(count, 3)), -1)
     return Impacts(mass, inertia, r, q, v_pre, v_post)
+
+
+def box_tosses(mu: Coefficient, eps: Coefficient, *, noise: float, count: int = 200) -> Impacts:
+    """Tosses of a box that Wang–Mason resolves, with noise in m/s, and 30 times that in rad/s, after contact.
+
+    Args:
+        mu: friction, or a function of the impacts before contact that gives it for each.
+        eps: restitution, likewise.
+        noise: standard deviation of a velocity.
+        count: of tosses.
+    """
+    generator, many = torch.Generator().manual_seed(1), 5 * count
+    q = torch.randn(many, 4, generator=generator, dtype=torch.float64)
+    q = q / q.norm(dim=-1, keepdim=True)
+    r = contact_points(BOX, None, q)
+    v = torch.randn(many, 6, generator=generator, dtype=torch.float64) * torch.tensor((1.5, 1.5, 0.5, 8, 8, 8))
+    v[:, 2] -= 1.5
+    rows = (contact_velocity(r, v)[:, 2] < -0.2).nonzero()[:count, 0]
+    place = torch.cat((torch.rand(many, 2, generator=generator, dtype=torch.float64), -r[:, 2:]), -1)
+    mass = torch.full((many,), 0.3, dtype=torch.float64)
+    columns = (mass, (0.3 * BOX.gyration_squared()).expand(many, 3), r, torch.cat((place, q), -1), v, v)
+    impacts = Impacts(*(column[rows] for column in columns), shape=BOX, validate=False)
+    law = find("wang_mason").at(*(one(impacts) if callable(one) else one for one in (mu, eps)))
+    v_post = ContactModel(base=law, effects={}).predict(impacts).v_post
+    errors = torch.randn(v_post.shape, generator=generator, dtype=torch.float64)
+    return impacts.replace(v_post=v_post + noise * errors * torch.tensor((1.0, 1, 1, 30, 30, 30)))

@@ -4,47 +4,26 @@ import math
 
 import pytest
 import torch
+from spatial import BOX, box_tosses
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
-from contactlearn.laws import find as find_law
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity, in_body
-from contactlearn.mechanics.shapes import Cuboid
-from contactlearn.models.contact_model import ContactModel
+from contactlearn.mechanics.rigid_body import in_body
 from contactlearn.simulation import synthetic
 
-MASS, BOX = 0.3, Cuboid((0.05, 0.035, 0.02))
 MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
 CONJUGATE = torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)
 UP = torch.tensor(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)), dtype=torch.float64)  # y points up
 
 
-def box_tosses() -> Impacts:
-    """200 tosses of a box that Wang–Mason resolves, with noise of 3 cm/s and 1 rad/s."""
-    generator = torch.Generator().manual_seed(1)
-    q = torch.randn(1000, 4, generator=generator, dtype=torch.float64)
-    q = q / q.norm(dim=-1, keepdim=True)
-    r = contact_points(BOX, None, q)
-    v = torch.randn(1000, 6, generator=generator, dtype=torch.float64) * torch.tensor((1.5, 1.5, 0.5, 8, 8, 8))
-    v[:, 2] -= 1.5
-    rows = (contact_velocity(r, v)[:, 2] < -0.2).nonzero()[:200, 0]
-    place = torch.cat((torch.rand(1000, 2, generator=generator, dtype=torch.float64), -r[:, 2:]), -1)
-    inertia = (MASS * BOX.gyration_squared()).expand(1000, 3)
-    mass = torch.full((1000,), MASS, dtype=torch.float64)
-    columns = (mass, inertia, r, torch.cat((place, q), -1), v, v)
-    impacts = Impacts(*(column[rows] for column in columns), shape=BOX, validate=False)
-    v_post = ContactModel(base=find_law("wang_mason").at(0.25, 0.6), effects={}).predict(impacts).v_post
-    noise = torch.randn(v_post.shape, generator=generator, dtype=torch.float64)
-    return impacts.replace(v_post=v_post + noise * torch.tensor((0.03,) * 3 + (1.0,) * 3))
-
-
 @pytest.fixture(scope="module")
 def tosses() -> Impacts:
-    return box_tosses()
+    """With noise of 3 cm/s and 1 rad/s."""
+    return box_tosses(0.25, 0.6, noise=0.03)
 
 
 def spun(impacts: Impacts, change) -> Impacts:

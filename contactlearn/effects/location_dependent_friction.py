@@ -1,14 +1,64 @@
 """The floor is rougher in some places than in others."""
 
 from contactlearn.effects.base import ChangesFriction, Effect
+from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
 from contactlearn.effects.functions import AlongFloor
 from contactlearn.mechanics.space import BOTH
 
 
-class LocationDependentFriction(AlongFloor, ChangesFriction, Effect):
-    """μ depends on the place along the floor.  It is not a drift in time (`parameter_drift`)."""
+class LocationDependentFriction(ChangesFriction, Effect):
+    """μ depends on the place on the floor.
 
-    spaces = BOTH
-    formula = "μ ← μ + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+        along      μ + Σ c_k P_k(u), k = 1 … 5, along x, see `functions.AlongFloor`
+        field      in space a smooth function of x and y
+        border     in space another half of the floor, whose border has any bearing
+        spot       in space a round spot
+        strip      in space a strip of any bearing, such as tape
+
+    It is not a drift in time (`parameter_drift`).
+    """
+
     source = "worn or soiled floor"
     mirror_symmetric = False
+
+
+class FrictionAlongFloor(AlongFloor, LocationDependentFriction):
+    """μ → μ + Σ c_k P_k(u).  It is the same along y (`FrictionOverFloor`)."""
+
+    spaces = BOTH
+    form = "along"
+    formula = "μ ← μ + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+
+
+class FrictionOverFloor(FieldOverFloor, LocationDependentFriction):
+    """μ → μ + Σ c_ij P_i(u) P_j(w), i + j = 1, 2.  It has no edge (`FrictionBorder`)."""
+
+    form = "field"
+    formula = "μ ← μ + c₁₀ u + c₀₁ w + c₂₀ P₂(u) + c₁₁ u w + c₀₂ P₂(w), u and w = x and y"
+
+
+class FrictionBorder(BorderOnFloor, LocationDependentFriction):
+    """μ → μ + a/(1 + exp(−t/b)), t beyond a border.  It is no field without an edge (`FrictionOverFloor`)."""
+
+    form = "border"
+    formula = "μ ← μ + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
+    in_words = "μ changes by {a} beyond a border with its normal at {phi}, at {d} half-spans, within {b}"
+    refines = ("location_dependent_friction",)
+
+
+class FrictionSpot(SpotOnFloor, LocationDependentFriction):
+    """μ → μ + a/(1 + (s/b)⁸), s from the middle of a spot.  It is no strip (`FrictionStrip`)."""
+
+    form = "spot"
+    formula = "μ ← μ + a/(1 + (s/b)⁸), s² = (x − u₀)² + (y − w₀)²"
+    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius"
+    refines = ("location_dependent_friction",)
+
+
+class FrictionStrip(StripOnFloor, LocationDependentFriction):
+    """μ → μ + a/(1 + (t/b)⁸), t from the middle of a strip.  It has two borders (`FrictionBorder`)."""
+
+    form = "strip"
+    formula = "μ ← μ + a/(1 + (t/b)⁸), t = x cos φ + y sin φ − d"
+    in_words = "μ changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side"
+    refines = ("location_dependent_friction",)

@@ -1,14 +1,64 @@
 """The floor rebounds more in some places than in others."""
 
 from contactlearn.effects.base import ChangesRestitution, Effect
+from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
 from contactlearn.effects.functions import AlongFloor
 from contactlearn.mechanics.space import BOTH
 
 
-class LocationDependentRestitution(AlongFloor, ChangesRestitution, Effect):
-    """ε depends on the place along the floor.  It is not a drift in time (`parameter_drift`)."""
+class LocationDependentRestitution(ChangesRestitution, Effect):
+    """ε depends on the place on the floor.
 
-    spaces = BOTH
-    formula = "ε ← ε + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+        along      ε + Σ c_k P_k(u), k = 1 … 5, along x, see `functions.AlongFloor`
+        field      in space a smooth function of x and y
+        border     in space another half of the floor, whose border has any bearing
+        spot       in space a round spot
+        strip      in space a strip of any bearing, such as tape
+
+    It is not a drift in time (`parameter_drift`).
+    """
+
     source = "non-uniform or bending floor"
     mirror_symmetric = False
+
+
+class RestitutionAlongFloor(AlongFloor, LocationDependentRestitution):
+    """ε → ε + Σ c_k P_k(u).  It is the same along y (`RestitutionOverFloor`)."""
+
+    spaces = BOTH
+    form = "along"
+    formula = "ε ← ε + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+
+
+class RestitutionOverFloor(FieldOverFloor, LocationDependentRestitution):
+    """ε → ε + Σ c_ij P_i(u) P_j(w), i + j = 1, 2.  It has no edge (`RestitutionBorder`)."""
+
+    form = "field"
+    formula = "ε ← ε + c₁₀ u + c₀₁ w + c₂₀ P₂(u) + c₁₁ u w + c₀₂ P₂(w), u and w = x and y"
+
+
+class RestitutionBorder(BorderOnFloor, LocationDependentRestitution):
+    """ε → ε + a/(1 + exp(−t/b)), t beyond a border.  It is no field without an edge (`RestitutionOverFloor`)."""
+
+    form = "border"
+    formula = "ε ← ε + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
+    in_words = "ε changes by {a} beyond a border with its normal at {phi}, at {d} half-spans, within {b}"
+    refines = ("location_dependent_restitution",)
+
+
+class RestitutionSpot(SpotOnFloor, LocationDependentRestitution):
+    """ε → ε + a/(1 + (s/b)⁸), s from the middle of a spot.  It is no strip (`RestitutionStrip`)."""
+
+    form = "spot"
+    formula = "ε ← ε + a/(1 + (s/b)⁸), s² = (x − u₀)² + (y − w₀)²"
+    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius"
+    refines = ("location_dependent_restitution",)
+
+
+class RestitutionStrip(StripOnFloor, LocationDependentRestitution):
+    """ε → ε + a/(1 + (t/b)⁸), t from the middle of a strip.  It has two borders (`RestitutionBorder`)."""
+
+    form = "strip"
+    formula = "ε ← ε + a/(1 + (t/b)⁸), t = x cos φ + y sin φ − d"
+    in_words = "ε changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side"
+    refines = ("location_dependent_restitution",)

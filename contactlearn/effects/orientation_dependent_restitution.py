@@ -5,6 +5,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
+from contactlearn.effects.side_functions import CapOnBody, CornersOfBody, FacesOfBody, SidesOfBody
 from contactlearn.effects.state import State
 
 
@@ -14,6 +15,14 @@ class OrientationDependentRestitution(ChangesRestitution, Effect):
         harmonics   ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, a body that is not uniform
         spot        ε − a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a soft spot of half-width w about θ_0
         curve       harmonics up to the fourth
+
+    In space of the direction of the floor from the body, in its own axes, or of that of the contact point:
+
+        sides       ε + spherical harmonics of the first and second degree
+        cap         ε + a/(1 + (2 sin(γ/2)/w)⁴), one side, γ from its middle
+        contact     the same by the direction of the contact point, such as one corner or edge of a polyhedron
+        faces       a value for each of the six faces of a box
+        corners     a value for each of its eight corners
 
     It is not a loss that comes with the lever arm r_x (`configuration_dependent_restitution`).
     """
@@ -46,3 +55,45 @@ class RestitutionAroundBody(CurveAroundBody, OrientationDependentRestitution):
 
     form = "curve"
     formula = "ε ← ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
+
+
+class RestitutionOfSides(SidesOfBody, OrientationDependentRestitution):
+    """ε → ε + spherical harmonics of the direction of the floor.  It has no edge (`RestitutionOfCap`)."""
+
+    form = "sides"
+    formula = "ε ← ε + Σ a_i n_i + b_xx (n_x² − n_z²) + b_yy (n_y² − n_z²) + Σ b_ij n_i n_j, n to the floor"
+
+
+class RestitutionOfCap(CapOnBody, OrientationDependentRestitution):
+    """ε → ε + a/(1 + (2 sin(γ/2)/w)⁴).  It is one side of the body (`RestitutionOfSides`)."""
+
+    form = "cap"
+    formula = "ε ← ε + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the floor"
+    in_words = "ε changes by {a} on the side at longitude {longitude} and latitude {latitude}, within ±{w}"
+    refines = ("orientation_dependent_restitution",)
+
+
+class RestitutionOfContact(CapOnBody, OrientationDependentRestitution):
+    """ε → ε + a/(1 + (2 sin(γ/2)/w)⁴) by the contact point: one corner of any body (`RestitutionOfCorners`)."""
+
+    form = "contact"
+    formula = "ε ← ε + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the contact point"
+    in_words = "ε changes by {a} in contacts at longitude {longitude} and latitude {latitude}, within ±{w}"
+    refines = ("orientation_dependent_restitution",)
+    of_contact_point = True
+
+
+class RestitutionOfFaces(FacesOfBody, OrientationDependentRestitution):
+    """Each of the six faces of a box has its ε: of the face that is nearest to the floor (`RestitutionOfCorners`)."""
+
+    form = "faces"
+    formula = "ε ← ε + Δ of the face ±x, ±y, ±z of the body that is lowest"
+    refines = ("orientation_dependent_restitution",)
+
+
+class RestitutionOfCorners(CornersOfBody, OrientationDependentRestitution):
+    """Each of the eight corners of a box has its ε, by the signs s of the contact point (`RestitutionOfFaces`)."""
+
+    form = "corners"
+    formula = "ε ← ε + Σ a_i s_i + Σ b_ij s_i s_j + c s_x s_y s_z, s signs of the contact point in the body's axes"
+    refines = ("orientation_dependent_restitution",)

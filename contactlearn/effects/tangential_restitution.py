@@ -22,6 +22,7 @@ _LEAST = 1e-300  # N s
 _ROUNDING = 1e-9  # relative: nearer to its edge a contact counts as on the cone
 _STEPS = 16  # of a compression in which the contact sticks
 _IMPLICIT = 0.6  # share of a step's end in its mean: above a half a rigid tangent does not ring
+_NO_IMPULSE = 1e-60  # (N s)²
 _SOFTEST = 0.05  # ε: below it the way back is too steep for a step
 
 
@@ -141,6 +142,7 @@ class SpringRebound(TangentialRestitution):
     contact that of Routh's path with Stronge's restitution; what the tangent changes is added to the law's wrench.
     """
 
+    spaces = BOTH
     form = "spring"
     formula = "F_t = −(k_n/c)(ξ + (1/s − 1) t_c dξ/dt) within the cone, beside what it is for s = 0"
     in_words = "the tangential spring returns a share {s:%}, and yields {c} times as much as the normal one"
@@ -151,10 +153,17 @@ class SpringRebound(TangentialRestitution):
     c: Tensor | float = parameter("c", "–", 0.3, 3.0, vanishing=None, start=1.2)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        given = (torch.as_tensor(x).to(P_n) for x in (*state.coefficients, self.s, self.c))
-        mu, eps, resilience, compliance = torch.broadcast_tensors(*given, P_n)[:4]
+        given = (torch.as_tensor(x).to(wrench) for x in (*state.coefficients, self.s, self.c))
+        mu, eps, resilience, compliance = torch.broadcast_tensors(*given, wrench[..., 0])[:4]
         both = torch.stack((resilience, torch.zeros_like(resilience)))
+        if state.space is SPACE:
+            contact, (c, s) = SpatialContact.of(state.W, state.approach)
+            changes = (yields - rigid for yields, rigid in _springs_in_space(contact, (mu, eps), both, compliance))
+            P_1, P_2, P_n = changes
+            return wrench + columns(
+                c * P_1 - s * P_2, s * P_1 + c * P_2, P_n, *torch.zeros_like(wrench[..., 3:]).unbind(-1)
+            )
+        P_t, P_n, tau = wrench.unbind(-1)
         (yields_t, rigid_t), (yields_n, rigid_n) = _integrate_springs(contact_of(state), (mu, eps), both, compliance)
         return columns(P_t + (yields_t - rigid_t), P_n + (yields_n - rigid_n), tau)
 
@@ -203,6 +212,44 @@ def _integrate_springs(
     depth = -0.5 * dt * v_n  # in the middle of a step, as the forces
     constants = (w_tt, w_tn, w_nn, mu, dt, softer, scale, by_stretch, by_slip, by_load, 1 - dt * recall, give)
     return _Springs.apply(*torch.broadcast_tensors(v_t, v_n, depth, *constants))
+
+
+def _springs_in_space(
+    contact: SpatialContact,
+    coefficients: Coefficients,
+    resilience: Float[Tensor, "..."],
+    compliance: Float[Tensor, "..."],
+) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."], Float[Tensor, "..."]]:
+    """The same along the slip, across it and along the normal: the stretch is a vector, and slips at the round cone."""
+    (w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_n), (mu, eps) = contact, coefficients
+    stiffer = 1 / eps.clamp_min(_SOFTEST).square()
+    det = w_11 * w_22 - w_12.square()
+    coupling = (w_22 * w_1n.square() - 2 * w_12 * w_1n * w_2n + w_11 * w_2n.square()) / (det * w_nn)
+    dt = 0.5 * math.pi / _STEPS / (1 - coupling).sqrt()
+    implicit = _IMPLICIT * dt
+    recall = resilience / (resilience * implicit + (1 - resilience) * 0.5 * math.pi)
+    give, kept, scale = recall * compliance * w_nn, 1 - dt * recall, dt / w_nn
+    h_11, h_12, h_22 = give + implicit * w_11, implicit * w_12, give + implicit * w_22
+    whole = h_11 * h_22 - h_12.square()
+    v_1 = slip + torch.zeros_like(resilience)
+    v_2 = x_1 = x_2 = deepest = P_1 = P_2 = P_n = torch.zeros_like(resilience)
+    v_n = v_n + torch.zeros_like(resilience)
+    depth = -0.5 * dt * v_n
+    for _ in range(2 * _STEPS + 2):
+        deepest = torch.maximum(deepest, depth)
+        n = (depth + (1 - stiffer) * (deepest - depth)).clamp_min(0) * scale
+        b_1 = dt * (recall * x_1 + v_1) + implicit * w_1n * n
+        b_2 = dt * (recall * x_2 + v_2) + implicit * w_2n * n
+        t_1, t_2 = (h_12 * b_2 - h_22 * b_1) / whole, (h_12 * b_1 - h_11 * b_2) / whole  # what holds the contact
+        size = (t_1.square() + t_2.square()).clamp_min(_NO_IMPULSE).sqrt()
+        share = torch.where(size > mu * n, mu * n / size, 1.0)
+        t_1, t_2 = share * t_1, share * t_2
+        x_1, x_2 = kept * x_1 - give * t_1, kept * x_2 - give * t_2
+        v_1, v_2 = v_1 + w_11 * t_1 + w_12 * t_2 + w_1n * n, v_2 + w_12 * t_1 + w_22 * t_2 + w_2n * n
+        v_n = v_n + w_1n * t_1 + w_2n * t_2 + w_nn * n
+        depth = depth - dt * v_n
+        P_1, P_2, P_n = P_1 + t_1, P_2 + t_2, P_n + n
+    return P_1, P_2, P_n
 
 
 class _Springs(torch.autograd.Function):

@@ -25,6 +25,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec, identities
+from contactlearn.diagnosis.search.projection import Projection, projects
 from contactlearn.diagnosis.search.quadratic import Group, Quadratic
 
 Neighbours = Callable[[frozenset[Group], Sequence[Group]], Iterator[frozenset[Group]]]
@@ -159,6 +160,8 @@ class Search:
         near = min((one.score for one in parents), default=0.0) + HOPELESS * len(self.pool.impacts)
         self._fit([one for proposals in each for one in self._promising(proposals, near, most=1)])
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
+        if parents:
+            self._localise(min(parents, key=lambda one: one.score))
 
     def _beam(self, size: int) -> list[ScoredFit]:
         """Models of a size to grow from, of several laws, and one alone of laws that agree about the same effects."""
@@ -183,6 +186,18 @@ class Search:
                     self._refine(model)
                 self._transfer(best)
 
+    def _localise(self, model: ScoredFit) -> None:
+        """Add to a model each form with a place, to which a linearisation about nothing is blind, and fit the best."""
+        pool, projection = self.pool, None
+        for key, effect in pool.candidates.items():
+            if effect.refines and projects(effect) and key.name not in model.spec.families and not self.late:
+                projection = projection or Projection(pool, model)
+                spec = projection.larger(key)
+                if spec not in pool.models:
+                    score, best = self._best_of({spec: projection.starts(key)})[spec]
+                    if score < model.score:
+                        pool.all_fitted({spec: best})
+
     def _refine(self, model: ScoredFit) -> None:
         """Fit other forms of a model's effects that are promising at some values of their parameters."""
         if model.spec in self.refined:
@@ -194,7 +209,7 @@ class Search:
             spec = Spec(model.spec.law, model.spec.effects - {effect} | {other})
             if spec not in self.pool.models and not self.late:
                 points = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
-                tried[spec] = torch.stack(points)
+                tried[spec] = torch.stack([*points, *Projection(self.pool, model, effect).starts(other)])
         shifted = {spec: _shifted(best) for spec, (_, best) in self._best_of(tried, _EVERY).items()}
         found = self._best_of(shifted).items()
         self.pool.all_fitted({spec: best for spec, (score, best) in found if score < worthwhile})

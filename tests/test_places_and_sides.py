@@ -1,0 +1,109 @@
+"""Places on a floor and sides of a body in space: each is found from nothing, and told from the others."""
+
+import math
+
+import pytest
+import torch
+from spatial import box_tosses
+
+from contactlearn.diagnosis.search.frontier import Search
+from contactlearn.diagnosis.search.pool import Pool, Spec
+from contactlearn.effects import EffectId, catalogue, find_effect
+from contactlearn.inference.identification.joint import FitOptions
+from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import in_body
+from contactlearn.mechanics.space import SPACE
+from contactlearn.models.contact_model import ContactModel
+
+FLOOR, BODY = "location_dependent_{}", "orientation_dependent_{}"
+
+
+def chosen(impacts: Impacts, family: str) -> tuple[EffectId | None, dict[str, float]]:
+    """The form of a family that a search takes, with its values."""
+    candidates = {kind.id: kind().prepare(impacts) for kind in catalogue()[family] if SPACE in kind.spaces}
+    pool = Pool({"wang_mason": find("wang_mason")}, impacts, candidates, {}, FitOptions())
+    pool.all_fitted({Spec("wang_mason"): None})
+    Search(pool, 1).run()
+    best = pool.best()
+    for effect, values in best.values.items():
+        return effect, dict(zip([p.name for p in candidates[effect].parameters], values.tolist(), strict=True))
+    return None, {}
+
+
+def place(impacts):
+    return impacts.q[:, :2] - 0.5
+
+
+def border(impacts):
+    return 0.7 - 0.2 * (place(impacts) @ torch.tensor((0.6, 0.8), dtype=torch.float64) > 0.1)
+
+
+def spot(impacts):
+    return 0.15 + 0.2 * ((place(impacts) - torch.tensor((0.15, -0.1))).norm(dim=-1) < 0.25)
+
+
+def strip(impacts):
+    return 0.7 - 0.2 * ((place(impacts) @ torch.tensor((0.8, -0.6), dtype=torch.float64) - 0.1).abs() < 0.12)
+
+
+def test_a_border_of_any_bearing_is_found():
+    found, values = chosen(box_tosses(0.2, border, noise=0.003), FLOOR.format("restitution"))
+    assert found == EffectId("location_dependent_restitution", "border")
+    turn = values["phi"] - math.atan2(0.8, 0.6) + (math.pi if values["a"] > 0 else 0)  # or the other half, softer
+    assert abs(math.remainder(turn, 2 * math.pi)) < 0.1
+    assert abs(values["a"]) == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_rough_spot_is_found():
+    found, values = chosen(box_tosses(spot, 0.6, noise=0.003), FLOOR.format("friction"))
+    assert found == EffectId("location_dependent_friction", "spot")
+    assert values["a"] == pytest.approx(0.2, abs=0.04)
+    assert values["u_0"] == pytest.approx(0.3, abs=0.1)
+
+
+def test_a_strip_is_found():
+    found, values = chosen(box_tosses(0.2, strip, noise=0.003), FLOOR.format("restitution"))
+    assert found == EffectId("location_dependent_restitution", "strip")
+    assert values["a"] == pytest.approx(-0.2, abs=0.03)
+
+
+def test_a_soft_corner_is_found():
+    def soft(impacts):
+        return 0.6 - 0.25 * (in_body(impacts.r, impacts.q) > 0).all(-1)
+
+    found, _ = chosen(box_tosses(0.2, soft, noise=0.003), BODY.format("restitution"))
+    assert found is not None
+    assert found.name == "orientation_dependent_restitution"
+    assert found.form in ("contact", "corners")
+
+
+@pytest.mark.parametrize("family", [FLOOR.format("friction"), BODY.format("restitution"), "anisotropic_friction"])
+def test_nothing_is_taken_where_nothing_depends(family):
+    assert chosen(box_tosses(0.2, 0.6, noise=0.003), family) == (None, {})
+
+
+def test_one_moment_of_inertia_that_is_wrong_is_named():
+    impacts = box_tosses(0.2, 0.6, noise=0.003)
+    wrong = impacts.replace(inertia=impacts.inertia * torch.tensor((1.0, 1 / 1.05, 1.0), dtype=torch.float64))
+    found, values = chosen(wrong, "inertia_error")
+    assert found == EffectId("inertia_error", "y")
+    assert values["kappa"] == pytest.approx(math.log(1.05), abs=0.01)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, 2.5])
+def test_a_ball_on_springs_leaves_as_its_tangent_swings(heading):
+    """Without a dashpot v_t⁺ = v_t cos((1 + ε) π/2 √(W_tt/(c W_nn))) along the slip, whatever its heading."""
+    mass, radius, eps, c = 0.1, 0.02, 0.8, 1.3
+    slip = 0.05 * torch.tensor((math.cos(heading), math.sin(heading)), dtype=torch.float64)
+    v = torch.cat((slip, torch.tensor((-2.0, 0, 0, 0), dtype=torch.float64)))[None]
+    inertia = torch.full((1, 3), 0.4 * mass * radius**2, dtype=torch.float64)
+    pose = torch.tensor([[0, 0, radius, 1, 0, 0, 0]], dtype=torch.float64)
+    r = torch.tensor([[0, 0, -radius]], dtype=torch.float64)
+    ball = Impacts(torch.tensor([mass]), inertia, r, pose, v, v, validate=False)
+    effect = find_effect("tangential_restitution", "spring")(s=1 - 1e-9, c=c)
+    model = find("mirtich").at(5.0, eps)
+    after = ContactModel(base=model, effects={"it": effect}).predict(ball).v_post[0]
+    leaves = after[:2] + torch.linalg.cross(after[3:], r[0])[:2]
+    expected = slip * math.cos((1 + eps) * math.pi / 2 * math.sqrt(3.5 / c))
+    torch.testing.assert_close(leaves, expected, rtol=0, atol=0.05 * slip.norm().item())
