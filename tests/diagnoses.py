@@ -18,7 +18,7 @@ from contactlearn.simulation import synthetic
 ERROR = Interval(0.1, 0.09, 0.11)
 SIX = (
     EffectId("surface_tilt", "computed"), EffectId("spin_damping", "after"), EffectId("contact_patch", "linear"),
-    EffectId("inertia_error"), EffectId("side_drag", "linear"), EffectId("sampling_delay"),
+    EffectId("inertia_error", "uniform"), EffectId("side_drag", "linear"), EffectId("sampling_delay"),
 )  # fmt: skip
 MOST = 6  # effects in play
 

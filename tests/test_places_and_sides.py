@@ -88,7 +88,7 @@ def test_one_moment_of_inertia_that_is_wrong_is_named():
     wrong = impacts.replace(inertia=impacts.inertia * torch.tensor((1.0, 1 / 1.05, 1.0), dtype=torch.float64))
     found, values = chosen(wrong, "inertia_error")
     assert found == EffectId("inertia_error", "y")
-    assert values["kappa"] == pytest.approx(math.log(1.05), abs=0.01)
+    assert values["kappa_y"] == pytest.approx(math.log(1.05), abs=0.01)
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.0, 2.5])

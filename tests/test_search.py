@@ -25,7 +25,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text import headline
 from contactlearn.simulation import hidden_effects, synthetic
 
-PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error")
+PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error", "uniform")
 SPIN, DRAG = EffectId("spin_damping", "after"), EffectId("side_drag", "linear")
 
 
@@ -145,7 +145,7 @@ def test_effects_that_together_stand_for_one_are_not_named():
     one = EffectId("tangential_restitution", "slip")
     five = {
         EffectId("contact_patch", "curve"),
-        EffectId("inertia_error"),
+        EffectId("inertia_error", "uniform"),
         EffectId("orientation_dependent_moment", "harmonics"),
         EffectId("orientation_dependent_restitution", "curve"),
         EffectId("shape_error"),

@@ -332,7 +332,7 @@ def _buttons(parts):
 
 def test_an_option_is_written_fitted_and_in_the_command(session, models, act):
     name = "velocity_dependent_restitution"
-    plain = session.with_effect(EffectId(name, "power")).with_effect(EffectId("location_dependent_friction"))
+    plain = session.with_effect(EffectId(name, "power")).with_effect(EffectId("location_dependent_friction", "along"))
     opted = act(plain, "option", f"{name}.v_ref", "0.7")
     opted = act(opted, "option", "location_dependent_friction.span", "[−0.05, 0.1]")
     effects = models.fitted(opted).effects

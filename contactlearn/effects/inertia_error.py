@@ -13,7 +13,7 @@ class InertiaError(Effect):
     """The moment of inertia is not the nominal one.
 
         uniform    I e^κ, in space about all axes of the body
-        x, y, z    in space I_x e^κ, or I_y or I_z: one principal moment is wrong
+        x, y, z    in space I_x e^κ_x, or I_y or I_z alike: one principal moment is wrong
         axes       in space I_x e^κ_x, I_y e^κ_y and I_z e^κ_z
 
     It is not an error of the mass, which velocities do not determine.
@@ -39,42 +39,42 @@ class UniformInertiaError(InertiaError):
 
 
 class InertiaErrorX(InertiaError):
-    """I_x → I_x e^κ about the body's x alone (`UniformInertiaError`)."""
+    """I_x → I_x e^κ_x about the body's x alone (`UniformInertiaError`)."""
 
     spaces = (SPACE,)
     form = "x"
-    formula = "I_x ← I_x e^κ"
-    in_words = "the moment of inertia about the body's x is {kappa:exp} times the stated one"
-    kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
+    formula = "I_x ← I_x e^κ_x"
+    in_words = "the moment of inertia about the body's x is {kappa_x:exp} times the stated one"
+    kappa_x: Tensor | float = parameter("κ_x", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return _scaled(state, self.kappa, 0.0, 0.0)
+        return _scaled(state, self.kappa_x, 0.0, 0.0)
 
 
 class InertiaErrorY(InertiaError):
-    """I_y → I_y e^κ about the body's y alone (`UniformInertiaError`)."""
+    """I_y → I_y e^κ_y about the body's y alone (`UniformInertiaError`)."""
 
     spaces = (SPACE,)
     form = "y"
-    formula = "I_y ← I_y e^κ"
-    in_words = "the moment of inertia about the body's y is {kappa:exp} times the stated one"
-    kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
+    formula = "I_y ← I_y e^κ_y"
+    in_words = "the moment of inertia about the body's y is {kappa_y:exp} times the stated one"
+    kappa_y: Tensor | float = parameter("κ_y", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return _scaled(state, 0.0, self.kappa, 0.0)
+        return _scaled(state, 0.0, self.kappa_y, 0.0)
 
 
 class InertiaErrorZ(InertiaError):
-    """I_z → I_z e^κ about the body's z alone (`UniformInertiaError`)."""
+    """I_z → I_z e^κ_z about the body's z alone (`UniformInertiaError`)."""
 
     spaces = (SPACE,)
     form = "z"
-    formula = "I_z ← I_z e^κ"
-    in_words = "the moment of inertia about the body's z is {kappa:exp} times the stated one"
-    kappa: Tensor | float = parameter("κ", "–", -1.0, 1.0)
+    formula = "I_z ← I_z e^κ_z"
+    in_words = "the moment of inertia about the body's z is {kappa_z:exp} times the stated one"
+    kappa_z: Tensor | float = parameter("κ_z", "–", -1.0, 1.0)
 
     def state(self, state: State) -> State:
-        return _scaled(state, 0.0, 0.0, self.kappa)
+        return _scaled(state, 0.0, 0.0, self.kappa_z)
 
 
 class InertiaErrorOfAxes(InertiaError):

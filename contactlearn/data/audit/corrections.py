@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Any, cast
+from typing import cast
 
 import torch
 from jaxtyping import Bool
@@ -148,7 +148,7 @@ def _written(unit: Miswritten) -> Correction:
         return Correction(unit.words, lambda impacts, _: _resized(impacts, unit.factor), Apparatus.without_outline)
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
     if "theta" in unit.columns:
-        return _in_plane(unit.words, _converted(unit), apparatus=_forget("orientation"))
+        return Correction(unit.words, _converted(unit), _forget("orientation"), spaces=(PLANE,))
     return Correction(unit.words, _converted(unit), apparatus)
 
 
@@ -231,14 +231,15 @@ def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
 
 def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction to axes with z up, by a turn about a vector in rad, of the body's axes too or not."""
-    by = torch.tensor(vector, dtype=torch.float64)
-    turn = rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
-    both = torch.block_diag(turn, turn)
-
-    def quaternion(q: Tensor) -> Tensor:
-        return torch.cat((q[..., :1], q[..., 1:] @ turn.T), -1) if with_body else turn_quaternion(q, by)
 
     def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        by = torch.tensor(vector, dtype=torch.float64)
+        turn = rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+        both = torch.block_diag(turn, turn)
+
+        def quaternion(q: Tensor) -> Tensor:
+            return torch.cat((q[..., :1], q[..., 1:] @ turn.T), -1) if with_body else turn_quaternion(q, by)
+
         fields = {name: x @ both.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
         fields |= {f"{name}_cov": both @ x @ both.T for name, x in _covariances(impacts)}
         fields |= {
@@ -299,10 +300,6 @@ def _in_space(one: Correction) -> Correction:
         return after.replace(r=torch.where(follows[..., None, None], now, after.r))
 
     return replace(one, function=corrected, apparatus=Apparatus.without_outline, spaces=(SPACE,))
-
-
-def _in_plane(*parts: Any, **more: Any) -> Correction:
-    return Correction(*parts, spaces=(PLANE,), **more)
 
 
 _IN_SPACE = {
@@ -381,47 +378,57 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 
 CORRECTIONS = {
     "swapped_pre_post": Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post),
-    "mirrored_y": _in_plane(
+    "mirrored_y": Correction(
         "y points down: positions, velocities and the contact point",
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
         Apparatus.with_y_mirrored,
+        spaces=(PLANE,),
     ),
-    "swapped_axes": _in_plane(
+    "swapped_axes": Correction(
         "x and y are exchanged: positions, velocities, contact point",
         _swapped_axes,
         _forget("slope", "orientation"),
+        spaces=(PLANE,),
     ),
-    "mirrored_x": _in_plane(
+    "mirrored_x": Correction(
         "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
         _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
         Apparatus.with_x_mirrored,
+        spaces=(PLANE,),
     ),
-    "mirrored_theta": _in_plane(
+    "mirrored_theta": Correction(
         "θ and ω are positive clockwise",
         _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
         Apparatus.with_theta_mirrored,
+        spaces=(PLANE,),
     ),
-    "mirrored_omega": _in_plane("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
+    "mirrored_omega": Correction(
+        "ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES)), spaces=(PLANE,)
+    ),
     **{name: _in_space(one) for name, one in _IN_SPACE.items()},
     "contact_point_sign": Correction(
         "r points from the contact to the centre of mass", lambda impacts, _: impacts.replace(r=-impacts.r)
     ),
-    "contact_point_mirrored": _in_plane("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
+    "contact_point_mirrored": Correction(
+        "x of the contact point points left", _scaled(((-1, 1), ("r",))), spaces=(PLANE,)
+    ),
     **{name: _written(one) for name, one in MISWRITTEN.items()},
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data requires",
         _inertia_scaled,
         needs_all_trials=True,
     ),
-    "inclined_floor": _in_plane(
+    "inclined_floor": Correction(
         "the floor is inclined against the axes, which are turned by the angle at which the moments balance",
         _inclined_floor,
         _forget("slope", "slope_b", "orientation"),
         needs_all_trials=True,
+        spaces=(PLANE,),
     ),
-    "spin_from_moments": _in_plane(
+    "spin_from_moments": Correction(
         "the spin was not measured: it is 0 before impact, and after it what the moment of the impulse makes",
         _spin_from_moments,
+        spaces=(PLANE,),
     ),
     "drop_incomplete": Correction(
         "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
@@ -431,19 +438,29 @@ CORRECTIONS = {
         lambda impacts, _: _drop(impacts, repeated(impacts)),
         needs_all_trials=True,
     ),
-    "drop_outliers": _in_plane(
+    "drop_outliers": Correction(
         "gross outliers, which cannot be real measurements",
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
         needs_all_trials=True,
+        spaces=(PLANE,),
     ),
-    "averaged_vx": _in_plane(
-        "v_x before impact varies by no more than its noise: its mean is used", _averaged(0), needs_all_trials=True
+    "averaged_vx": Correction(
+        "v_x before impact varies by no more than its noise: its mean is used",
+        _averaged(0),
+        needs_all_trials=True,
+        spaces=(PLANE,),
     ),
-    "averaged_vy": _in_plane(
-        "v_y before impact varies by no more than its noise: its mean is used", _averaged(1), needs_all_trials=True
+    "averaged_vy": Correction(
+        "v_y before impact varies by no more than its noise: its mean is used",
+        _averaged(1),
+        needs_all_trials=True,
+        spaces=(PLANE,),
     ),
-    "averaged_omega": _in_plane(
-        "ω before impact varies by no more than its noise: its mean is used", _averaged(2), needs_all_trials=True
+    "averaged_omega": Correction(
+        "ω before impact varies by no more than its noise: its mean is used",
+        _averaged(2),
+        needs_all_trials=True,
+        spaces=(PLANE,),
     ),
     "moving_floor": Correction(
         "the floor moves along its normal: velocities are taken relative to it", _moving_floor, needs_all_trials=True
@@ -456,10 +473,11 @@ CORRECTIONS = {
         lambda impacts, _: as_measured(impacts),
         needs_all_trials=True,
     ),
-    "traced_shape": _in_plane(
+    "traced_shape": Correction(
         "the shape is not stated, and the contact points trace it",
         lambda impacts, _: with_traced_shape(impacts),
         needs_all_trials=True,
+        spaces=(PLANE,),
     ),
 }
 """By name; the order is that in which several are applied where the audit proposes them together."""

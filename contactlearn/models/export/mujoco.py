@@ -25,6 +25,7 @@ from torch import Tensor
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, DataError
+from contactlearn.effects import State
 from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Estimate
@@ -213,7 +214,8 @@ def _scene(model: ContactModel, impacts: Impacts, shape: Body) -> Scene:
     rig = torch.tensor(_embedded(beside[: impacts.space.d]), dtype=torch.float64)
     offset, rig = (rigid_body.matvec(rigid_body.rotation(_quaternion(turn)), one) for one in (offset, rig))
     tracked = "com_offset" in model.effects and model.effects["com_offset"].form == "tracked"
-    inertia = impacts.inertia.median(0).values * math.exp(known("inertia_error", "kappa")[0])
+    state, error = State.of(impacts), model.effects.get("inertia_error")
+    inertia = (state if error is None else error.state(state)).inertia.median(0).values
     return Scene(
         shape=_changed(shape, known("shape_error", *(f"s_{one}" for one in axes)), *known("corner_radius", "rho_c")),
         mass=impacts.mass.median().item(),
