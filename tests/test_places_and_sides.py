@@ -91,6 +91,20 @@ def test_one_moment_of_inertia_that_is_wrong_is_named():
     assert values["kappa_y"] == pytest.approx(math.log(1.05), abs=0.01)
 
 
+def test_an_elliptic_cone_is_that_of_stretched_axes():
+    """Along either axis of the ellipse a ball is rubbed by that axis's μ, and elsewhere by friction inside the cone."""
+    s, beta, mu = 0.3, 0.4, 0.1
+    effect = find_effect("anisotropic_friction")(p=s * math.cos(2 * beta), q=s * math.sin(2 * beta))
+    for heading, expected in ((beta, mu * math.exp(s)), (beta + math.pi / 2, mu * math.exp(-s))):
+        v = torch.tensor([[3 * math.cos(heading), 3 * math.sin(heading), -1, 0, 0, 0]], dtype=torch.float64)
+        columns = (torch.tensor([0.1]), torch.full((1, 3), 1.6e-5), torch.tensor([[0, 0, -0.02]]))
+        ball = Impacts(*columns, torch.tensor([[0, 0, 0.02, 1, 0, 0, 0]]), v, v, validate=False)
+        model = ContactModel(base=find("wang_mason").at(mu, 0.5), effects={"it": effect})
+        P = model.predict(ball).wrench[0, :3]
+        assert P[:2].norm().item() == pytest.approx(expected * P[2].item(), rel=1e-9)
+        assert (P[:2] @ v[0, :2]).item() == pytest.approx(-P[:2].norm().item() * 3, rel=1e-9)
+
+
 @pytest.mark.parametrize("heading", [0.0, 1.0, 2.5])
 def test_a_ball_on_springs_leaves_as_its_tangent_swings(heading):
     """Without a dashpot v_t⁺ = v_t cos((1 + ε) π/2 √(W_tt/(c W_nn))) along the slip, whatever its heading."""
