@@ -50,8 +50,8 @@ def test_its_probability_is_stated(found):
     (one,) = found.missing
     assert one.level is Level.FOUND
     assert 0.9 < one.confidence < 1
-    assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error (99 %), error")
-    assert [one.name for one in found.findings] == ["consistent"]
+    assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error:uniform (99 %), error")
+    assert [(one.name, one.mistake) for one in found.findings] == [("moment_balance_open", False)]  # by the inertia
     assert not found.formulas
 
 
