@@ -181,7 +181,7 @@ def effects() -> Iterator[tuple[str, str]]:
         fitted(EffectId("sampling_delay"), -0.0075),
         fitted(DRAG, 0.08),
         fitted(EffectId("inertia_error", "uniform"), 0.2),
-        fitted(EffectId("location_dependent_friction"), 0.1, -0.2, 0.3, 0.0, 0.1),
+        fitted(EffectId("location_dependent_friction", "along"), 0.1, -0.2, 0.3, 0.0, 0.1),
         fitted(EffectId("contact_patch", "linear"), -0.2, 0.001),
         replace(fitted(DRAG, 0.08), effect=EffectId("mine")),
         stopped,

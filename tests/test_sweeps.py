@@ -17,8 +17,7 @@ from forked_sweeps import ForkedSweep
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import OmegaConf
 
-from contactlearn.cli import hydra_main
-from contactlearn.cli import job as job_module
+from contactlearn.cli import hydra_main, job as job_module
 from contactlearn.cli.commands import loading
 from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import GIB, available_memory, jobs_at_a_time
