@@ -332,7 +332,7 @@ def test_deviations_that_follow_something_stay_unknown(structure):
     assert found.scatter.dependences
     assert not found.scatter.random
     assert found.budget.noise_source is NoiseSource.MEASURED
-    assert "and are no scatter" in headline(found)
+    assert "no scatter" in headline(found)
 
 
 def test_nothing_scatters_where_data_are_exact_or_few():

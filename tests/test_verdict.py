@@ -203,7 +203,7 @@ def test_structure_is_named_and_is_no_scatter():
     found = replace(made_up(12), missing=(), physics=Verdict.UNKNOWN, verdict=Verdict.UNKNOWN)
     structured = replace(SCATTERED, dependences=(POSE, replace(POSE, variable="normal_speed of earlier impacts")))
     text = headline(replace(found, scatter=structured)).replace("\u00a0", " ")
-    assert "The deviations of the normal follow the pose and the normal speed of earlier impacts (p = 0.002)" in text
+    assert "The normal follows the pose (p = 0.002): no scatter." in text
     assert "contacts scatter" not in text
     assert SCATTERED.random
     assert not structured.random
