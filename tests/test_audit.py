@@ -629,3 +629,21 @@ def test_lengths_in_millimetres_beside_a_shape_in_space():
     found, *_ = audit(ball.replace(q=ball.q * lengths, r=1e3 * ball.r, q_post=None, validate=False))
     assert found.mistake
     assert "are lengths in mm? say data.units.length=mm" in found.sentence
+
+
+def test_a_variance_of_another_unit_is_said_with_row_and_weight():
+    clean = drops(size=60)
+    cov = torch.diag(torch.tensor([0.01, 0.01, 0.5], dtype=torch.float64).square()).expand(60, 3, 3)
+    assert "uneven_covariances" not in names_of(clean.replace(v_pre_cov=cov, v_post_cov=cov))
+    wrong = cov.clone()
+    wrong[[16, 20]] *= 1e-6
+    (finding,) = [one for one in audit(clean.replace(v_post_cov=wrong)) if one.name == "uneven_covariances"]
+    assert not finding.mistake
+    assert "v_post_cov has another scale in row 17 (trial '17'), column cov_vx_vx_post (and 1 more rows)" in str(
+        finding
+    )
+    assert "1000 times smaller than the median 0.01" in str(finding)
+
+
+def names_of(impacts):
+    return [one.name for one in audit(impacts)]

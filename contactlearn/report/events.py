@@ -29,7 +29,7 @@ from contactlearn.report.text import (
     undecided,
 )
 
-_SAID = ("constant_columns", "sorted_trials", "spin_not_measured", "energy_gained")
+_SAID = ("constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances")
 """Notes that limit what a verdict can say."""
 _LONG = 5.0  # s after which a task is named where no bar is seen
 

@@ -6,6 +6,7 @@
     inertia_scaled            the moments balance up to one factor on I, of more than 2.5
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
+    uneven_covariances        variances of single trials that are far smaller than those of most
     out_of_order              times that contradict the order of the trials
     moving_floor              the floor moves along its normal: a constant in v_n⁺ beside its part ∝ v_n
     gross_outliers            trials that cannot be real measurements
@@ -55,6 +56,7 @@ from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.result import Audit, Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
+    covariance_findings,
     duplicate_findings,
     incomplete_findings,
     order_findings,
@@ -77,7 +79,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
-    findings = incomplete_findings(impacts) + duplicate_findings(impacts)
+    findings = incomplete_findings(impacts) + duplicate_findings(impacts) + covariance_findings(impacts)
     sound = impacts.replace(validate=False)[~repeated(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:

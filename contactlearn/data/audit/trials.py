@@ -30,6 +30,7 @@ _IMBALANCE = 1 / 3  # share of the terms of the balance that a gross residual ex
 _COMMON_SHARE = 0.1  # share of an object's trials with a gross mass from which on it is two bodies of one name
 _APPARATUS_SIGMAS = 3.0  # standard errors by which the scale must be off, too
 _SECONDS_A_TRIAL = 0.5  # that a trial takes at least: times that span less are no clock of the session
+_UNEVEN = 0.01  # of the median standard deviation; flights of few frames and of many differ by ten
 _RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
 _SORTED = 0.9  # rank correlation of the order and the state from which on trials are sorted by it: chance gives 0.5
 _MIN_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
@@ -163,6 +164,32 @@ def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
     values = values.contiguous()
     ranked = values.sort().values
     return (torch.searchsorted(ranked, values) + torch.searchsorted(ranked, values, side="right")).double()
+
+
+def covariance_findings(impacts: Impacts) -> list[Finding]:
+    """Variances that are far smaller than those of most trials, as of another unit: they would decide alone."""
+    for name, columns in impacts.space.covariances.items():
+        if (covariance := getattr(impacts, name)) is None:
+            continue
+        variance = covariance.diagonal(dim1=-2, dim2=-1)
+        typical = variance.median(0).values
+        small = (variance < _UNEVEN**2 * typical).any(-1)
+        if not small.any():
+            continue
+        row = int(small.nonzero()[0, 0])
+        k = int((variance[row] / typical.clamp_min(1e-300)).argmin())
+        column = columns[impacts.space.upper[0].index(k)]
+        ratio = (typical[k] / variance[row, k].clamp_min(1e-300)).sqrt().item()
+        more = f" (and {int(small.sum()) - 1} more rows)" if small.sum() > 1 else ""
+        sentence = (
+            f"{name} has another scale in row {row + 1} (trial {impacts.trial[row]!r}), column {column}{more}: its "
+            f"standard deviation {variance[row, k].sqrt().item():.2g} is {min(ratio, 1e6):.0f} times smaller than the "
+            f"median {typical[k].sqrt().item():.2g}; it would weigh {min(ratio**2, 1e12):.0e} times as much as another "
+            "trial; is its unit another one?"
+        )
+        evidence = evidence_of(("rows", float(small.sum())), ("ratio", ratio))
+        return [Finding(name="uneven_covariances", sentence=sentence, evidence=evidence, mistake=False)]
+    return []
 
 
 def order_findings(impacts: Impacts) -> list[Finding]:
