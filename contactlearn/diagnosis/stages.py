@@ -405,8 +405,10 @@ def decompose_error(
     )
     scatter = contact_scatter(impacts, fit.model, question.options, thresholds)
     instrument = None
-    if scatter is not None and scatter.result.random and scatter.floor.mean > floor.error.mean:
-        floor, instrument = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER), scatter.instrument
+    if scatter is not None and scatter.result.random:
+        instrument = scatter.instrument
+        if scatter.floor.mean > floor.error.mean:
+            floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
     budget = error_budget(
         search.limits,
         base=rungs.rungs[0].error,

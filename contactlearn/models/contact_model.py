@@ -209,11 +209,19 @@ class ContactModel:
         It is that of the full law at draws of the deviations, the same for every call: a linear one would not see that
         scatter makes sliding impacts stick.
         """
-        if not self.scatter:
-            return impacts.v_pre.new_zeros(len(impacts), *[impacts.space.D] * 2)
-        drawn = self.scattered(impacts, torch.Generator().manual_seed(0), _DRAWS)
-        away = drawn.v_post - self.base_prediction(impacts).v_post
+        away = self._away(impacts)
         return torch.einsum("sni,snj->nij", away, away) / _DRAWS
+
+    def scatter_shift(self, impacts: Impacts) -> Float[Tensor, "n D"]:
+        """Mean change [N, D] of v_post by the contact's scatter: sliding impacts that stick do so in one direction."""
+        return self._away(impacts).mean(0)
+
+    def _away(self, impacts: Impacts) -> Float[Tensor, "s n D"]:
+        """Changes [S, N, D] of v_post by deviations that are the same for every call."""
+        if not self.scatter:
+            return impacts.v_pre.new_zeros(_DRAWS, *impacts.v_pre.shape)
+        drawn = self.scattered(impacts, torch.Generator().manual_seed(0), _DRAWS)
+        return drawn.v_post - self.base_prediction(impacts).v_post
 
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""

@@ -11,12 +11,22 @@ from contactlearn.scatter.base import Component
 from contactlearn.scatter.contact_point import ContactPoint
 from contactlearn.scatter.friction import Friction
 from contactlearn.scatter.normal import Normal
+from contactlearn.scatter.orientation import Orientation
 from contactlearn.scatter.restitution import Restitution
 
-COMPONENTS: tuple[type[Component], ...] = (Restitution, Friction, Normal, ContactPoint)
-"""All components."""
+COMPONENTS: tuple[type[Component], ...] = (Restitution, Friction, Normal, ContactPoint, Orientation)
+"""All components; the last is noise of the instrument, which is like scatter of the contact."""
 
-__all__ = ["COMPONENTS", "Component", "ContactPoint", "Friction", "Normal", "Restitution", "find_component"]
+__all__ = [
+    "COMPONENTS",
+    "Component",
+    "ContactPoint",
+    "Friction",
+    "Normal",
+    "Orientation",
+    "Restitution",
+    "find_component",
+]
 
 
 def find_component(name: str) -> type[Component]:

@@ -50,6 +50,8 @@ class Component(Frozen, ABC):
     """Greatest plausible standard deviation, in this unit."""
     in_words: ClassVar[str]
     """A sentence's part with `{sigma}`, as an effect's: the unit is added, ° for rad and mm for m."""
+    of_instrument: ClassVar[bool] = False
+    """Whether it is noise of the instrument that looks like scatter of the contact, and no body has it."""
     source: ClassVar[str] = ""
     """Origin of the idea, in words."""
     name: ClassVar[str]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from contactlearn.inference.identification.scatter import StandardDeviation
+from contactlearn.inference.identification.scatter import INSTRUMENT, StandardDeviation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,5 +66,6 @@ class ContactScatter:
 
     @property
     def random(self) -> bool:
-        """Whether the contact scatters, and nothing that is known of the impacts explains its deviations."""
-        return bool(self.components) and not self.dependences
+        """Whether contact or recorded pose scatter, and nothing that is known of the impacts explains it."""
+        recorded = any(one.name not in INSTRUMENT for one in self.instrument)
+        return (bool(self.components) or recorded) and not self.dependences

@@ -19,8 +19,8 @@ Sources: Lindstrom & Bates 1990 (conditional linearisation); Self & Liang 1987 (
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -105,6 +105,7 @@ class Scatter:
         each: most probable deviations [N, q] of the impacts by component, and their standard errors [N, q].
         distance: squared distance [N] of each impact from the model in units of instrument and scatter.
         converged: whether linearisation and deviations agree.
+        recorded: components of the instrument, of which the model has none.
         inflation: factor of `covariance`.
     """
 
@@ -120,6 +121,7 @@ class Scatter:
     each: Mapping[str, tuple[Float[Tensor, "n k"], Float[Tensor, "n k"]]]
     distance: Float[Tensor, " n"]
     converged: bool
+    recorded: Mapping[str, Component] = field(default_factory=dict[str, Component])
     inflation: float = 1.0
 
     @cached_property
@@ -136,7 +138,7 @@ class Scatter:
         values = {one.name: str(one) for one in self.deviations}
         parts = [component.in_words.format(sigma=values[name]) for name, component in self.model.scatter.items()]
         lines = ["the contact scatters: " + ", ".join(parts) if parts else "no scatter of the contact is seen"]
-        noise = ", ".join(values[name] for name in INSTRUMENT if name in values)
+        noise = ", ".join(values[name] for name in (*INSTRUMENT, *self.recorded) if name in values)
         beside = "has noise beside the stated" if self.stated else "has noise"
         lines += [f"the instrument {beside}: {noise}"] if noise else []
         lines += [f"{a} and {b} cannot be told apart: correlation {c:+.2f}" for a, b, c in self.confounded()]
@@ -163,7 +165,8 @@ class Scatter:
         before, after = problem.instrument(torch.tensor([values.get(name, 0.0) for name in INSTRUMENT]).double())
         theta = torch.stack([x.mean() for x in self.model.values])
         slope = problem.linearised(theta, *problem.still).slope_before
-        return after + slope @ before @ slope.mT
+        recorded = replace(self.model, scatter=self.recorded).scatter_covariance(impacts)
+        return after + slope @ before @ slope.mT + recorded
 
     def covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
         """Covariance [N, D, D] of measured v_post, of instrument and scatter.
@@ -185,6 +188,7 @@ def fit_scatter(
     *,
     components: Iterable[Component] | None = None,
     thresholds: ScatterThresholds = ScatterThresholds(),
+    quick: bool = False,
 ) -> Scatter:
     """Estimate the scatter around a law with effects, and both anew beside it.
 
@@ -193,6 +197,8 @@ def fit_scatter(
         model: a law with effects, fitted to these impacts; their values are where the estimate begins.
         components: that may scatter; all that there are if None.
         thresholds: of the statements.
+        quick: whether all sets are compared about the deviations of all components, in a third of the time.  That is
+            good enough for weights.
 
     Raises:
         DataError: fewer than `MIN_TRIALS` impacts.
@@ -205,7 +211,7 @@ def fit_scatter(
         raise DataError(f"{impacts.source}: scatter needs at least {MIN_TRIALS} impacts, got {len(impacts)}")
     candidates = [kind() for kind in COMPONENTS] if components is None else list(components)
     try:
-        return _fitted(impacts, model, candidates, thresholds)
+        return _fitted(impacts, model, candidates, thresholds, quick)
     except torch.linalg.LinAlgError as error:  # pyright: ignore[reportPrivateImportUsage]
         raise ContactLearnError(
             f"{impacts.source}: the scatter cannot be estimated, for these impacts determine too little: {error}"
@@ -213,18 +219,21 @@ def fit_scatter(
 
 
 def _fitted(
-    impacts: Impacts, model: ContactModel, candidates: Sequence[Component], thresholds: ScatterThresholds
+    impacts: Impacts, model: ContactModel, candidates: Sequence[Component], thresholds: ScatterThresholds, quick: bool
 ) -> Scatter:
-    """Search the components, and estimate the best sets anew."""
+    """Search the components, and estimate the best sets anew unless it shall be `quick`."""
     problem = _Problem.of(replace(model, scatter={one.name: one for one in candidates}), impacts)
     theta, every = torch.stack([x.mean() for x in model.values]), torch.ones(len(problem.starts), dtype=torch.bool)
     whole = _estimate(problem, theta, every)
     penalty = max(math.log(len(impacts)), thresholds.least_gain)
     sets = _searched(whole, problem.fixed, penalty)
     none = min((free for free in sets if not any(free[_FIRST:])), key=sets.__getitem__)
-    first = [whole.restricted(problem, free) for free in (*sorted(sets, key=sets.__getitem__)[:_REFITTED], none)]
-    again = [one.restricted(problem, one.seen(problem, thresholds.least_share)) for one in first]
-    refitted = {tuple(one.free.tolist()): one for one in (*again, *first)}
+    nearest = sorted(sets, key=sets.__getitem__)[: 1 if quick else _REFITTED]
+    restricted = whole.without if quick else partial(whole.restricted, problem)
+    refitted = {free: restricted(free) for free in (*nearest, none)}
+    for free in [one.seen(problem, thresholds.least_share) for one in refitted.values()]:
+        if free not in refitted:
+            refitted[free] = restricted(free)
     without = refitted[none]
     clear = [one for free, one in refitted.items() if one.seen(problem, thresholds.least_share) == free]
     best = min(clear, key=lambda one: one.bic(penalty))
@@ -242,7 +251,7 @@ def _searched(whole: "_Estimate", fixed: Bool[Tensor, " c"], penalty: float) -> 
 
     def criterion(free: tuple[bool, ...]) -> float:
         if free not in bic:
-            bic[free] = whole.criterion(torch.tensor(free), penalty)
+            bic[free] = whole.without(free).bic(penalty)
         return bic[free]
 
     best: tuple[bool, ...] | None = None
@@ -403,10 +412,10 @@ class _Estimate:
         """BIC of the free components."""
         return -2 * self.fit.log_likelihood + penalty * int(self.free.sum())
 
-    def criterion(self, free: Tensor, penalty: float) -> float:
-        """BIC of fewer components, about the deviations of this estimate."""
-        fit = self.model.fit(self.fit.variances, free, self.fit.mixture)
-        return -2 * fit.log_likelihood + penalty * int(free.sum())
+    def without(self, free: Sequence[bool]) -> "_Estimate":
+        """Estimate fewer components about the deviations of this estimate."""
+        chosen = torch.tensor(free)
+        return replace(self, free=chosen, fit=self.model.fit(self.fit.variances, chosen, self.fit.mixture))
 
     def seen(self, problem: _Problem, least: float) -> tuple[bool, ...]:
         """Free components whose mean share along their own directions is not less; the instrument's as they were."""
@@ -517,7 +526,8 @@ def _described(
         near = min(error / (2 * value), math.sqrt(error))  # of a variance that may be 0
         deviations.append(StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=near))
     values = {one.name: one.value for one in deviations}
-    scatter = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
+    own = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
+    scatter = {name: one for name, one in own.items() if not one.of_instrument}
     inverse = torch.linalg.inv(fit.precision)
     model = assemble(problem.model.law, problem.model.effects, best.theta, inverse)
     prior = _prior(problem, fit.variances)
@@ -534,7 +544,8 @@ def _described(
         bic=best.bic(penalty) - without.bic(penalty),
         rivals=rivals,
         mixture=fit.mixture,
-        each={one.name: (u, error) for one, u, error in each if one.name in scatter},
+        each={one.name: (u, error) for one, u, error in each if one.name in own},
         distance=fit.distance,
         converged=best.converged,
+        recorded={name: one for name, one in own.items() if one.of_instrument},
     )
