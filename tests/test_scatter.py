@@ -17,7 +17,7 @@ from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Record, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.contact_scatter import contact_scatter
+from contactlearn.diagnosis.unexplained.contact_scatter import contact_scatter, weighed
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects import State
 from contactlearn.effects.surface_tilt import SurfaceTiltSeen
@@ -30,7 +30,16 @@ from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.text import headline
-from contactlearn.scatter import COMPONENTS, Component, ContactPoint, Friction, Normal, Restitution, find_component
+from contactlearn.scatter import (
+    COMPONENTS,
+    Component,
+    ContactPoint,
+    Friction,
+    Normal,
+    Orientation,
+    Restitution,
+    find_component,
+)
 from contactlearn.simulation import synthetic
 
 sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
@@ -135,6 +144,43 @@ def test_variances_are_those_that_made_the_residuals():
     assert all(fit.step.tolist() == pytest.approx([1, 1, 1], abs=0.1) for fit in fits)
 
 
+# --- Weights ------------------------------------------------------------------------------------
+
+
+def test_trials_of_one_covariance_weigh_alike():
+    drops = synthetic.load(120, velocity_noise=0.01, spin_noise=0.3)
+    root = torch.tensor([[0.01, 0, 0], [0.004, 0.02, 0], [0.1, -0.1, 0.4]], dtype=torch.float64)
+    alike = drops.replace(outcome_cov=(root @ root.mT).expand(120, 3, 3))
+    found, plain = fit(alike, LAW), fit(drops, LAW)
+    torch.testing.assert_close(found.values, plain.values, rtol=0, atol=1e-3 * plain.standard_errors.min().item())
+    torch.testing.assert_close(found.standard_errors, plain.standard_errors, rtol=1e-3, atol=0)
+    white = alike[[3, 5]].residual(torch.zeros(2, 3).double())
+    torch.testing.assert_close(white @ root.mT, drops[[3, 5]].v_post)
+
+
+def test_weights_bring_the_law_nearer_to_the_truth():
+    """A normal that scatters makes contacts stick: without its shift, friction is three standard errors off."""
+    away, errors = [], []
+    for seed in range(6):
+        impacts = simulated(World(sigma_normal=math.radians(2), seed=seed), 200)
+        plain = fit(impacts, "wang_mason")
+        found = fit(weighed(impacts, plain.model, FitOptions(), Thresholds()), "wang_mason")
+        away.append([(one.values - torch.tensor((0.2, 0.5)).double()).abs().tolist() for one in (plain, found)])
+        errors.append([one.standard_errors.tolist() for one in (plain, found)])
+    before, after = torch.tensor(away).square().mean(0).sqrt()
+    stated = torch.tensor(errors).mean(0)[1]
+    assert (after < 0.9 * before).any(), (before, after)
+    assert (after < 1.1 * before).all(), (before, after)
+    assert (after < 2 * stated).all(), (after, stated)
+
+
+@pytest.mark.parametrize("structure", ["pose", "speed"])
+def test_deviations_that_mostly_follow_something_are_no_weight(structure):
+    impacts = simulated(World(structure=structure), 250)
+    model = fit(impacts, "wang_mason").model
+    assert weighed(impacts, model, FitOptions(), Thresholds()) is None
+
+
 # --- What is seen of what is planted --------------------------------------------------------------
 
 PLANTED = {
@@ -172,6 +218,20 @@ def test_noise_of_the_instrument_is_no_scatter(world, stated):
         _, scatter = scattered(stated=stated, trials=200, seed=seed, **world)
         assert scatter.names == (), scatter
         assert "no scatter of the contact is seen" in repr(scatter)
+
+
+@pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
+def test_errors_of_the_recorded_orientation_are_the_instruments(space):
+    impacts, sigma = simulated(World(space=space, slip=2.5 if space else 1.5), 250, stated=False), math.radians(0.6)
+    u = sigma * torch.randn(250, 3 if space else 1, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    state, _, _ = Orientation().perturb(State.of(impacts), *LAW.coefficients, u)
+    recorded = impacts.replace(r=state.r, validate=False)
+    scatter = fit_scatter(recorded, fit(recorded, "wang_mason").model)
+    assert (scatter.names, [*scatter.recorded]) == ((), ["orientation"])
+    assert scatter.recorded["orientation"].sigma == pytest.approx(sigma, rel=WITHIN)
+    assert "no scatter of the contact is seen" in repr(scatter)
+    only = replace(scatter, recorded={}).instrument(recorded)
+    assert (scatter.instrument(recorded) - only).diagonal(dim1=-2, dim2=-1).sum(-1).min() > 0
 
 
 def test_noise_that_was_stated_too_small_is_the_instruments():

@@ -255,15 +255,16 @@ def ordered_candidates(selection: Selection, drift: Drift) -> set[EffectId]:
 def measurement_drift(selection: Selection, thresholds: Thresholds, generator: torch.Generator) -> Drift | None:
     """Find the dependence of the measurement along the sequence; None without any, or where a parameter drifts."""
     pool, spec = selection.pool, selection.spec
-    left = frozenset(key for key in spec.effects if not follows_order(pool.candidates[key], selection.impacts))
-    without_order = Spec(spec.law, left)
+    unordered = frozenset(key for key in spec.effects if not follows_order(pool.candidates[key], selection.impacts))
+    without_order = Spec(spec.law, unordered)
     without = pool.fitted(without_order, pool.start(without_order, selection.chosen, {}))
     found = drifts(without.fit, selection.impacts, pool.options, thresholds)
     lasting = selection.spec.effects - without.spec.effects
     if found is None or not lasting:
         return None if found is None else Drift(found)
     impacts, fit = selection.impacts, selection.present.fit
-    rest = dependence(_left(impacts, fit), impacts.order, fit.inliers, thresholds.dependence_level)
+    left = impacts.v_post - fit.model.predict(impacts).v_post
+    rest = dependence(left, impacts.order, fit.inliers, thresholds.dependence_level)
     if rest is None or rest.block * _BLOCKS > len(impacts):
         return Drift(found)
     lasts = lasts_beside(rest, pool, selection.chosen, without, thresholds.gain_sigmas, generator)
@@ -286,10 +287,11 @@ def lasts_beside(
     impacts, trials = pool.impacts, len(pool.impacts)
     place = impacts.order.argsort(stable=True).argsort()
     folds = Folds.of(blocks(impacts.order, drift.block, _FOLDS, generator), trials)
-    scatter = robust_covariance(_left(impacts, whole.fit))
+    scatter = robust_covariance(impacts.residual(whole.fit.model.predict(impacts).v_post))
     with_them, nothing = (validated(pool, folds, one, scatter).loss for one in (whole, without))
     waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW + 1)).cos()
-    left, each = _left(impacts, without.fit), torch.zeros(_FOLDS, trials, dtype=torch.float64)
+    left = impacts.residual(without.fit.model.predict(impacts).v_post)
+    each = torch.zeros(_FOLDS, trials, dtype=torch.float64)
     for k, rows in enumerate(folds.fitted):
         alike = left - waves @ torch.linalg.lstsq(waves[rows], left[rows]).solution
         each[k] = robust_distance(alike, scatter) + 0.5 * scatter.logdet()
@@ -302,7 +304,11 @@ def lasts_beside(
 
 def drifts(fit: Fit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:
     """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
-    model, residual = fit.model, _left(impacts, fit)
+    model, impacts = (
+        fit.model,
+        impacts.replace(outcome_cov=None, outcome_shift=None),
+    )  # an instrument drifts in its own units
+    residual = impacts.residual(model.predict(impacts).v_post)
     found = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
     if found is None:
         return None
@@ -339,8 +345,3 @@ def drift_finding(drift: Drift, space: Space) -> Finding:
         *(Evidence(quantity=name.replace("ω", "omega"), value=size, unit=unit) for name, size, unit in sizes),
     )
     return Finding(name="measurement_drift", sentence=sentence, evidence=evidence)
-
-
-def _left(impacts: Impacts, fit: Fit) -> Float[Tensor, "n D"]:
-    """The residual of a fitted model."""
-    return impacts.v_post - fit.model.predict(impacts).v_post

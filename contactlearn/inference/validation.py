@@ -130,8 +130,8 @@ class CrossValidation:
         """
         held = self.predicted(effects, fit) if held is None else held
         if scatter is None:
-            scatter = robust_covariance(self.impacts.v_post - fit.model.predict(self.impacts).v_post)
-        residual = self.impacts.v_post - held.v_post
+            scatter = robust_covariance(self.impacts.residual(fit.model.predict(self.impacts).v_post))
+        residual = self.impacts.residual(held.v_post)
         loss = robust_distance(residual, scatter.expand(len(residual), -1, -1)) + 0.5 * scatter.logdet()
         error = mass_error(self.impacts, held)
         return ValidatedFit(effects, fit, self.folds.scores(error), self.folds.scores(loss))

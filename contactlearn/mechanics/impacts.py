@@ -9,6 +9,8 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
     v_pre, v_post      [N, D]  m/s, rad/s  velocity of the centre of mass, then spin, before and after contact
     q_post, time       as q, [N]           optional: pose after contact, time of contact in s
     v_pre_cov, v_post_cov  [N, D, D]       optional: covariances of the errors of v_pre and v_post
+    outcome_cov        [N, D, D]           optional: covariance of v_post about any model of the state, estimated
+    outcome_shift      [N, D]              with it: by how much the scatter moves the mean of v_post
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
     recording          optional: names of the recordings of the trials; those of one are held out together
@@ -78,6 +80,8 @@ class Impacts:
     time: Float[Tensor, "n"] | None = None
     v_pre_cov: Float[Tensor, "n D D"] | None = field(default=None, kw_only=True)
     v_post_cov: Float[Tensor, "n D D"] | None = field(default=None, kw_only=True)
+    outcome_cov: Float[Tensor, "n D D"] | None = field(default=None, kw_only=True)
+    outcome_shift: Float[Tensor, "n D"] | None = field(default=None, kw_only=True)
     order: Float[Tensor, "n"] = field(default=None)  # pyright: ignore[reportAssignmentType]  (filled in below)
     trial: tuple[str, ...] = ()
     object: tuple[str, ...] = ()
@@ -100,9 +104,11 @@ class Impacts:
                 self._take(name, (n,) if len(columns) == 1 else (n, len(columns)))
         if self.order is None:  # left out
             object.__setattr__(self, "order", torch.arange(1, n + 1).to(self.mass))
-        for name in self.space.covariances:
+        for name in (*self.space.covariances, "outcome_cov"):
             if getattr(self, name) is not None:
                 self._take(name, (n, self.space.D, self.space.D))
+        if self.outcome_shift is not None:
+            self._take("outcome_shift", (n, self.space.D))
         object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
         object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
         self._validate()
@@ -277,7 +283,7 @@ class Impacts:
         index = self.numbered(rows).reshape(-1).cpu()
         picked, index = index.tolist(), index.to(self.mass.device)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        for name in (*self.space.components, *self.space.covariances):
+        for name in (*self.space.components, *self.space.covariances, "outcome_cov", "outcome_shift"):
             if values[name] is not None:
                 values[name] = values[name][index]
         for name in ("trial", "object", "recording"):
@@ -352,6 +358,24 @@ class Impacts:
     def wrench(self) -> Float[Tensor, "n D"]:
         """Measured wrench (P, τ) [N, D] in (N s, N m s): exact and unique."""
         return rigid_body.measured_wrench(self.mass, self.world_inertia, self.r, self.v_pre, self.v_post)
+
+    @cached_property
+    def whitening(self) -> Float[Tensor, "n D D"] | None:
+        """Inverse Cholesky factors [N, D, D] of `outcome_cov`, which weigh the trials; None where all weigh alike."""
+        if self.outcome_cov is None:
+            return None
+        root = torch.linalg.cholesky(self.outcome_cov)
+        return torch.linalg.solve_triangular(root, torch.eye(self.space.D).to(root).expand_as(root), upper=False)
+
+    @property
+    def centred(self) -> Float[Tensor, "n D"]:
+        """v_post without the shift by the scatter: what a model without it is compared with."""
+        return self.v_post if self.outcome_shift is None else self.v_post - self.outcome_shift
+
+    def residual(self, v_post: Float[Tensor, "*b n D"]) -> Float[Tensor, "*b n D"]:
+        """Compute the centred v_post less a predicted one, whitened by `outcome_cov` where that is known."""
+        residual = self.centred - v_post
+        return residual if self.whitening is None else rigid_body.matvec(self.whitening, residual)
 
     @property
     def mass_diagonal(self) -> Float[Tensor, "n D"]:

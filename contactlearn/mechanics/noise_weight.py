@@ -1,8 +1,9 @@
-"""Noise of trials by the stated covariances of their velocities: weights in learning and in the search for outliers.
+"""Noise of trials by the covariances of their velocities: weights in learning and in the search for outliers.
 
     w² = 2 m / (m + s²)      of a value with the stated variance s², whose median is m over the trials that have one
 
 Half of the noise is assumed equal in all trials, since models leave more residual than the stated measurement noise.
+Where the covariance of the outcome is known, with the scatter of the contact, it has all of that: w² = m / s².
 """
 
 import torch
@@ -19,17 +20,19 @@ def noise_weight(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
     if variance is None:
         return None
     typical = variance.where(variance > 0, torch.nan).nanmedian(0).values.nan_to_num(1.0)
-    return (2 * typical / (typical + variance)).sqrt()
+    alike = typical if impacts.outcome_cov is None else 0.0
+    return ((typical + alike) / (variance + alike)).sqrt()
 
 
 def noise_variance(impacts: Impacts, target: str) -> Float[Tensor, "n o"] | None:
-    """Return the stated noise variance of a value of each trial; None if no covariance is stated.
+    """Return the noise variance of a value of each trial; None if no covariance is known.
 
     Args:
-        impacts: measurements, with the covariances of v_pre, v_post or both.
+        impacts: measurements, with the covariances of v_pre, v_post or both, or that of the outcome.
         target: velocity, impulse or wrench.
     """
     stated = [x for x in (impacts.v_pre_cov, impacts.v_post_cov) if x is not None]
+    stated = stated if impacts.outcome_cov is None else [impacts.outcome_cov]
     if not stated:
         return None
     covariance = torch.stack(stated).sum(0)

@@ -67,7 +67,7 @@ def find_rivals(
         progress: wraps the effects.
     """
     pool, folds, missing = selection.pool, selection.folds, selection.missing
-    residual = selection.impacts.v_post - selection.present.fit.model.predict(selection.impacts).v_post
+    residual = selection.impacts.residual(selection.present.fit.model.predict(selection.impacts).v_post)
     scatter = robust_covariance(residual)  # in which all models are compared
     chosen = validated(pool, folds, selection.chosen, scatter)
     similarities = [similarity(selection, effect) for effect in missing]

@@ -201,7 +201,7 @@ class Pool:
 
 def _losses_at(impacts: Impacts, law: Law, effects: Mapping[str, Effect], values: Float[Tensor, "c k"]) -> list[float]:
     """Losses of a model at some values, nats a trial."""
-    residual = impacts.v_post - assemble(law, effects, values).predict(impacts).v_post
+    residual = impacts.residual(assemble(law, effects, values).predict(impacts).v_post)
     scatter = robust_covariance(residual)
     loss = robust_distance(residual, scatter).mean(-1) + 0.5 * scatter.logdet()
     return loss.nan_to_num(math.inf).tolist()

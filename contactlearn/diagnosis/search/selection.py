@@ -25,6 +25,7 @@ from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.thresholds import Thresholds
+from contactlearn.diagnosis.unexplained.contact_scatter import weighed
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.robust import robust_distance
@@ -90,7 +91,7 @@ def _shares(pool: Pool, models: Sequence[ScoredFit], generator: torch.Generator)
 
 def _losses(pool: Pool, model: ScoredFit) -> Float[Tensor, " n"]:
     """Robust loss of each trial in nats, up to a constant."""
-    residual = pool.impacts.v_post - model.fit.model.predict(pool.impacts).v_post
+    residual = pool.impacts.residual(model.fit.model.predict(pool.impacts).v_post)
     scatter = robust_covariance(residual)  # that of the fit is in units of the noise, where that is known
     return robust_distance(residual, scatter) + 0.5 * scatter.logdet()
 
@@ -208,7 +209,9 @@ def select(
     prepared = {key: effect for key, effect in prepared.items() if effect.parameters}
     pool = Pool(laws, impacts, prepared, given, options)
     pool.all_fitted({Spec(law): starts.get(law) for law in fitted_first(pool.laws)})
-    complete = _searched(pool, _MOST_EFFECTS, time.process_time() + seconds, generator, progress)
+    end = time.process_time() + seconds
+    complete = _searched(pool, _MOST_EFFECTS, end, generator, progress)
+    pool, complete = _weighed(pool, complete, end, thresholds)
     spec = _pruned(pool, folds, pool.best(), thresholds).spec
     return _chosen(pool, folds, spec, complete, thresholds.window, generator)
 
@@ -275,10 +278,30 @@ def _searched(
     part.all_fitted({Spec(law): pool.models[Spec(law)].fit.values for law in fitted_first(pool.laws)})
     search, whole = Search(part, most, end), Search(pool, most, end)
     complete = search.run(progress)
-    carried = [search.models(size)[:_CARRIED] for size in range(len(part.best().spec.effects) + 2)]
-    pool.all_fitted({model.spec: model.fit.values for some in carried for model in some})
+    _carry(search, pool)
     whole.improve()
     return complete and not whole.late
+
+
+def _weighed(pool: Pool, complete: bool, end: float, thresholds: Thresholds) -> tuple[Pool, bool]:
+    """Weigh the trials by instrument and scatter of the contact, where that is plain, and search on from the best.
+
+    The scatter is that around the best model of all sizes, which leaves the least structure.
+    """
+    impacts = weighed(pool.impacts, pool.best().fit.model, pool.options, thresholds)
+    if impacts is None:
+        return pool, complete
+    again = Pool(pool.laws, impacts, pool.candidates, pool.given, pool.options)
+    _carry(Search(pool, _MOST_EFFECTS), again)
+    search = Search(again, _MOST_EFFECTS, end)
+    search.improve()
+    return again, complete and not search.late
+
+
+def _carry(search: Search, pool: Pool) -> None:
+    """Fit the best models of each size to other trials."""
+    sizes = range(len(search.pool.best().spec.effects) + 2)
+    pool.all_fitted({model.spec: model.fit.values for size in sizes for model in search.models(size)[:_CARRIED]})
 
 
 def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) -> ScoredFit:

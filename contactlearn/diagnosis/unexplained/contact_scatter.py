@@ -29,6 +29,7 @@ from contactlearn.models.contact_model import ContactModel
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
 _EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
 _DRAWS, _RESAMPLES = 16, 1000
+_LEAST = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +83,29 @@ def contact_scatter(
         floor=floor,
         deviations=tuple(_evidence(some, scatter, dependences)),
     )
+
+
+def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, thresholds: Thresholds) -> Impacts | None:
+    """Return impacts with the moments of their outcomes by instrument and scatter of the contact, where that is plain.
+
+    It is not where the deviations of a component mostly follow something: then they are unknown physics.  The mean
+    shifts where scatter makes contacts stick.  Weights alone would make the bias of friction three standard errors.
+    """
+    known = _with_stated_noise(impacts, options)
+    some = known[impacts.order.argsort(stable=True)[-_TRIALS:]]
+    if len(some) < MIN_TRIALS or mass_error(some, model.base_prediction(some)).median() <= _EXACT:
+        return None
+    try:
+        scatter = fit_scatter(some, model, quick=True)
+    except ContactLearnError:
+        return None
+    if not scatter.names or any(
+        (one.share or 0.0) > thresholds.structured_share for one in screen_deviations(scatter, some, thresholds)
+    ):
+        return None
+    covariance = scatter.covariance(known)
+    covariance = covariance + _LEAST * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
+    return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts))
 
 
 def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:

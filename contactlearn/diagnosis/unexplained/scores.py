@@ -132,7 +132,8 @@ def attenuation_regressors(impacts: Impacts, fit: Fit, options: FitOptions) -> F
     if options.with_noise_of(impacts).noise is not None or options.target != "velocity":
         return none
     centred = impacts.v_pre - impacts.v_pre.mean(0)
-    noticeable = len(impacts) * fit.scatter.diagonal() > _NOTICEABLE**2 * centred.square().mean(0)
+    scatter = fit.scatter if impacts.outcome_cov is None else impacts.outcome_cov.mean(0)
+    noticeable = len(impacts) * scatter.diagonal() > _NOTICEABLE**2 * centred.square().mean(0)
     if not noticeable.any():
         return none
     model, state = fit.model, State.of(impacts)
@@ -143,4 +144,5 @@ def attenuation_regressors(impacts: Impacts, fit: Fit, options: FitOptions) -> F
 
     _, slope = linearised(outcome, impacts.v_pre.unbind(-1))
     columns = (slope[:, :, noticeable, None] * (centred / centred.std(0).clamp_min(1e-300))[:, None, None]).flatten(2)
+    columns = columns if impacts.whitening is None else impacts.whitening @ columns
     return torch.linalg.solve_triangular(torch.linalg.cholesky(fit.scatter), columns, upper=False)

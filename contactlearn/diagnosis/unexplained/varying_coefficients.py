@@ -23,6 +23,7 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.validation import Folds, robust_covariance
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.models.contact_model import predict_with
 
 if TYPE_CHECKING:  # GPyTorch takes long to load
@@ -93,7 +94,9 @@ class VaryingCoefficientModel:
     def velocities(self, x: Float[Tensor, "n d"]) -> VaryingCoefficientFit:
         """Let the velocities after impact depend on the inputs, whatever the impact."""
         residual = self.impacts.v_post - self.v_post
-        change, make_fit = self._fit_processes(x, residual, torch.ones_like(residual), self.inliers)
+        known = None if self.impacts.outcome_cov is None else noise_weight(self.impacts, "velocity")
+        weight = torch.ones_like(residual) if known is None else known.square()
+        change, make_fit = self._fit_processes(x, residual, weight, self.inliers)
         return self._validate(self.v_post + change, make_fit)
 
     @property
@@ -107,8 +110,8 @@ class VaryingCoefficientModel:
         They are in units of the model's own scatter, in which no component hides another.
         """
         counted = self.inliers & torch.isin(torch.arange(len(self.impacts)), self.folds.held_out)
-        base = (self.impacts.v_post - self.v_post)[self.inliers]
-        left = (self.impacts.v_post - torch.stack(v_post))[:, counted]
+        base = self.impacts.residual(self.v_post)[self.inliers]
+        left = self.impacts.residual(torch.stack(v_post))[:, counted]
         root = torch.linalg.cholesky(robust_covariance(base))
         return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
 

@@ -12,12 +12,14 @@ and the robust fit of v_post − J (v_pre − ξ) by f(ξ, θ), whitened by S_k,
 is that of Σ_k min over ξ of the weighted squared distance to both measurements.  That minimum is e_kᵀ S_k⁻¹ e_k, and
 the robust weights are functions of it.  A step of ξ_k is shortened, or left out, where the full step would increase
 this distance: J is discontinuous where a contact changes its mode, and full steps oscillate there.  J is a quotient of
-differences, for a third of the time of D backward passes.
+differences, for a third of the time of D backward passes.  Where the contact scatters as well, S_k is
+`Impacts.outcome_cov`, which holds all of it.
 
 Sources: Boggs, Byrd & Schnabel 1987; Fuller 1987; Carroll et al. 2006.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -32,9 +34,16 @@ _APART = 1e-3  # of the noise before impact: J from the outcomes so far to eithe
 _STEPS = (1.0, 0.5, 0.25, 0.0)  # lengths of a latent state's step that are tried; the best is taken
 
 
+class Noise(NamedTuple):
+    """Standard deviations [D] of v_pre, and of v_post; the latter None where the problem is whitened by S_k."""
+
+    before: Float[Tensor, " D"]
+    after: Float[Tensor, " D"] | None
+
+
 def solve(
     observed: JointProblem,
-    noise: Float[Tensor, "2 D"],
+    noise: Noise,
     starts: int,
     start: Tensor | None = None,
     tolerance: float = robust.TOLERANCE,
@@ -43,7 +52,7 @@ def solve(
 
     Args:
         observed: problem about the measured v_pre.
-        noise: standard deviations of v_pre and of v_post.
+        noise: see `Noise`.
         starts: number of starts of the first search, which treats v_pre as exact.
         start: parameters [..., K] at which to begin in place of that search.
         tolerance: of the search.
@@ -64,7 +73,7 @@ def solve(
     raise AssertionError("unreachable: the last round returns")
 
 
-def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 D"], theta: Tensor) -> JointProblem:
+def about_latent_states(observed: JointProblem, noise: Noise, theta: Tensor) -> JointProblem:
     """Return the problem about the latent states at parameters [B, K]; arguments as of `solve`."""
     problem = observed
     for _ in range(_ROUNDS):
@@ -72,29 +81,32 @@ def about_latent_states(observed: JointProblem, noise: Float[Tensor, "2 D"], the
     return problem
 
 
-def _corrected(observed: JointProblem, problem: JointProblem, noise: Tensor, theta: Tensor) -> JointProblem:
+def _corrected(observed: JointProblem, problem: JointProblem, noise: Noise, theta: Tensor) -> JointProblem:
     """Return the problem about updated latent states, from those of the last problem, at parameters [B, K]."""
-    before, after = (torch.diag(sigma.square()) for sigma in noise)
+    before = torch.diag(noise.before.square())
     last, seen = problem.state.v_pre, observed.state.v_pre
-    apart = (_APART * torch.diag(noise[0]))[:, None, None]
+    apart = (_APART * torch.diag(noise.before))[:, None, None]
     outcomes = observed.outcome(torch.cat((last[None], last + apart, last - apart)), theta[:, None])
     outcome, up, down = outcomes[0], *outcomes[1:].chunk(2)
     J = ((up - down) / (2 * apart.sum(-1, keepdim=True))).movedim(0, -1).nan_to_num(0.0, 0.0, 0.0)
-    factor = torch.linalg.cholesky(after + J @ before @ J.mT)
+    if (root := observed.whitening) is None:
+        raise AssertionError("unreachable: where v_pre has noise, v_post has")
+    white = root  # by the noise after impact alone, or by all
+    if noise.after is not None:
+        factor = torch.linalg.cholesky(torch.diag(noise.after.square()) + J @ before @ J.mT)
+        white = torch.linalg.solve_triangular(factor, torch.eye(J.shape[-1]).to(J).expand_as(J), upper=False)
     residual = observed.measured - outcome - _times(J, seen - last)
-    pull = torch.cholesky_solve(residual[..., None], factor)
-    step = seen + _times(before @ J.mT, pull[..., 0]) - last
+    step = seen + _times(before @ J.mT @ white.mT, _times(white, residual)) - last
     tried = last + torch.tensor(_STEPS).to(step)[:, None, None, None] * step
-    missed = observed.measured - observed.outcome(tried, theta[:, None])
-    moved = ((tried - seen) / noise[0]).nan_to_num(0.0)  # 0/0 where v_pre is exact
-    away = (moved.square() + (missed / noise[1]).square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
+    missed = _times(root, observed.measured - observed.outcome(tried, theta[:, None]))
+    moved = ((tried - seen) / noise.before).nan_to_num(0.0)  # 0/0 where v_pre is exact
+    away = (moved.square() + missed.square()).sum(-1, keepdim=True).nan_to_num(torch.inf)
     latent = tried.gather(0, away.argmin(0, keepdim=True).expand(1, *step.shape))[0]
-    eye = torch.eye(J.shape[-1]).to(J).expand_as(J)
     return replace(
         observed,
         state=observed.state.replace(v_pre=latent),
         measured=observed.measured + _times(J, latent - seen),
-        whitening=torch.linalg.solve_triangular(factor, eye, upper=False),
+        whitening=white,
     )
 
 

@@ -417,8 +417,8 @@ def _observed(
     rows: Tensor,
     parameters: tuple[Parameter, ...],
     options: FitOptions,
-) -> tuple[JointProblem, Tensor | None]:
-    """Return the problem of rows [B, n] at measured v_pre, and the noise [2, D] before and after if v_pre has one."""
+) -> tuple[JointProblem, errors_in_variables.Noise | None]:
+    """Return the problem of rows [B, n] at measured v_pre, and the noise if v_pre has one."""
     options = options.with_noise_of(impacts)
     deviations = partial(torch.tensor, dtype=torch.float64, device=impacts.mass.device)
     after = None if options.noise is None else deviations(options.noise)
@@ -427,7 +427,8 @@ def _observed(
         return problem, None
     before = after if options.noise_before is None else deviations(options.noise_before)
     before = before * (impacts.v_pre != impacts.v_pre[0]).any(0)
-    return problem, torch.stack((before, after)) if before.any() else None
+    noise = errors_in_variables.Noise(before, after if impacts.outcome_cov is None else None)
+    return problem, noise if before.any() else None
 
 
 def _deviations(covariance: Tensor) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
 """The residual of a law with effects over many subsets of trials, as a problem for `robust`.
 
-    e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the noise of trial k where that is known
+    e_k(θ) = v_post,k − f(v_pre,k, θ), whitened by the covariance of trial k where that is known
 
 Derivatives are exact: each trial has its own copy of the parameters, so that D backward passes, one a component, give
 the derivatives of all trials.
@@ -32,7 +32,9 @@ def effects_at(effects: Mapping[str, Effect], theta: Tensor) -> dict[str, Effect
 class JointProblem:
     """B problems of n trials: the measured target [B, n, D], and the inverse square root of its covariance where known.
 
-    The model predicts the target from the `state` before impact.
+    The model predicts the target from the `state` before impact.  The covariance is that of stated noise, or that of
+    instrument and scatter of the contact, `Impacts.outcome_cov`.  Where noise is stated the residual is `scaled`: the
+    covariance is known up to one factor.
     """
 
     law: Law
@@ -40,6 +42,7 @@ class JointProblem:
     state: State
     measured: Tensor
     whitening: Tensor | None
+    scaled: bool
     target: str
     low: Tensor
     high: Tensor
@@ -65,27 +68,24 @@ class JointProblem:
             impacts: measurements.
             rows: of the impacts.
             parameters: of the fit.
-            target: `velocity` or `wrench`; where the noise is known the velocity is compared in either case.
+            target: `velocity` or `wrench`; where the covariance is known the velocity is compared in either case.
             noise: standard deviations [D] of the measured v_post.
         """
-        whitening = None
-        if noise is not None:
-            target, whitening = "velocity", torch.diag(1 / noise).expand(*rows.shape, *[len(noise)] * 2)
+        whitening = None if impacts.whitening is None else impacts.whitening[rows]
+        if whitening is None and noise is not None:
+            whitening = torch.diag(1 / noise).expand(*rows.shape, *[len(noise)] * 2)
+        target = target if whitening is None else "velocity"
         device = impacts.mass.device
-        measured = (impacts.v_post if target == "velocity" else impacts.wrench)[rows]
+        measured = (impacts.centred if target == "velocity" else impacts.wrench)[rows]
         limits = torch.tensor([(p.low, p.high, p.start) for p in parameters], dtype=torch.float64, device=device)
         low, high, start = limits.T
         nuisance = torch.tensor([p.vanishing is None for p in parameters], device=device)
         reach = torch.where(nuisance, high - low, (high - low) / 3)
-        return cls(law, effects, State.of(impacts, rows), measured, whitening, target, low, high, start, reach)
+        state, scaled = State.of(impacts, rows), noise is not None
+        return cls(law, effects, state, measured, whitening, scaled, target, low, high, start, reach)
 
     def __len__(self) -> int:
         return len(self.measured)
-
-    @property
-    def scaled(self) -> bool:
-        """Whether the residual is whitened by its known noise."""
-        return self.whitening is not None
 
     def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "JointProblem":
         whitening = None if self.whitening is None else self.whitening[which]
