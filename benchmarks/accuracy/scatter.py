@@ -22,8 +22,10 @@ from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects.velocity_dependent_restitution import LinearFallRestitution
 from contactlearn.inference.identification.joint import fit
 from contactlearn.inference.identification.scatter import Scatter, fit_scatter
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.models.contact_model import ContactModel
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from accuracy.scattered_impacts import World, simulated
@@ -101,19 +103,35 @@ def planted_sets(args: argparse.Namespace) -> None:
 
 
 def held_out(found: Scatter, impacts: Impacts) -> str:
-    """Coverage of 95 % ellipsoids and intervals, density and size of what is left, of impacts not fitted."""
+    """Coverage of 95 % ellipsoids and intervals, and size of what is left, of impacts not fitted."""
     covariance, D = found.covariance(impacts), impacts.space.D
     error = impacts.v_post - found.model.base_prediction(impacts).v_post
     distance = (error * torch.linalg.solve(covariance, error[..., None])[..., 0]).sum(-1)
     inside = (error.abs() < 1.96 * covariance.diagonal(dim1=-2, dim2=-1).sqrt()).double().mean(0)
-    density = 0.5 * (distance + torch.linalg.slogdet(covariance).logabsdet + D * math.log(2 * math.pi))
     radius = {3: 7.815, 6: 12.592}[D]
     ordinary = distance[distance < 4 * radius]
     size = (found.inflation * ordinary.mean() / D).sqrt()  # in units of instrument and scatter, not inflated
     return (
         f"95 % ellipsoids hold {(distance < radius).double().mean():.1%} of {len(impacts)}, components "
-        f"{', '.join(f'{x:.1%}' for x in inside.tolist())}; negative log density {density.mean():.2f}, median "
-        f"{density.median():.2f}; left in units of instrument and scatter {size:.2f}, inflation {found.inflation:.2f}"
+        f"{', '.join(f'{x:.1%}' for x in inside.tolist())}; left in units of instrument and scatter {size:.2f}, "
+        f"inflation {found.inflation:.2f}"
+    )
+
+
+def densities(found: Scatter, processes: ContactModel, impacts: Impacts) -> str:
+    """Negative log densities of impacts not fitted, by scatter with its mixture and by processes on the residual."""
+    covariance = found.covariance(impacts) / found.inflation
+    error, seen = impacts.v_post - found.model.base_prediction(impacts).v_post, processes.predict(impacts)
+    distance = (error * torch.linalg.solve(covariance, error[..., None])[..., 0]).sum(-1)
+    mixture = found.mixture.log_density(distance, impacts.space.D).logsumexp(-1)
+    own = 0.5 * torch.linalg.slogdet(covariance).logabsdet - mixture
+    missed = impacts.v_post - seen.v_post
+    away = (missed * torch.linalg.solve(seen.covariance, missed[..., None])[..., 0]).sum(-1)
+    volume = torch.linalg.slogdet(seen.covariance).logabsdet + impacts.space.D * math.log(2 * math.pi)
+    less = own - 0.5 * (away + volume)
+    return (
+        f"negative log density {own.mean():.2f}, of processes {0.5 * (away + volume).mean():.2f}; "
+        f"difference {less.mean():+.2f} ± {less.std() / math.sqrt(len(less)):.2f}"
     )
 
 
@@ -136,7 +154,10 @@ def measured_sets(folder: Path) -> None:
         number = torch.tensor([int(trial.split("#")[0]) for trial in impacts.trial])
         for half in (0, 1):
             fitted, rest = impacts[number % 2 == half], impacts[number % 2 != half]
-            found = fit_scatter(fitted, fit(fitted, law, effects).model)
+            model = fit(fitted, law, effects).model
+            found = fit_scatter(fitted, model)
+            learned = learn(fitted, Recipe("state", "wrench", model.law), base=model)
+            print(densities(found, learned, rest))
             print(f"{name}, half {half}, {len(fitted)} impacts, {found.model}\n{found}\n  {held_out(found, rest)}")
             print(f"  ΔBIC {found.bic:.0f}; instrument alone: {left(found, rest):.2f} of its units are left")
             for one in screen_deviations(found, fitted):
