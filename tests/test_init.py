@@ -136,7 +136,8 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
         pytest.param(["vx_post", "mass", "inertia", "rx", "ry"], {"shape": None}, id="nothing to compute"),
         pytest.param(["vx_post", "inertia", "rx"], {"shape": None, "columns.ry": OPEN}, id="half of a contact point"),
         pytest.param(["time", "x", "y", "theta"], {"mass": OPEN, "unit": None, "angle": None}, id="a recording"),
-        pytest.param(["t_ms", "x", "y", "phi"], {"rate": OPEN, "columns.time": None}, id="milliseconds"),
+        pytest.param(["t_ms", "x", "y", "phi"], {"columns.time": "t_ms"}, id="milliseconds"),
+        pytest.param(["time", "x", "y"], {"mass": OPEN, "shape": OPEN}, id="a ball without an angle"),
         pytest.param(["t", "x", "y", "z", "theta"], {"columns.position": OPEN}, id="which plane"),
         pytest.param(
             ["time", *(f"pose.position.{k}" for k in "xyz"), *(f"pose.orientation.{k}" for k in "xyzw")],

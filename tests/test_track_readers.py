@@ -415,3 +415,14 @@ def test_dates_with_times_are_times(tmp_path):
     path.write_text(path.read_text().replace("2024-05-04 00:00:00.020", "noon"))
     with pytest.raises(DataError, match=r"row 31, column time: must be a date with a time, got 'noon'"):
         [*fail(read(path))]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("t [ms]", 1e3), ("t_us", 1e6), ("time (min)", 1 / 60)])
+def test_recordings_of_a_spreadsheet(tmp_path, unit, factor):
+    """Semicolons, decimal commas, and times in the unit of their name."""
+    frames = pd.concat([*two_bodies()][:1]).drop(columns=["thing", "recording"])
+    written = frames.assign(time=factor * frames.time).rename(columns={"time": unit})
+    written.to_csv(tmp_path / "take.csv", sep=";", decimal=",", index=False)
+    (found,) = read(tmp_path / "take.csv", Layout(time=unit))
+    np.testing.assert_allclose(found.time, frames.time, atol=1e-12)
+    np.testing.assert_allclose(found.position, frames[["x", "y"]])

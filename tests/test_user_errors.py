@@ -13,7 +13,7 @@ import torch
 from commands import run
 
 import contactlearn
-from contactlearn import ContactModel, Recipe, diagnose, laws
+from contactlearn import ContactModel, DiagnoseOptions, Recipe, diagnose, laws
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.core.events import track
 from contactlearn.data import table
@@ -22,6 +22,7 @@ from contactlearn.effects import find_effect, named_effects
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.models.roll_out import Until
 from contactlearn.report import events
 from contactlearn.simulation import synthetic
 
@@ -128,6 +129,21 @@ def test_names_stand_for_laws_and_effects():
             assert getattr(package, name).__name__ == f"contactlearn.{room}.{name}"
     with pytest.raises(AttributeError, match="has no attribute 'mysteries'"):
         contactlearn.data.mysteries  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("impossible", "rule"),
+    [
+        pytest.param(lambda: laws.find("mirtich").at(-0.2, 0.5), "mu must be a finite number at least 0", id="μ"),
+        pytest.param(lambda: laws.find("mirtich").at(0.2, 55), r"eps must be a finite number in \[0.0, 1.0\]", id="ε"),
+        pytest.param(lambda: DiagnoseOptions(seconds=-5), "seconds must be a positive number", id="seconds"),
+        pytest.param(lambda: Until(bounces=-3), "bounces must be a whole number of at least 0, got -3", id="bounces"),
+        pytest.param(lambda: Until(time=-1.0), "time must be at least 0 s, got -1.0", id="time"),
+    ],
+)
+def test_impossible_numbers_of_a_script(impossible, rule):
+    with pytest.raises(ContactLearnError, match=rule):
+        impossible()
 
 
 def test_a_finished_sweep_shows_its_runs(tmp_path):

@@ -115,9 +115,9 @@ def _is_recording(path: Path) -> bool:
 
 
 def _frame_units() -> Vocabulary:
-    """The columns of a recording and their units; its times are in s."""
+    """The columns of a recording and their units; the reader takes the unit of times off the column's name."""
     units: dict[str, dict[str, Stated]] = {column: {"": {}} for column in _FRAME}
-    units["time"] |= {"s": {}}
+    units["time"] |= {name: {} for name in UNIT_FACTORS["time"]}
     units["theta"] |= {name: {"angle": name} for name in ANGLES}
     for column in "xyz":
         units[column] |= {name: {"unit": name} for name in UNITS}
@@ -218,7 +218,8 @@ def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     else:
         position = [names[axis] for axis in axes] if len(axes) == 2 else OPEN
         columns["position"] = (position, ["x", "y"], "the two in the plane of motion, in the unit of length")
-        columns["angle"] = (names.get("theta", OPEN), "theta", "in the plane of motion")
+        angle = OPEN if known.others else "theta"  # nobody measured that of a ball where no column may be it
+        columns["angle"] = (names.get("theta", angle), "theta", "in the plane of motion")
     for name, (value, usual, about) in columns.items():
         if value != usual:
             yield Setting(name=f"columns.{name}", value=value, comment=about)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, EffectId
 from contactlearn.laws import Law
@@ -31,3 +32,8 @@ class DiagnoseOptions:
     """Folder for the results of finished subsamples, which a later run of the same question reuses."""
     thresholds: Thresholds = field(default_factory=Thresholds)
     """Limits of every decision."""
+
+    def __post_init__(self) -> None:
+        """Refuse a time that is none."""
+        if not self.seconds > 0:  # infinite is no limit
+            raise ContactLearnError(f"seconds must be a positive number of seconds, got {self.seconds!r}")

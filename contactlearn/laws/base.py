@@ -12,6 +12,7 @@ fields are options of the law, which are given and not fitted.  The class attrib
 rigid contact with Coulomb friction; `contactlearn.testing.LawContract` holds it to them.  docs/laws.md is the guide.
 """
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
+from contactlearn.core.numerics import finite_number
 from contactlearn.laws.contact import Contact, Impulse, SpatialContact, Values
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
@@ -110,7 +112,14 @@ class Law(Frozen, ABC):
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in ("mu", "eps")}
 
     def at(self, mu: Values | float, eps: Values | float) -> Self:
-        """Return the law with other coefficients."""
+        """Return the law with other coefficients.
+
+        Raises:
+            DataError: a number μ < 0 or ε outside [0, 1]; tensors, such as those of a search, are taken as they are.
+        """
+        for name, value, high in (("mu", mu, math.inf), ("eps", eps, 1.0)):
+            if not isinstance(value, Tensor):
+                finite_number(name, value, 0.0, high)
         return replace(self, mu=mu, eps=eps)
 
     def impulse(

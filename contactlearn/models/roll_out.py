@@ -72,6 +72,13 @@ class Until:
     bounces: int = 10
     time: float = math.inf
 
+    def __post_init__(self) -> None:
+        """Refuse an end before the start."""
+        if not (self.bounces >= 0 and self.bounces == int(self.bounces)):
+            raise DataError(f"bounces must be a whole number of at least 0, got {self.bounces!r}")
+        if not self.time >= 0:
+            raise DataError(f"time must be at least 0 s, got {self.time!r}")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeFlights:

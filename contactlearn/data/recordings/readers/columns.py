@@ -77,8 +77,19 @@ def _parts(path: Path) -> Iterator[pd.DataFrame]:
     with path.open("rb") as file:
         if not file.read(1):
             raise DataError(f"{path}: the file is empty; its first line names the columns")
-    with pd.read_csv(path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig") as reader:
+    with pd.read_csv(
+        path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path)
+    ) as reader:
         yield from reader
+
+
+def _dialect(path: Path) -> dict[str, str]:
+    """Separator and decimal mark of a text: those of a spreadsheet where a semicolon or a tab parts the header."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        header, frame = file.readline(), file.readline()
+    separator = next((mark for mark in ";\t" if mark in header), ",")
+    decimal = "," if separator != "," and re.search(r"\d,\d", frame) else "."
+    return {"sep": separator, "decimal": decimal}
 
 
 def _whole(path: Path, pieces: list[pd.DataFrame], rows: int, layout: Layout, seen: set[str]) -> Recording | DataError:
@@ -135,6 +146,9 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     if not bodies:
         return table
     return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
+
+
+_SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
 
 
 def bodies_in_names(header: Sequence[str], known: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -200,9 +214,10 @@ def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array
 
 
 def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
-    """A column of times; dates with times are counted in s from the first of them."""
+    """A column of times, in the unit that its name states; dates with times are counted in s from the first of them."""
+    stated = re.search(r"[\W_](ms|[uµμ]s|min|h)\W*$", name)
     if pd.api.types.is_numeric_dtype(table[name]):
-        return _column(place, table, name)
+        return _column(place, table, name) * (_SECONDS[stated[1]] if stated else 1.0)
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
     if pd.to_numeric(table[name], errors="coerce").notna().any() or stamps.isna().all():
         return _column(place, table, name)  # numbers, with some text
