@@ -350,6 +350,15 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     assert (folder / "report.html").read_bytes() == drawn
 
 
+def test_a_scalar_is_shown_by_its_name(tmp_path):
+    """As TensorBoard's own server reads it."""
+    with Tracker(tmp_path, 1) as tracker:
+        tracker.scalars({"floor/scatter": Interval(2.0, 1.0, 3.0), "law": 1.0}, names={"floor/scatter": "Both"})
+    found = EventMultiplexer().AddRun(str(tmp_path), "run").Reload()
+    names = {tag: found.SummaryMetadata("run", tag).display_name for tag in ("floor/scatter", "law")}
+    assert names == {"floor/scatter": "Both", "law": "law"}
+
+
 def test_cards_tell_what_was_run_and_found(runs):
     folder, events = runs
     for name, command in COMMANDS.items():

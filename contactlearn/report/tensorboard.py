@@ -26,7 +26,7 @@ from types import MappingProxyType
 
 from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
-from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.compat.proto.summary_pb2 import Summary, SummaryMetadata
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
 from tensorboard.summary.writer.record_writer import RecordWriter
@@ -174,10 +174,18 @@ class Tracker:
                 tag = f"effect/{missing.effect.name}"
                 self.scalars({f"{tag}/{p.name}": Interval(p.value, p.value - x, p.value + x) for p, x in margins})
 
-    def scalars(self, values: Mapping[str, float | Interval], trained_on: int | None = None) -> None:
-        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
+    def scalars(
+        self,
+        values: Mapping[str, float | Interval],
+        trained_on: int | None = None,
+        names: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
+        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's.
+
+        TensorBoard shows the tag, or its name where `names` has one.
+        """
         step = self._trained_on if trained_on is None else trained_on
-        self._log(values, step, {"trained_on": step})
+        self._log(values, step, {"trained_on": step}, names)
 
     def series(self, tag: str, values: Iterable[float | Interval]) -> None:
         """Log a value for each rung of a ladder; its x axis is the rung."""
@@ -236,7 +244,13 @@ class Tracker:
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
             self._add(Summary(value=[value]), 0)
 
-    def _log(self, values: Mapping[str, float | Interval], step: int, place: Mapping[str, int]) -> None:
+    def _log(
+        self,
+        values: Mapping[str, float | Interval],
+        step: int,
+        place: Mapping[str, int],
+        names: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         """Log values at a step; their line in metrics.jsonl begins with its place."""
         numbers = {}
         for tag, value in values.items():
@@ -245,7 +259,8 @@ class Tracker:
                 numbers |= {name: number for name, number in several if not math.isnan(number)}
             else:
                 numbers[tag] = value
-        written = [Summary.Value(tag=tag, simple_value=number) for tag, number in numbers.items()]
+        shown = {tag: SummaryMetadata(display_name=name) for tag, name in names.items()}
+        written = [Summary.Value(tag=tag, simple_value=x, metadata=shown.get(tag)) for tag, x in numbers.items()]
         self._add(Summary(value=written), step)
         with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")

@@ -26,7 +26,7 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import base_label, headline, names_by_level, rung_label
+from contactlearn.report.text import FLOORS, base_label, capitalize_first, headline, names_by_level, rung_label
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
@@ -89,12 +89,15 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
 def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure]) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     found, data = result.diagnosis, result.provenance.data
-    scalars, series = {}, {}
+    scalars, series, names = {}, {}, dict[str, str]()
     if found.budget is not None and found.law is not None:
         base = f"{_METRIC}/{fitting.augmented_name(found.law, settings.effects)}"
         errors = found.budget.base, found.budget.named, found.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
         series = {_LADDER: [rung.error for rung in found.ladder]}
+        floors = {f"floor/{_METRIC}/{rung.kind}": rung for rung in found.ladder if rung.kind in FLOORS}
+        scalars |= {tag: rung.error for tag, rung in floors.items()}
+        names |= {tag: capitalize_first(FLOORS[rung.kind]) for tag, rung in floors.items()}
         named = [("effect", one) for one in found.missing] + [("candidate", one) for one in found.candidates]
         scalars |= {
             f"{kind}/{one.effect.name}/confidence": one.confidence for kind, one in named if one.confidence is not None
@@ -107,6 +110,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         metric=_METRIC,
         scalars=[(data.trials, scalars)] if scalars else [],
         series=series,
+        names=names,
         figures=figures,
         law=found.law if found.ladder else None,
         effects=list(dict.fromkeys((*settings.effects, *found.effects))),

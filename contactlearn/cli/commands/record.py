@@ -54,6 +54,7 @@ class RunRecord:
         equations: models as they print themselves.
         errors: held-out error by model, or by rung of a ladder.
         model: name of the learned model, or analytical.
+        names: by tag of a scalar, for TensorBoard to show.
         series: values by tag, against their number.
         verdict: further lines of the card.
     """
@@ -70,6 +71,7 @@ class RunRecord:
     series: Mapping[str, Sequence[float | Interval]] = field(default_factory=dict)
     verdict: Mapping[str, str] = field(default_factory=dict)
     histograms: Sequence[tuple[int, Mapping[str, Tensor]]] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
 
 
 def own_tags(metric: str) -> tuple[str, str]:
@@ -104,7 +106,7 @@ def tracker_of(
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
     """Save the figures, and log what a run shows beside its events."""
     for trained_on, values in record.scalars:
-        tracker.scalars(values, trained_on)
+        tracker.scalars(values, trained_on, record.names)
     for tag, values in record.series.items():
         tracker.series(tag, values)
     for trained_on, distributions in record.histograms:

@@ -189,9 +189,12 @@ class ErrorBudget:
 
     @property
     def rungs(self) -> tuple[Rung, ...]:
-        """The last rungs of the ladder: processes and, where it is known, noise."""
-        noise = () if self.noise is None else (Rung(kind=RungKind.NOISE, error=self.noise),)
-        return Rung(kind=RungKind.PROCESSES, error=self.flexible), *noise
+        """The last rungs of the ladder: processes and, where they are known, noise and its part of the instrument."""
+        floors = {RungKind.NOISE: self.noise}
+        if self.instrument is not None:
+            floors = {RungKind.SCATTER: self.noise, RungKind.INSTRUMENT: self.instrument}
+        rungs = {RungKind.PROCESSES: self.flexible} | floors
+        return tuple(Rung(kind=kind, error=error) for kind, error in rungs.items() if error is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,6 +282,8 @@ class Diagnosis:
             RungKind.LAW: str(self.law),
             RungKind.PROCESSES: "+ processes on the residual",
             RungKind.NOISE: "noise",
+            RungKind.SCATTER: "instrument plus scatter of the contact",
+            RungKind.INSTRUMENT: "instrument alone",
         }
         largest = max((rung.error.high for rung in self.ladder), default=1.0)
         bar = "<div style='background:#7a9cc6;height:0.8em;width:{:.2f}em'></div>"
@@ -298,7 +303,9 @@ class Diagnosis:
 
     @property
     def model(self) -> ContactModel:
-        """The law with the given and the missing effects, fitted to all impacts.
+        """The law with the given and the missing effects, fitted to all impacts, with its contact's scatter.
+
+        Deviations that follow something are scatter to a model that does not know of it.
 
         Raises:
             ContactLearnError: the data were refused, or the diagnosis was read without its record.

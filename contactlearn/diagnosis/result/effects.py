@@ -154,12 +154,18 @@ class Experiment:
 
 
 class RungKind(StrEnum):
-    """The model of a rung of the ladder."""
+    """The model of a rung of the ladder.
+
+    `scatter` is the floor of instrument and scatter of the contact, below which is that of the `instrument` alone;
+    where both are one it is `noise`.
+    """
 
     LAW = "law"
     EFFECT = "effect"
     PROCESSES = "processes"
     NOISE = "noise"
+    SCATTER = "scatter"
+    INSTRUMENT = "instrument"
 
 
 @dataclass(frozen=True, kw_only=True)

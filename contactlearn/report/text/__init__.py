@@ -13,6 +13,7 @@ from contactlearn.core.numerics import (
     number as number,
 )
 from contactlearn.report.text.names import (
+    FLOORS as FLOORS,
     WRENCH as WRENCH,
     base_label as base_label,
     capitalize_first as capitalize_first,
@@ -51,3 +52,4 @@ from contactlearn.report.text.sentences import (
     searched_name as searched_name,
     undecided as undecided,
 )
+    FLOORS as FLOORS,

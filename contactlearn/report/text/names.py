@@ -37,7 +37,12 @@ MODELS = {
 """Bounds, and learned models by the name of their recipe."""
 
 PROCESSES = "Gaussian processes on the residual"
-NOISE_FLOOR = "noise floor"
+FLOORS = {
+    RungKind.NOISE: "noise floor",
+    RungKind.SCATTER: "instrument plus scatter of the contact",
+    RungKind.INSTRUMENT: "instrument alone",
+}
+"""Rungs below which no model of the state comes, and what the instrument alone leaves."""
 
 _SPELT = {"_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono", "stribeck": "Stribeck"}
 
@@ -98,7 +103,7 @@ def rung_label(rung: Rung, base: str) -> str:
     """Write a rung of the ladder, the law's as `base`."""
     if rung.kind is RungKind.EFFECT:
         return f"+ {effect_label(rung.effect)}" if rung.effect is not None else "+ effect"
-    return {RungKind.LAW: base, RungKind.PROCESSES: f"+ {PROCESSES}", RungKind.NOISE: NOISE_FLOOR}[rung.kind]
+    return {RungKind.LAW: base, RungKind.PROCESSES: f"+ {PROCESSES}", **FLOORS}[rung.kind]
 
 
 def join_words(names: Iterable[str], word: str = "and") -> str:
