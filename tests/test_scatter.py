@@ -15,15 +15,17 @@ from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Record, Verdict
+from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Record, RungKind, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.contact_scatter import contact_scatter, weighed
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects import State
 from contactlearn.effects.surface_tilt import SurfaceTiltSeen
+from contactlearn.inference.evaluation.metrics import negative_log_density, squared_distance
 from contactlearn.inference.identification.joint import FitOptions, fit
 from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.inference.identification.variance_components import MixedModel, Mixture
+from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.shapes import Disc, Polygon
 from contactlearn.models.checkpoint import load, save
@@ -278,6 +280,33 @@ def test_fans_of_roll_outs_scatter_at_every_bounce():
     assert spread[0] > 3 * spread[1]
 
 
+def test_a_model_says_what_scatters():
+    model = ContactModel(LAW, scatter={"normal": Normal(sigma=math.radians(0.65)), "friction": Friction(sigma=0.016)})
+    assert str(model) == f"{LAW}\n  + scatter: the normal by 0.65°, friction by 0.016"
+    assert model.constants()["scatter"]["normal"] == {
+        "symbol": "σ_φ", "value": math.radians(0.65), "unit": "rad", "deviates": "the normal by {sigma}"
+    }  # fmt: skip
+    assert "scatter" not in ContactModel(LAW).constants()
+
+
+def test_what_is_learnt_on_top_has_the_scatter_as_its_noise():
+    """A planted normal scatters: covariances are those of the scatter at each state, and hold fresh impacts."""
+    impacts, scatter = scattered(**PLANTED["normal"][0])
+    recipe = Recipe("x1", "wrench", law=scatter.model.law)
+    with_it, without = (learn(impacts, recipe, base=one) for one in (scatter.model, replace(scatter.model, scatter={})))
+    fresh = simulated(World(seed=7, **PLANTED["normal"][0]), 500)
+    assert (squared_distance(fresh, with_it.predict(fresh)) < 7.815).double().mean() == pytest.approx(0.95, abs=0.05)
+    density = [negative_log_density(fresh, one.predict(fresh)).mean() for one in (with_it, without)]
+    assert density[0] < density[1] - 0.2
+    assert torch.equal(with_it.scatter_covariance(fresh), scatter.model.scatter_covariance(fresh))
+    drawn, own = (
+        one.scattered(fresh, torch.Generator().manual_seed(1), 10).v_post - one.outcome(fresh).v_post
+        for one in (with_it, scatter.model)
+    )
+    assert torch.allclose(drawn, own, atol=1e-9)
+    assert own.abs().max() > 0.1
+
+
 def test_a_checkpoint_keeps_the_scatter(tmp_path):
     model = ContactModel(LAW, scatter={"normal": Normal(sigma=0.01)})
     save(model, tmp_path / "model.pt")
@@ -368,6 +397,13 @@ def test_pure_scatter_is_no_unknown_effect(tmp_path):
     assert budget.noise_source is NoiseSource.SCATTER
     assert budget.instrument.mean < 0.25 * budget.noise.mean
     assert "and contacts scatter: restitution by 0.0" in headline(found)
+    assert [rung.kind for rung in found.ladder[-2:]] == [RungKind.SCATTER, RungKind.INSTRUMENT]
+    assert (found.ladder[-2].error, found.ladder[-1].error) == (budget.noise, budget.instrument)
+    assert found.model.scatter["restitution"].sigma == component.deviation.value
+    assert found.equation.endswith(f"scatter: {found.model.scatter['restitution']}")
+    fresh = simulated(World(sigma_eps=0.05, seed=1), 500)
+    inside = squared_distance(fresh, found.model.predict(fresh)) < 7.815
+    assert inside.double().mean() == pytest.approx(0.95, abs=0.03)  # three standard errors of 500
     assert {"scatter", "budget"} <= set(drawn(found))
     assert Diagnosis.from_json(found.to_json()) == found.without_record()
     found.record.save(tmp_path, {})

@@ -77,7 +77,7 @@ def noise_floor(
         values, vectors = torch.linalg.eigh(torch.stack((impacts.v_pre_cov, impacts.v_post_cov)))
         roots = vectors * values.clamp_min(0).sqrt()[..., None, :]
         return NoiseFloor(error=_drawn(impacts, model, roots, generator), source=NoiseSource.MEASURED)
-    expected = model.predict(impacts).v_post
+    expected = model.outcome(impacts).v_post
     predicted = expected if predicted is None else torch.where(predicted.isfinite(), predicted, expected)
     inliers = torch.ones(len(impacts), dtype=torch.bool) if inliers is None else inliers
     rows = inliers.nonzero()[:, 0]
@@ -93,11 +93,11 @@ def _drawn(
     impacts: Impacts, model: ContactModel, roots: Float[Tensor, "2 n D D"], generator: torch.Generator
 ) -> Interval:
     """Error of the model's own outcomes with noise drawn before and after impact, from roots of its covariances."""
-    expected, errors = model.predict(impacts), []
+    expected, errors = model.outcome(impacts), []
     for _ in range(_DRAWS):
         unit = torch.randn(2, *impacts.v_pre.shape, dtype=torch.float64, generator=generator)
         before, after = (roots @ unit[..., None])[..., 0]
-        seen = model.predict(impacts.replace(v_pre=impacts.v_pre + before, validate=False)).v_post
+        seen = model.outcome(impacts.replace(v_pre=impacts.v_pre + before, validate=False)).v_post
         moved = impacts.replace(v_post=expected.v_post + after, validate=False)
         errors.append(mass_error(moved, replace(expected, v_post=seen)))
     return bootstrap(torch.stack(errors).mean(0), generator, _RESAMPLES)

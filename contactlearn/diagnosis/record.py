@@ -98,7 +98,7 @@ class Record:
         models = {"base": self.base}
         if self.model.effects.keys() - self.base.effects.keys():
             models["model"] = self.model
-        return {name: mass_error(self.impacts, one.predict(self.impacts)) for name, one in models.items()}
+        return {name: mass_error(self.impacts, one.outcome(self.impacts)) for name, one in models.items()}
 
     def residual(self) -> Float[Tensor, "n D"]:
         """Compute the measured wrench less that of the model without processes, in the axes of the slip."""

@@ -114,7 +114,7 @@ def confirm(
 
 def predicted(model: ContactModel, impacts: Impacts) -> Prediction:
     """Predict a chunk of trials after the other."""
-    parts = [model.predict(impacts[k : k + CHUNK]) for k in range(0, len(impacts), CHUNK)]
+    parts = [model.outcome(impacts[k : k + CHUNK]) for k in range(0, len(impacts), CHUNK)]
     return Prediction(torch.cat([one.v_post for one in parts]), torch.cat([one.wrench for one in parts]))
 
 
@@ -143,7 +143,7 @@ def _noise(
         return None
     others = outside.nonzero()[:, 0]
     some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]
-    inliers = inlier_mask(some.wrench - model.predict(some).wrench)
+    inliers = inlier_mask(some.wrench - model.outcome(some).wrench)
     return noise_floor(some, model, generator=generator, noise=noise, inliers=inliers).error
 
 

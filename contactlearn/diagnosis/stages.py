@@ -440,6 +440,8 @@ def _result(
     choices, missing = _choices(question, selection, comparison, confidence)
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     laws = _law_fits(question, search, laws, bool(missing))
+    if (found := decomposition.scatter) is not None:
+        model = replace(model, scatter=found.model.scatter, noise=found.model.noise)
     physics = verdict(
         budget,
         named=bool(missing),

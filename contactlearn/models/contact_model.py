@@ -4,6 +4,7 @@
     effects      physical effects around the law, by name, see `contactlearn.effects`
     parameters   Gaussian processes for (μ, ε) of each impact in place of the law's own
     residual     Gaussian processes on what the base leaves, as impulse, wrench or post velocity
+    scatter      components of the contact's scatter around the law, see `contactlearn.scatter`
     noise        covariance of the measured post velocity that none of these can predict
 
 A purely learned model has no base; a law alone has nothing else.  Leading axes, such as training
@@ -11,8 +12,9 @@ subsets, may come before the impacts in every part.
 """
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -35,10 +37,13 @@ from contactlearn.models.regressor import Regressor
 from contactlearn.models.roll_out import RollOut, Until, follow
 from contactlearn.scatter.base import Component
 
-_DRAWS = 200  # of deviations: standard errors of a variance are then a tenth
+_DRAWS = 128  # of deviations: Sobol's points, whose variances are right to a few percent
+_AT_ONCE = 100_000  # impacts that are drawn at once
 
 Metric = Callable[[Impacts, Prediction], Tensor]
 """Error [..., N] of each impact."""
+Deviations = Sequence[tuple[Component, Tensor]]
+"""Components of the contact's scatter with the deviations [..., N, k] of each impact."""
 RESIDUALS = ("velocity", "impulse", "wrench")
 """Quantity to which a residual is added: v_post, (P_t, P_n) or (P_t, P_n, τ)."""
 
@@ -83,21 +88,26 @@ class ContactModel:
         """Post velocity, wrench and, where noise is known, covariance of every impact.
 
         The covariance is that of the processes, carried through the equation of motion (and
-        linearly through the law and its effects), plus the noise; that of a law alone is its contact's scatter.
+        linearly through the law and its effects), plus that of the contact's scatter and the noise.
         """
         require_impacts(impacts)
-        if self.parameters is not None:
-            mean, variance = self.parameters.predict(impacts)
-        elif self.residual is not None:
-            mean, variance = self.residual.predict(impacts)
-        else:
+        parts = [] if self.noise is None else [self._noise_of(impacts)]
+        if self.regressor is None:
             prediction = self.base_prediction(impacts)
-            return replace(prediction, covariance=self.scatter_covariance(impacts)) if self.scatter else prediction
-        prediction = self.complete(impacts, mean)
-        if self.noise is None:
-            return prediction
-        covariance = self.spread(impacts, mean, variance) + self._noise_of(impacts)
-        return Prediction(prediction.v_post, prediction.wrench, covariance)
+        else:
+            mean, variance = self.regressor.predict(impacts)
+            prediction = self.complete(impacts, mean)
+            if self.noise is None:
+                return prediction
+            parts.append(self.spread(impacts, mean, variance))
+        parts += [self.scatter_covariance(impacts)] if self.under.scatter else []
+        return replace(prediction, covariance=sum(parts[1:], parts[0])) if parts else prediction
+
+    def outcome(self, impacts: Impacts, deviations: Deviations = ()) -> Prediction:
+        """Return what `predict` does without its covariance, with given deviations of the contact."""
+        if self.regressor is None:
+            return self.base_prediction(impacts, deviations)
+        return self.complete(impacts, self.regressor.predict(impacts)[0], deviations)
 
     def score(self, impacts: Impacts, metric: Metric) -> Float[Tensor, "*batch"]:
         """Compute the mean error over the impacts, one for each leading axis of the model.
@@ -126,7 +136,7 @@ class ContactModel:
             DataError: the contact point is not known, or does not approach; see `BodyState`.
         """
         impacts = state.as_impacts()
-        predicted = self.predict(impacts)
+        predicted = self.predict(impacts) if uncertainty else self.outcome(impacts)
         offset = actual_state(self.under.effects, State.of(impacts)).mass_centre
         outcome = BodyOutcome(
             pose=impacts.q.expand(*predicted.v_post.shape[:-1], -1),
@@ -155,24 +165,26 @@ class ContactModel:
     ) -> RollOut:
         """Follow bodies through flights and bounces; see `roll_out.follow`.
 
-        With `samples` each body is followed with so many draws of the parameters from their covariance, along a new
-        first axis: a fan of trajectories.  The contact's scatter is then drawn anew at every bounce.  `friction` is
+        With `samples` each body is followed so many times, along a new first axis: a fan of trajectories.  Parameters
+        are drawn from their covariance once for each, the contact's scatter anew at every bounce.  `friction` is
         that of bodies whose contacts have piled up, by default the law's with its effects.  Effects of the recording,
         such as a sampling delay, are left out.
 
         Raises:
-            ContactLearnError: samples, and the model has no covariance of its parameters.
+            ContactLearnError: samples of a model without scatter and without a covariance of its parameters.
             DataError: the shape is not known, or a body starts inside the floor.
         """
-        model = replace(self.physical, scatter={} if samples is None else self.scatter)
+        model = self.physical
+        scatters = samples is not None and bool(model.under.scatter)
         values: list[Tensor] | None = None
         if samples is not None:
-            if self.parameter_covariance is None:
-                raise ContactLearnError("the model has no covariance of its parameters to draw samples from")
-            root = torch.linalg.cholesky(self.parameter_covariance)
-            normal = torch.randn(samples, len(root), generator=generator, dtype=torch.float64)
-            drawn = self.at((torch.stack(self.values) + normal @ root.mT).unbind(-1)).physical
-            values = [x.repeat_interleave(state.batch.numel()) for x in drawn.values]
+            if self.parameter_covariance is not None:
+                root = torch.linalg.cholesky(self.parameter_covariance)
+                normal = torch.randn(samples, len(root), generator=generator, dtype=torch.float64)
+                drawn = self.at((torch.stack(self.values) + normal @ root.mT).unbind(-1)).physical
+                values = [x.repeat_interleave(state.batch.numel()) for x in drawn.values]
+            elif not scatters:
+                raise ContactLearnError("the model has neither scatter nor a covariance of its parameters to draw from")
             state = state.repeated(samples)
 
         def at(rows: Tensor) -> ContactModel:
@@ -186,8 +198,7 @@ class ContactModel:
             return ContactModel(law, effects=acting).predict(impacts)
 
         def bounced(impacts: Impacts, rows: Tensor) -> Prediction:
-            own = at(rows)
-            return own.scattered(impacts, generator) if own.scatter else own.predict(impacts)
+            return at(rows).scattered(impacts, generator) if scatters else at(rows).outcome(impacts)
 
         found = follow(
             bounced,
@@ -200,33 +211,39 @@ class ContactModel:
     def scattered(self, impacts: Impacts, generator: torch.Generator | None, samples: int | None = None) -> Prediction:
         """Draw the outcomes [samples, N] of a contact that scatters, or [N], without noise of an instrument."""
         shape = (len(impacts),) if samples is None else (samples, len(impacts))
-        drawn = [(one, one.draw(shape, impacts.space, generator)) for one in self.scatter.values()]
-        return resolve(self.law, self.effects, State.of(impacts), *self.law.coefficients, deviations=drawn)
+        return self.outcome(
+            impacts,
+            [(one, one.draw(shape, impacts.space, generator).to(impacts.v_pre)) for one in self.under.scatter.values()],
+        )
 
     def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
         """Covariance [N, D, D] of v_post by the contact's scatter, about the outcome without it.
 
-        It is that of the full law at draws of the deviations, the same for every call: a linear one would not see that
+        It is that of the full law at the same deviations for every impact and call: a linear one would not see that
         scatter makes sliding impacts stick.
         """
-        away = self._away(impacts)
-        return torch.einsum("sni,snj->nij", away, away) / _DRAWS
+        none = impacts.v_pre.new_zeros(len(impacts), *[impacts.space.D] * 2)
+        return sum((torch.einsum("sni,snj->nij", away, away) for away in self._away(impacts)), none) / _DRAWS
 
     def scatter_shift(self, impacts: Impacts) -> Float[Tensor, "n D"]:
         """Mean change [N, D] of v_post by the contact's scatter: sliding impacts that stick do so in one direction."""
-        return self._away(impacts).mean(0)
+        return sum((away.sum(0) for away in self._away(impacts)), torch.zeros_like(impacts.v_pre)) / _DRAWS
 
-    def _away(self, impacts: Impacts) -> Float[Tensor, "s n D"]:
-        """Changes [S, N, D] of v_post by deviations that are the same for every call."""
-        if not self.scatter:
-            return impacts.v_pre.new_zeros(_DRAWS, *impacts.v_pre.shape)
-        drawn = self.scattered(impacts, torch.Generator().manual_seed(0), _DRAWS)
-        return drawn.v_post - self.base_prediction(impacts).v_post
+    def _away(self, impacts: Impacts) -> Iterator[Float[Tensor, "s n D"]]:
+        """Yield changes of v_post by the `_DRAWS` deviations in blocks [S, N, D]; none without scatter."""
+        if isinstance(self.base, ContactModel):  # what is learnt on top is added to every outcome
+            yield from self.base._away(impacts)
+        elif self.scatter:
+            n, components = len(impacts), self.scatter.values()
+            sizes, mean = [one.deviations(impacts.space) for one in components], self.outcome(impacts).v_post
+            for some in _sobol_normals(sum(sizes)).to(mean).split(max(1, _AT_ONCE // max(n, 1))):
+                parts = some[:, None].expand(-1, n, -1).split(sizes, -1)
+                drawn = [(one, one.sigma * u) for one, u in zip(components, parts, strict=True)]
+                yield self.outcome(impacts, drawn).v_post - mean
 
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""
         parts = [] if predicted.covariance is None else [predicted.covariance]
-        parts += [] if self.noise is None or parts else [self._noise_of(impacts)]
         under = self.under
         if under.parameter_covariance is not None and self.parameters is None:
             shape = predicted.v_post.shape[:-1]
@@ -260,7 +277,7 @@ class ContactModel:
 
     @property
     def physical(self) -> "ContactModel":
-        """The model without effects of the recording, as roll-outs and simulators have it."""
+        """The model without effects of the recording and noise of the instrument, as roll-outs and simulators have it."""
         if isinstance(self.base, ContactModel):
             return replace(self, base=self.base.physical)
         owners = ["μ", "ε", *(name for name, effect in self.effects.items() for _ in effect.parameters)]
@@ -269,6 +286,7 @@ class ContactModel:
         return replace(
             self,
             effects={name: effect for name, effect in self.effects.items() if name not in self.recorded},
+            scatter={name: one for name, one in self.scatter.items() if not one.of_instrument},
             parameter_covariance=None if covariance is None else covariance[..., kept, :][..., kept],
         )
 
@@ -309,6 +327,10 @@ class ContactModel:
             }
             about = {"form": effect.form, "equation": effect.equation, "options": effect.options, "parameters": values}
             found.setdefault("effects", {})[name] = about
+        for name, one in self.scatter.items():
+            found.setdefault("scatter", {})[name] = {
+                "symbol": f"σ_{one.symbol}", "value": one.sigma, "unit": one.unit, "deviates": one.in_words
+            }  # fmt: skip
         for name, processes in (("parameters", self.parameters), ("residual", self.residual)):
             if processes is not None:
                 target = {} if name == "parameters" else {"target": self.target}
@@ -320,6 +342,7 @@ class ContactModel:
 
         wang_mason (textbook): μ = 0.120 ± 0.001, ε = 0.550 ± 0.002
           + spin_damping: τ ← τ − c I ω⁺, c = 0.105 ± 0.004
+          + scatter: the normal by 0.65°, friction by 0.016
           + wrench(x1)
         """
         lines = [] if self.base is None else [str(self.base)]
@@ -334,9 +357,11 @@ class ContactModel:
                 (p.symbol, v, p.unit, next(errors)) for p, v in zip(effect.parameters, effect.values, strict=True)
             )
             lines.append(f"{name}: {effect.equation}, {_listed(values)}")
+        if self.scatter:
+            lines.append(f"scatter: {', '.join(map(str, self.scatter.values()))}")
         if self.residual is not None:
             lines.append(f"{self.target}({self.residual.space})")
-        return ("\n  + " if self.effects else " + ").join(lines) or "no impulse"
+        return ("\n  + " if self.effects or self.scatter else " + ").join(lines) or "no impulse"
 
     def __repr__(self) -> str:
         """Write the model with every constant in full, as `constants`."""
@@ -386,19 +411,19 @@ class ContactModel:
             raise ContactLearnError("the model has no learned part; make one with contactlearn.learn")
         return self.regressor
 
-    def base_prediction(self, impacts: Impacts) -> Prediction:
+    def base_prediction(self, impacts: Impacts, deviations: Deviations = ()) -> Prediction:
         """Predict with the base and its effects."""
         if isinstance(self.base, ContactModel):
-            return self.base.predict(impacts)
+            return self.base.outcome(impacts, deviations)
         if self.base is None:
             return Prediction.from_wrench(impacts, torch.zeros_like(impacts.v_pre))
-        return resolve(self.base, self.effects, State.of(impacts), self.base.mu, self.base.eps)
+        return resolve(self.base, self.effects, State.of(impacts), self.base.mu, self.base.eps, deviations=deviations)
 
-    def complete(self, impacts: Impacts, learned: Tensor) -> Prediction:
+    def complete(self, impacts: Impacts, learned: Tensor, deviations: Deviations = ()) -> Prediction:
         """Prediction from the value [..., N, O] of the learned part: (μ, ε) or the residual."""
         if self.parameters is not None:
-            return predict_with(self.law, impacts, learned, self.effects)
-        base, size = self.base_prediction(impacts), learned.shape[-1]
+            return predict_with(self.law, impacts, learned, self.effects, deviations)
+        base, size = self.base_prediction(impacts, deviations), learned.shape[-1]
         learned = rigid_body.matvec(impacts.slip_axes[:, :size, :size], learned)
         if self.target == "velocity":
             v_post = base.v_post + learned
@@ -428,11 +453,9 @@ def resolve(
     mu: Tensor | float,
     eps: Tensor | float,
     *,
-    deviations: Sequence[tuple[Component, Tensor]] = (),
+    deviations: Deviations = (),
 ) -> Prediction:
     """The outcome of a law with effects around it, with μ and ε broadcast against the impacts [..., N].
-
-    `deviations` are components of the contact's scatter with the deviations [..., N, k] of each impact.
 
     Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
     the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
@@ -482,10 +505,14 @@ def actual_coefficients(
 
 
 def predict_with(
-    law: Law, impacts: Impacts, parameters: Tensor, effects: Mapping[str, Effect] = MappingProxyType({})
+    law: Law,
+    impacts: Impacts,
+    parameters: Tensor,
+    effects: Mapping[str, Effect] = MappingProxyType({}),
+    deviations: Deviations = (),
 ) -> Prediction:
     """Prediction with (μ, ε) [..., N, 2] of each impact's own; negative ones count as 0, ε ends at 1."""
-    return resolve(law, effects, State.of(impacts), *_clamped(*parameters.unbind(-1)))
+    return resolve(law, effects, State.of(impacts), *_clamped(*parameters.unbind(-1)), deviations=deviations)
 
 
 def wrench_per_parameter(
@@ -525,6 +552,13 @@ def _units(value: Tensor) -> Tensor:
 
 def _clamped(mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
     return mu.clamp_min(0), eps.clamp(0, 1)
+
+
+@cache
+def _sobol_normals(size: int) -> Float[Tensor, "draws {size}"]:
+    """Normal deviates of unit variance, by Sobol's points."""
+    uniform = torch.quasirandom.SobolEngine(size, scramble=True, seed=0).draw(_DRAWS, dtype=torch.float64)
+    return torch.special.ndtri(uniform)
 
 
 def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:

@@ -17,6 +17,7 @@ Everything else follows: derivatives, estimation, selection, covariances, draws.
 """
 
 import inspect
+import math
 import re
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -27,7 +28,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
-from contactlearn.core.numerics import is_number
+from contactlearn.core.numerics import is_number, measured
 from contactlearn.effects.state import State
 from contactlearn.mechanics.space import Space
 
@@ -70,6 +71,11 @@ class Component(Frozen, ABC):
             raise ContactLearnError(
                 f"scatter of {self.name}: sigma must be a standard deviation in {self.unit}, got {self.sigma!r}"
             )
+
+    def __str__(self) -> str:
+        """Say what scatters and by how much: the normal by 0.65°."""
+        scale, unit = {"rad": (180 / math.pi, "°"), "m": (1e3, "mm")}.get(self.unit, (1.0, self.unit))
+        return self.in_words.format(sigma=measured(scale * self.sigma, None, unit))
 
     @abstractmethod
     def perturb(

@@ -34,7 +34,10 @@ _LEAST = 0.01  # of the mean variances, that each trial has at least, so that no
 
 @dataclass(frozen=True, kw_only=True)
 class ScatterEstimate:
-    """The scatter with the mean mass errors that instrument alone and both make, and its evidence by trial."""
+    """The scatter with the mean mass errors that instrument alone and both make, and its evidence by trial.
+
+    `model` has the components, and the instrument as its noise.
+    """
 
     result: ContactScatter
     model: ContactModel
@@ -78,7 +81,7 @@ def contact_scatter(
     )
     return ScatterEstimate(
         result=result,
-        model=scatter.model,
+        model=replace(scatter.model, noise=_noise(some, scatter)),
         instrument=instrument,
         floor=floor,
         deviations=tuple(_evidence(some, scatter, dependences)),
@@ -118,6 +121,12 @@ def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:
         for sigma in (before, options.noise)
     ]
     return impacts.replace(v_pre_cov=covariances[0], v_post_cov=covariances[1], validate=False)
+
+
+def _noise(impacts: Impacts, scatter: Scatter) -> Float[Tensor, "D D"]:
+    """Mean covariance of v_post by the instrument in the axes of the slip, larger where tails are heavy."""
+    turned = impacts.slip_axes.mT @ scatter.instrument(impacts) @ impacts.slip_axes
+    return max(1.0, scatter.inflation) * turned.mean(0)
 
 
 def _drawn(impacts: Impacts, scatter: Scatter) -> tuple[Interval, Interval, dict[str, float]]:

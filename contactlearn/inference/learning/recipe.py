@@ -148,6 +148,7 @@ def learn(
         rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
         base: the recipe's law with its shared (μ, ε) [..., 1], or any model whose residual is learnt; for the target
             `parameters_likelihood` also a law with effects.  If None, the recipe's law is fitted to the same rows.
+            The scatter of its contact is noise of what is learnt, and stays in the predicted covariances.
         impulse: the measured impulse, see `impacts.measured_impulse`.
         box: limits of per-trial parameters.
         like: processes of the same recipe, whose hyperparameters the training begins with.
@@ -197,7 +198,8 @@ def learn(
         }[recipe.target]
         size = values.shape[-1]
         values = _at(matvec(impacts.slip_axes.mT[:, :size, :size], values), rows)
-        stated = noise_weight(impacts, recipe.target), noise_variance(impacts, recipe.target)
+        known = _scattering(impacts, start)
+        stated = noise_weight(known, recipe.target), noise_variance(known, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
         regressor = fit(values, weight=weight, noise=noise, on_round=listener(values))
     model = finished(values, regressor)
@@ -360,11 +362,20 @@ def _learn_parameters(
     return regressor, observed
 
 
+def _scattering(impacts: Impacts, model: ContactModel) -> Impacts:
+    """Return impacts whose covariances of v_post have the scatter of a model's contact."""
+    if not model.under.scatter:
+        return impacts
+    stated, scatter = impacts.v_post_cov, model.scatter_covariance(impacts)
+    return impacts.replace(v_post_cov=scatter if stated is None else stated + scatter, validate=False)
+
+
 def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Tensor) -> ContactModel:
     """Return the model with the noise covariance t E of v_post in the axes of the slip, calibrated on training trials.
 
     E is the mean of e eᵀ over the leave-one-out errors e of the training trials.  The factor t is such that the 95 %
-    ellipsoids of V + t E, with V the covariance of the processes, contain 95 % of these errors; the rank is that of
+    ellipsoids of V + t E, with V the covariance of the processes and of the contact's scatter, contain 95 % of these
+    errors, a small one where V alone does; the rank is that of
     conformal prediction, so that few trials give a wide covariance.  It is one of post velocities, as measurement noise
     is, and includes the moment τ that a rigid model cannot predict.
     """
@@ -372,7 +383,7 @@ def _with_noise(model: ContactModel, impacts: Impacts, rows: Tensor, values: Ten
     learned = _everywhere(values - error, rows, len(impacts))
     back = impacts.slip_axes.mT
     e = _at(matvec(back, impacts.v_post - model.complete(impacts, learned).v_post), rows)
-    V = model.spread(impacts, learned, _everywhere(variance, rows, len(impacts)))
+    V = model.spread(impacts, learned, _everywhere(variance, rows, len(impacts))) + model.scatter_covariance(impacts)
     V = _at(back @ V @ back.mT, rows, 2)
     speed = _at(matvec(back, impacts.v_post), rows).square().mean(-2).sqrt()
     speed = torch.where(speed > 0, speed, _usual_speed(impacts))  # such as v_x of drops that are vertical throughout
