@@ -24,6 +24,7 @@ from contactlearn.mechanics.space import BOTH, PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel, resolve
 from contactlearn.models.export import onnx, source
+from contactlearn.scatter import ContactPoint, Friction, Normal, Restitution
 from contactlearn.simulation import synthetic
 
 ROUNDING = 1e-12
@@ -221,12 +222,17 @@ int main(void)
 """
 
 
-def run_c(text, folder, impacts, names, *extra):
-    """What the C file returns for impacts, with μ and ε as further columns if given; warnings and traps are errors."""
+def called(names, impacts, *extra):
+    """Arguments of a call in C, and the columns that it reads."""
     sizes = [len(parts) for parts in names.values()]
     starts = [sum(sizes[:k]) for k in range(len(sizes))]
     call = "".join(f"in[{k}], " if size == 1 else f"in + {k}, " for k, size in zip(starts, sizes, strict=True))
-    columns = torch.cat([x.reshape(len(impacts), -1) for x in (*arguments(impacts, names), *extra)], 1)
+    return call, torch.cat([x.reshape(len(impacts), -1) for x in (*arguments(impacts, names), *extra)], 1)
+
+
+def run_c(text, folder, impacts, names, *extra):
+    """What the C file returns for impacts, with μ and ε as further columns if given; warnings and traps are errors."""
+    call, columns = called(names, impacts, *extra)
     (folder / "impact.c").write_text(re.sub(r"static const (double (MU|EPS) =)", r"static \1", text) if extra else text)
     set_own = "".join(f"{name} = in[{columns.shape[1] - 2 + k}]; " for k, name in enumerate(("MU", "EPS")) if extra)
     define, main = MAIN.lstrip().split("\n", 1)
@@ -268,6 +274,85 @@ def test_effects_of_all_places_in_c(space, tmp_path):
     names = source.trace(model, drops.shape, space).arguments
     found = run_c(source.source_code(model, "c", drops[:10]), tmp_path, drops, names)
     assert differs(found, model, drops) < ROUNDING
+
+
+# --- Scatter --------------------------------------------------------------------------------------
+
+
+def scattering(space):
+    """Impacts of bodies, and a law whose contact scatters, away from its borders."""
+    drops = synthetic.load(size=20) if space is PLANE else tossed(20)
+    components = Restitution(sigma=0.05), Friction(sigma=0.03), Normal(sigma=0.03), ContactPoint(sigma=0.001)
+    model = ContactModel(find("mirtich").at(0.3, 0.5), scatter={one.name: one for one in components})
+    return model, drops
+
+
+def agrees_in_moments(drawn, model, drops):
+    """Means and covariances [N, D] of draws [S, N, D] are those of the model's own draws: five standard errors."""
+    own = model.scattered(drops, torch.Generator().manual_seed(5), len(drawn)).v_post
+    (mean, covariance), (wanted, expected) = (
+        (x.mean(0), torch.einsum("sni,snj->nij", x - x.mean(0), x - x.mean(0)) / len(x)) for x in (drawn, own)
+    )
+    size = expected.diagonal(dim1=-2, dim2=-1).sqrt()
+    assert ((mean - wanted).abs() <= 5 * (2 / len(drawn)) ** 0.5 * size + ROUNDING).all()
+    unit = size[:, :, None] * size[:, None] + ROUNDING
+    assert ((covariance - expected) / unit).abs().max() < 5 * (6 / len(drawn)) ** 0.5  # kurtosis: modes change
+
+
+@pytest.mark.parametrize("space", BOTH, ids=str)
+@pytest.mark.parametrize("to", ["numpy", "torch", "jax"])
+def test_python_draws_as_the_model_does(to, space):
+    if to == "jax":
+        jax = pytest.importorskip("jax")
+    model, drops = scattering(space)
+    module = {"__name__": "exported"}
+    exec(source.source_code(model, to, drops[:10]), module)
+    assert module["self_test"]() < ROUNDING  # with deviations
+    names = [*source.trace(model, space=space).arguments]
+    assert differs(module["impact"](*(x.numpy() for x in arguments(drops, names))), model, drops) < ROUNDING
+    many = [np.repeat(x.numpy()[None], 4000, 0) for x in arguments(drops, names)]
+    draw = {
+        "numpy": lambda seed: np.random.default_rng(seed),
+        "torch": lambda seed: torch.Generator().manual_seed(seed),
+        "jax": lambda seed: jax.random.key(seed),
+    }[to]
+    first, again, other = (np.asarray(module["sample"](draw(seed), *many)[0]) for seed in (1, 1, 2))
+    assert (first == again).all()
+    assert (first != other).any()
+    agrees_in_moments(torch.from_numpy(first.copy()), model, drops)
+
+
+DRAWS = """
+#include <stdio.h>
+#include "impact.c"
+int main(void)
+{
+    double in[%d], out[%d];
+    uint64_t state = 1;
+    while (fread(in, sizeof in, 1, stdin) == 1) {
+        contact_sample(%s &state, out, out + %d);
+        fwrite(out, sizeof out, 1, stdout);
+    }
+    return 0;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("space", BOTH, ids=str)
+def test_c_draws_as_the_model_does(space, tmp_path):
+    model, drops = scattering(space)
+    names = source.trace(model, space=space).arguments
+    text = source.source_code(model, "c", drops[:10])
+    assert differs(run_c(text, tmp_path, drops, names), model, drops) < ROUNDING
+    call, columns = called(names, drops)
+    size = drops.space.D
+    (tmp_path / "draws.c").write_text(DRAWS % (columns.shape[1], 2 * size, call, size))
+    subprocess.run(["gcc", "-O2", "-std=gnu99", "-Werror", "draws.c", "-o", "draws", "-lm"], cwd=tmp_path, check=True)
+    given = columns.repeat(4000, 1).numpy().tobytes()
+    done = subprocess.run(["./draws"], cwd=tmp_path, input=given, capture_output=True, check=True)
+    drawn = torch.from_numpy(np.frombuffer(done.stdout).copy()).reshape(4000, len(drops), -1)
+    agrees_in_moments(drawn[..., :size], model, drops)
 
 
 def test_what_no_file_can_hold_is_refused():

@@ -1,11 +1,14 @@
 """One impact in MuJoCo is that of the exported model."""
 
+import json
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 from spatial import tossed
 
+from contactlearn.cli.commands.export import export_model
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.effects import State, find_effect
@@ -13,11 +16,13 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.mechanics.rigid_body import GRAVITY, rotation
+from contactlearn.mechanics.rigid_body import GRAVITY, in_world, rotation
 from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
+from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
-from contactlearn.models.export.mujoco import difference, export, solref
+from contactlearn.models.export.mujoco import difference, export, ranges, solref
+from contactlearn.scatter import ContactPoint, Friction, Normal, Restitution
 from contactlearn.simulation import synthetic
 from contactlearn.simulation.mujoco import outcomes
 
@@ -231,3 +236,78 @@ def test_effects_of_the_recording_are_left_out():
     assert torch.equal(fitted.physical.parameter_covariance, fitted.parameter_covariance[kept][:, kept])
     on_top = ContactModel(fitted).physical.under
     assert list(on_top.effects) == ["side_drag"]
+
+
+@pytest.mark.parametrize("shape", [SQUARE, BOX], ids=str)
+@pytest.mark.parametrize(
+    "component", [Restitution(sigma=0.05), Friction(sigma=0.03), Normal(sigma=0.03), ContactPoint(sigma=1e-3)]
+)
+def test_the_hook_draws_the_scatter_anew_at_each_impact(shape, component):
+    """One body falls again and again: outcomes have the standard deviations of the model's draws."""
+    drops = synthetic.load(60, shape=shape, velocity_noise=0, spin_noise=0) if shape is SQUARE else tosses(shape)
+    law = find("spring_dashpot" if shape is SQUARE else "wang_mason_newton").at(0.15, 0.6)
+    alone = ContactModel(law)
+    found, expected = outcomes(export(alone, drops).scene, drops), alone.predict(drops)
+    error = mass_error(drops.replace(v_post=expected.v_post), replace(expected, v_post=found)).nan_to_num(1.0)
+    low = in_world(shape.corners()[:, None], drops.q)[..., -1].sort(0).values
+    clear = (error < CLOSE) & (drops.v_c[:, -1] < -1) & (low[1] - low[0] > 0.01)
+    drop = drops[clear.nonzero()[0]].replace(validate=False)
+    model = ContactModel(law, scatter={component.name: component})
+    (scene, hook), d = export(model, drop), drop.space.d
+    own, engine = {}, mujoco.MjModel.from_xml_string(scene.xml())
+    exec(hook, own)
+    data, found = mujoco.MjData(engine), []
+    level, pose, velocity = (engine.geom_pos.copy(), engine.geom_quat.copy()), drop.q[0].clone(), drop.v_pre[0].clone()
+    if d == 3:
+        velocity[3:] = rotation(pose[3:]).T @ velocity[3:]
+    for _ in range(120):
+        mujoco.mj_resetData(engine, data)
+        data.qpos[:], data.qvel[:] = pose, velocity
+        engine.geom_pos[:], engine.geom_quat[:] = level
+        data.qpos[d - 1] += 1e-5 - own["gap"](engine, data)
+        touched = False
+        for _ in range(600):
+            own["set_contact"](engine, data)
+            mujoco.mj_step(engine, data)
+            touched |= data.ncon > 0
+            if touched and data.ncon == 0:
+                break
+        found.append(torch.tensor(data.qvel.copy()))
+    drawn = torch.stack(found)
+    if d == 3:
+        drawn = torch.cat((drawn[:, :3], drawn[:, 3:] @ rotation(pose[3:]).T), 1)
+    expected = model.scattered(drop, torch.Generator().manual_seed(0), 4000).v_post[:, 0]
+    size = expected.std(0)
+    seen = size > 0.3 * size.max()  # the law is another one
+    assert (drawn.std(0)[seen] / size[seen]).tolist() == pytest.approx([1] * int(seen.sum()), rel=0.25)
+    unit = (expected.square().sum(-1).mean() * CLOSE**2).sqrt() + size
+    assert ((drawn.mean(0) - expected.mean(0)).abs() < unit).all()
+
+
+def test_a_table_of_ranges_has_scatter_errors_and_their_correlation(tmp_path):
+    drops = synthetic.load(60, shape=SQUARE, velocity_noise=0, spin_noise=0)
+    law, errors = find("spring_dashpot").at(0.3, 0.6), torch.tensor([[4e-4, 3e-4], [3e-4, 9e-4]], dtype=torch.float64)
+    components = Restitution(sigma=0.02), Friction(sigma=0.03), Normal(sigma=0.02)
+    model = ContactModel(law, parameter_covariance=errors, scatter={one.name: one for one in components})
+    table = ranges(model, drops)
+    found, names = table["quantities"], [*table["quantities"]]
+    assert names == ["friction", "restitution", "damping", "normal"]
+    sizes = {"friction": math.hypot(0.02, 0.03), "restitution": math.hypot(0.03, 0.02), "normal": 0.02}
+    for name, size in sizes.items():
+        assert found[name]["standard_deviation"] == pytest.approx(size, rel=0.1)
+        assert found[name]["high"] - found[name]["low"] == pytest.approx(2 * 1.645 * size, rel=0.1)
+    assert [found[name]["scatter"] for name in names] == [0.03, 0.02, None, 0.02]
+    correlation = torch.tensor(table["correlation"])
+    expected = 3e-4 / (sizes["friction"] * sizes["restitution"])
+    assert correlation[0, 1].item() == pytest.approx(expected, abs=0.15)  # of 256 parameters
+    assert correlation[1, 2] < -0.9
+    assert correlation[3, :3].abs().max() < 0.05
+    checkpoint.save(model, tmp_path / "model.pt", provenance={})
+    out = tmp_path / "impact.xml"
+    said = export_model(str(tmp_path / "model.pt"), "mujoco", str(out), drops, without_residual=False, force=False)
+    assert "the contact scatters: call set_contact(model, data) of the hook before each step" in said
+    assert "ranges of 90 % for randomisation: friction 0.2" in said
+    assert json.loads((tmp_path / "impact_ranges.json").read_text()) == table
+    assert '"normal": 0.02' in (tmp_path / "impact_hook.py").read_text()
+    with pytest.raises(ContactLearnError, match="scatter of other has no form in MuJoCo"):
+        export(replace(model, scatter={"other": components[0]}), drops)

@@ -174,8 +174,7 @@ class ContactModel:
             ContactLearnError: samples of a model without scatter and without a covariance of its parameters.
             DataError: the shape is not known, or a body starts inside the floor.
         """
-        model = self.physical
-        scatters = samples is not None and bool(model.under.scatter)
+        model, scatters = self.physical, samples is not None and bool(self.under.scatter)
         values: list[Tensor] | None = None
         if samples is not None:
             if self.parameter_covariance is not None:
@@ -277,7 +276,7 @@ class ContactModel:
 
     @property
     def physical(self) -> "ContactModel":
-        """The model without effects of the recording and noise of the instrument, as roll-outs and simulators have it."""
+        """The model without effects of the recording, as roll-outs and simulators have it."""
         if isinstance(self.base, ContactModel):
             return replace(self, base=self.base.physical)
         owners = ["μ", "ε", *(name for name, effect in self.effects.items() for _ in effect.parameters)]
@@ -286,7 +285,6 @@ class ContactModel:
         return replace(
             self,
             effects={name: effect for name, effect in self.effects.items() if name not in self.recorded},
-            scatter={name: one for name, one in self.scatter.items() if not one.of_instrument},
             parameter_covariance=None if covariance is None else covariance[..., kept, :][..., kept],
         )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from contactlearn.cli.checkpoints import TrainedModel, load_model
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.core.numerics import atomic_write
+from contactlearn.core.numerics import atomic_write, number
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import State
 from contactlearn.mechanics.bodies import make_shapes
@@ -15,6 +15,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export import mujoco, onnx, source
+from contactlearn.report.text import label
 from contactlearn.simulation import mujoco as mujoco_drops, synthetic
 
 TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "onnx": ".onnx", "mujoco": ".xml", "json": ".json"}
@@ -50,6 +51,8 @@ def export_model(
     known = data or impacts_of_run(run)
     said = ["without the Gaussian processes that correct it"] if model is not trained.model else []
     texts = dict[Path, str | bytes]()
+    if model.scatter and to == "onnx":
+        said.append("without the scatter of the contact, which a graph cannot draw")
     if to == "json":
         texts[path] = json.dumps(model.constants(), indent=2, ensure_ascii=False) + "\n"
     elif to == "onnx":
@@ -60,7 +63,16 @@ def export_model(
         texts[path] = scene.xml()
         if hook is not None:
             texts[path.with_name(f"{path.stem}_hook.py")] = hook
-            said.append("coefficients depend on the state: call set_contact(model, data) of the hook before each step")
+            why = "the contact scatters" if model.scatter else "coefficients depend on the state"
+            said.append(f"{why}: call set_contact(model, data) of the hook before each step")
+        if model.scatter:
+            table = mujoco.ranges(model.physical, judged)
+            texts[path.with_name(f"{path.stem}_ranges.json")] = json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+            spans = []
+            for name, one in table["quantities"].items():
+                unit = "" if one["unit"] == "–" else f" {one['unit']}"
+                spans.append(f"{label(name)} {number(one['low'], 3)} to {number(one['high'], 3)}{unit}")
+            said.append(f"ranges of 90 % for randomisation: {', '.join(spans)}")
         if model.recorded:
             recorded, physical = (one.predict(judged).v_post for one in (model, model.physical))
             said.append(

@@ -1,5 +1,8 @@
 """A law with its effects in MuJoCo: a scene, and where coefficients depend on the state a function that sets them.
 
+Where the contact scatters this function also draws its deviations, anew for each impact, and there is a table of
+`ranges`, for simulators and domain randomisation that know nothing of impacts.
+
 **The body.** It has a free joint, in the plane two slides and a hinge.  Corners are spheres, sharp ones tiny: each
 touches at one point.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
 
@@ -12,13 +15,16 @@ above, would add to the normal force where there is slip.  So the law is `spring
 **Slides.** The friction of slides of a rig card holds in contacts that are no bounces, as in `roll_out`: those whose
 √(ṙ² + k r²) is at most g `FAINT`.  The spring does not change this speed, and the dashpot lowers it.
 
+**Scatter.** Before an impact the floor is turned by the deviations of the normal, so that it stays as far from the body
+as it was; those of the contact point move what touches.  Nothing changes while the body touches.
+
 Source: Todorov, Erez and Tassa (2012), IROS; the engine's own manual, "Computation", for solref.
 """
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -33,7 +39,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Cornered, Disc, Ellipse, Ellipsoid, Polygon, Polyhedron, Shape, Sphere
 from contactlearn.mechanics.space import PLANE, SPACE, Space
-from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export import source
 from contactlearn.models.roll_out import FAINT
 
@@ -46,6 +52,12 @@ CONTACT_TIME = 2e-4
 _SOFT = 0.005  # impedance of the constraint; what slip adds to the normal force is in proportion to it
 _GRIP = 50  # times that slip would decay by a factor e in one contact time, if friction could
 _SHARP = 1e-6  # m, radius of a sharp corner
+_NEAR = 1e-3  # m above the floor up to which deviations are drawn
+_DRAWS = 256  # for each impact, for a table of ranges
+_SET_BY = {
+    "friction": "model.pair_friction[:, :2]", "restitution": "solref", "damping": "-model.pair_solref[:, 1]",
+    "normal": "model.geom_quat[floor]", "contact_point": "model.geom_pos[parts]",
+}  # fmt: skip
 _GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error", "corner_radius")
 
 Body = Ellipse | Disc | Ellipsoid | Sphere | Cornered
@@ -161,8 +173,8 @@ def export(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_
         contact_time: in s.
 
     Raises:
-        ContactLearnError: an effect has no form in MuJoCo, which is named with the size of what it explains, or ε is
-            too small.
+        ContactLearnError: an effect has no form in MuJoCo, which is named with the size of what it explains, neither
+            has a component of scatter, or ε is too small.
         DataError: the impacts state no shape, or several.
     """
     source.require_exportable(model, impacts.shape)
@@ -179,12 +191,65 @@ def export(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_
                 f"{name} has no form in MuJoCo, and without it outcomes change by {share:.1%} (mass norm, mean of "
                 f"{len(impacts)} impacts); use --to c or numpy, or fit a model without it"
             )
+    for name in model.scatter:
+        if name not in _SET_BY:
+            raise ContactLearnError(f"scatter of {name} has no form in MuJoCo; use --to c or numpy")
     if model.law.coefficients[1].item() < LEAST:
         raise ContactLearnError(f"MuJoCo's contact has ε of at least {LEAST}, and this law has {model.law.eps:.3f}")
     scene = replace(_scene(model, impacts, impacts.shape), contact_time=contact_time)
     slides = None if impacts.apparatus is None else impacts.apparatus.friction
     depends = any(effect.place == "law" for effect in model.effects.values())
-    return Exported(scene, _hook(model, scene, impacts.shape, slides, depends) if depends or slides else None)
+    hooked = depends or slides or model.scatter
+    return Exported(scene, _hook(model, scene, impacts.shape, slides, depends) if hooked else None)
+
+
+def ranges(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_TIME) -> dict[str, Any]:
+    """Return what MuJoCo's contact has in impacts like some given ones, for domain randomisation, as JSON takes it.
+
+    Parameters are drawn from their covariance, the deviations of the contact anew for each impact, and effects give
+    each impact its own coefficients.  Of friction, restitution, the damping that makes it, the normal's angles in rad
+    and the contact point's places in m it has mean, standard deviation, the range of 90 %, the part of the standard
+    deviation that is scatter from impact to impact, and the correlation of all.
+
+    Args:
+        model: without processes.
+        impacts: of the body.
+        contact_time: in s.
+    """
+    generator, n, space = torch.Generator().manual_seed(0), len(impacts), impacts.space
+    values = [x.reshape(1) for x in model.values]
+    if model.parameter_covariance is not None:
+        root = torch.linalg.cholesky(model.parameter_covariance)
+        normal = torch.randn(_DRAWS, len(values), generator=generator, dtype=torch.float64)
+        values = [x[:, None] for x in (torch.cat(values) + normal @ root.mT).unbind(-1)]
+    drawn = model.at(values)
+    state = actual_state(drawn.effects, State.of(impacts))
+    mu, eps = (x.expand(_DRAWS, n) for x in actual_coefficients(drawn.effects, state, *drawn.law.coefficients))
+    columns: dict[str, Tensor] = {}
+    for name, one in model.scatter.items():
+        u = one.draw((_DRAWS, n), space, generator)
+        state, mu, eps = one.perturb(state, mu, eps, u)
+        if name in ("normal", "contact_point"):
+            names = [name] if space is PLANE else [f"{name}_x", f"{name}_y"]
+            columns |= zip(names, u.unbind(-1), strict=True)
+    eps = eps.clamp(LEAST, 1)
+    omega = math.pi / contact_time
+    columns = {"friction": mu, "restitution": eps, "damping": 2 * damping(eps).ratio * omega} | columns
+    table = torch.stack([x.reshape(-1) for x in columns.values()])
+    low, high = table.quantile(torch.tensor([0.05, 0.95], dtype=torch.float64), dim=1)
+    units = {"damping": "1/s", "normal": "rad", "contact_point": "m"}
+    quantities = {}
+    for k, name in enumerate(columns):
+        kind = name.removesuffix("_x").removesuffix("_y")
+        quantities[name] = {
+            "set": _SET_BY[kind], "unit": units.get(kind, "–"), "mean": table[k].mean().item(),
+            "standard_deviation": table[k].std().item(), "low": low[k].item(), "high": high[k].item(),
+            "scatter": model.scatter[kind].sigma if kind in model.scatter else None,
+        }  # fmt: skip
+    size = table.std(1)
+    known = torch.where(size > 0, size, 1.0)
+    correlation = table.cov() / (known[:, None] * known)
+    return {"stiffness": omega**2, "quantities": quantities, "correlation": correlation.tolist()}
 
 
 def difference(one: Tensor, other: Tensor, impacts: Impacts) -> float:
@@ -242,7 +307,8 @@ def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
 
 
 def _hook(model: ContactModel, scene: Scene, shape: Shape, slides: Estimate | None, depends: bool) -> str:
-    values = {name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space")}
+    values = {name: getattr(scene, name) for name in ("step", "contact_time", "mass", "inertia", "space", "mu", "eps")}
+    values |= {"scatter": {name: one.sigma for name, one in model.scatter.items()}, "near": _NEAR, "least": LEAST}
     if depends:
         traced = source.trace(model, shape, scene.space, coefficients=True)
         values |= {

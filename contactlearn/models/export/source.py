@@ -2,14 +2,16 @@
 
     text = source.source_code(model, "c", rows=impacts[:10])
 
-The fitted parameters are constants with their standard errors as comments.  Nothing of contactlearn is needed to use
-the file.  Python functions take arrays [...], the C function one impact.
+The fitted parameters are constants with their standard errors as comments.  Where the contact scatters, a second
+function draws its deviations anew for each impact.  Nothing of contactlearn is needed to use the file.  Python
+functions take arrays [...], the C functions one impact.
 """
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, repeat
 from typing import NamedTuple
 
 import torch
@@ -53,17 +55,31 @@ class Constant(NamedTuple):
     error: float | None
 
 
+class Deviation(NamedTuple):
+    """A deviation of the contact: name in the file, standard deviation, unit."""
+
+    name: str
+    sigma: float
+    unit: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Traced:
-    """A model as operations on single numbers."""
+    """A model as operations on single numbers; `arguments` end with the `deviations`, if there are any."""
 
     program: Program
     constants: tuple[Constant, ...]
     arguments: Mapping[str, tuple[str, ...]]
+    deviations: tuple[Deviation, ...]
 
 
 def trace(
-    model: ContactModel, shape: AnyShape | None = None, space: Space = PLANE, *, coefficients: bool = False
+    model: ContactModel,
+    shape: AnyShape | None = None,
+    space: Space = PLANE,
+    *,
+    coefficients: bool = False,
+    scatter: bool = False,
 ) -> Traced:
     """Record the arithmetic of a law with its effects.
 
@@ -72,18 +88,27 @@ def trace(
         shape: of the body, if an effect needs it.
         space: in which bodies move.
         coefficients: whether the results are μ and ε alone, of a body whose contact point is that of its shape.
+        scatter: whether deviations of the contact are arguments; else there are none.
 
     Raises:
         ContactLearnError: a model of another kind, or the shape is not known.
     """
     require_exportable(model, shape)
-    constants = tuple(_constants(model))
+    constants, components = tuple(_constants(model)), model.scatter.values() if scatter else ()
+    deviations = tuple(
+        Deviation(
+            f"u_{one.name}" + (f"_{space.position[k][-1]}" if one.deviations(space) > 1 else ""), one.sigma, one.unit
+        )
+        for one in components
+        for k in range(one.deviations(space))
+    )
     tracer = Tracer()
     names = {
         **{"mass": ("mass",), "inertia": space.inertia, "r": space.position, "pose": space.pose},
         **{"velocity": space.velocity, "order": ("order",), "body": ("body",)},
+        **({"deviations": tuple(one.name for one in deviations)} if deviations else {}),
     }
-    example = iter(_EXAMPLE[space.name])
+    example = chain(_EXAMPLE[space.name], repeat(0.0))
     values = dict[str, torch.Tensor]()
     with torch.enable_grad(), tracer:
         given = {
@@ -106,13 +131,16 @@ def trace(
             state = actual_state(moved.effects, state.replace(r=state.contact_points(state.orientation)))
             values["mu"], values["eps"] = actual_coefficients(moved.effects, state, *moved.law.coefficients)
         else:
-            found = resolve(moved.law, moved.effects, state, *moved.law.coefficients)
+            sizes = [one.deviations(space) for one in components]
+            parts = given["deviations"].split(sizes, -1) if deviations else ()
+            deviated = [*zip(components, parts, strict=True)]
+            found = resolve(moved.law, moved.effects, state, *moved.law.coefficients, deviations=deviated)
             results = *(f"{name}_after" for name in space.velocity), *space.wrench
             values |= zip(results, (*found.v_post.unbind(-1), *found.wrench.unbind(-1)), strict=True)
         program = tracer.finish(values)
     optional = {"order", "body"} - leaves(program)
     arguments = {name: parts for name, parts in names.items() if name not in optional}
-    return Traced(program=program, constants=constants, arguments=arguments)
+    return Traced(program=program, constants=constants, arguments=arguments, deviations=deviations)
 
 
 _EXAMPLE = {
@@ -155,7 +183,7 @@ def without_residual(model: ContactModel) -> ContactModel:
     if model.under.base is None or model.under.parameters is not None:
         raise ContactLearnError("without its Gaussian processes this model has no law with μ and ε to export")
     under = model.under
-    return ContactModel(under.law, effects=under.effects, parameter_covariance=under.parameter_covariance)
+    return replace(under, noise=None, provenance={})
 
 
 def _constants(model: ContactModel) -> Iterator[Constant]:
@@ -181,19 +209,25 @@ def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
     """
     if to not in LANGUAGES:
         raise UnknownNameError("language", to, LANGUAGES)
-    traced, found = trace(model, rows.shape, rows.space), model.predict(rows)
+    traced = trace(model, rows.shape, rows.space, scatter=True)
+    generator = torch.Generator().manual_seed(0)
+    drawn = [(one, one.draw((len(rows),), rows.space, generator)) for one in model.scatter.values()]
+    found = model.outcome(rows, drawn)
     columns = {"mass": rows.mass, "inertia": rows.inertia, "r": rows.r, "pose": rows.q, "velocity": rows.v_pre}
     columns |= {"order": rows.order, "body": rows.body.double()}
+    columns |= {"deviations": torch.cat([u for _, u in drawn], -1)} if drawn else {}
     table = torch.cat([columns[name].reshape(len(rows), -1) for name in traced.arguments], 1)
-    template, spelled, module = LANGUAGES[to]
-    return TEMPLATES.get_template(template).render(
+    language = LANGUAGES[to]
+    return TEMPLATES.get_template(language.template).render(
         version=__version__,
         equation=str(model).replace("\\", "/").splitlines(),
-        module=module,
+        module=language.module,
+        random=language.random,
         constants=traced.constants,
+        deviations=traced.deviations,
         used=leaves(traced.program),
         arguments=traced.arguments,
-        statements=list(statements(traced.program, spelled)),
+        statements=list(statements(traced.program, language.spelled)),
         results=[*traced.program.results],
         size=rows.space.D,
         axes=_AXES[rows.space.name],
@@ -214,6 +248,7 @@ def _described(argument: str, parts: tuple[str, ...]) -> str:
         "velocity": f"of the tracked point {components} in m/s and rad/s; the contact point approaches the floor",
         "order": "number of impacts of these surfaces so far, and this one",
         "body": "number of the body, zlib.crc32 of its name in Python",
+        "deviations": f"of the contact from impact to impact {components}",
     }[argument]
 
 
@@ -242,11 +277,15 @@ def required(program: Program) -> list[int]:
 
 
 class Language(NamedTuple):
-    """A template of the file, the spelling of an operation, and the name of the module of its functions."""
+    """A template of the file, the spelling of an operation, the module of its functions, its random numbers.
+
+    These are the name of their source, how it is made, and normal deviates of a shape.
+    """
 
     template: str
     spelled: Callable[[str, list[str]], str]
     module: str
+    random: tuple[str, str, str]
 
 
 def statements(program: Program, spelled: Callable[[str, list[str]], str]) -> Iterator[tuple[str, str, bool]]:
@@ -308,16 +347,25 @@ def _python_expression(module: str, names: Mapping[str, str], kind: str, operand
     return _infix(kind, operands, names, "" if own.startswith("_") else f"{module}.")
 
 
-def _python(module: str, names: Mapping[str, str]) -> Language:
-    return Language("module.py.j2", partial(_python_expression, module, names), module)
+def _python(module: str, names: Mapping[str, str], *random: str) -> Language:
+    source, made, normal = random
+    return Language("module.py.j2", partial(_python_expression, module, names), module, (source, made, normal))
 
 
 _INVERSE = {"atan2": "arctan2", "atanh": "arctanh"}
 _FOR_TENSORS = {name: f"_{name}" for name in ("minimum", "maximum", "hypot", "where")}
 LANGUAGES = {
-    "numpy": _python("np", _INVERSE),
-    "jax": _python("jnp", _INVERSE | {"stop": "jax.lax.stop_gradient"}),
-    "torch": _python("torch", _FOR_TENSORS | {"stop": "torch.Tensor.detach"}),
-    "c": Language("impact.c.j2", _c_expression, ""),
+    "numpy": _python("np", _INVERSE, "generator", "np.random.default_rng(seed)", "generator.standard_normal({})"),
+    "jax": _python(
+        "jnp", _INVERSE | {"stop": "jax.lax.stop_gradient"}, "key", "jax.random.key(seed)", "jax.random.normal(key, {})"
+    ),
+    "torch": _python(
+        "torch",
+        _FOR_TENSORS | {"stop": "torch.Tensor.detach"},
+        "generator",
+        "torch.Generator().manual_seed(seed)",
+        "torch.randn({}, generator=generator, dtype=torch.float64)",
+    ),
+    "c": Language("impact.c.j2", _c_expression, "", ("state", "seed", "")),
 }
 """Languages by name."""
