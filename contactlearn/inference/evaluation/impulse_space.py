@@ -3,6 +3,7 @@
     ImpulseSpace   one impact in the plane: admissible impulses, measurement, bound, impulse and reach of each law
     SlipDiagram    one impact in space: the slip before and after contact by each law, and Routh's path between them
     LawImpulses    many impacts: impulses and reach of each law, or paths and ends of the slip
+    ScatterCloud   many similar impacts in one impulse space: measured, and as a model draws them
 
 Slips are in the axes of the slip before contact: along it, and across.  The figure number is that of Fazeli et al.
 (2017); source of the path: Keller (1986).
@@ -27,6 +28,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction, measured_impulse
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 
+_SIMILAR, _CLOUD = 30, 30  # impacts of a cloud, and draws of each
 _STEPS, _PAGE_STEPS = 24, 12  # of a path of the slip, in a figure and for every trial of a page
 
 
@@ -164,6 +166,83 @@ class LawImpulses:
             "torn": torch.stack(torn),
         }
         return cls(laws=laws, arrays=arrays, first=ImpulseSpace.of(first, laws, reached=1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScatterCloud:
+    """Impulses of K similar impacts in the plane of slip and normal, carried into the energy ellipse of one of them.
+
+    An impulse keeps its place in the ellipse: ‖Lᵀ (P − centre)‖ over the radius, W = L Lᵀ.  The tangential impulse is
+    along the slip.  In space the ellipse is the section of the ellipsoid without an impulse across the slip.  All in
+    N s.
+
+    Args:
+        incidence: slip over approach of the one.
+        ellipse: its boundary.
+        vectors: centre and chords, see `rigid_body.ellipse_vectors`.
+        measured: impulses [K, 2].
+        expected: of the model without deviations [K, 2].
+        drawn: with deviations of the contact and noise of the instrument [S, K, 2].
+    """
+
+    incidence: float
+    ellipse: Float[Tensor, "points 2"]
+    vectors: Float[Tensor, "4 2"]
+    measured: Float[Tensor, "k 2"]
+    expected: Float[Tensor, "k 2"]
+    drawn: Float[Tensor, "s k 2"]
+
+    @classmethod
+    def along(cls, model: ContactModel, impacts: Impacts, count: int = 3) -> list["ScatterCloud"]:
+        """Return clouds at several incidences, from steep to shallow.
+
+        Args:
+            model: whose contact scatters.
+            impacts: measured.
+            count: of the clouds.
+        """
+        d, generator = impacts.space.d, torch.Generator().manual_seed(0)
+        plane = [0, d - 1]
+        turn = impacts.slip_axes[:, :d, :d].mT[:, plane]
+        slip = rigid_body.matvec(turn, impacts.v_c)[:, :1]
+        turn = torch.cat((torch.where(slip < 0, -1.0, 1.0)[..., None] * turn[:, :1], turn[:, 1:]), 1)
+        W, v_c = turn @ impacts.W @ turn.mT, rigid_body.matvec(turn, impacts.v_c)
+        features = torch.stack((-v_c[:, 0] / v_c[:, 1], W[:, 0, 1] / W[:, 1, 1], W[:, 0, 0] / W[:, 1, 1]), 1)
+        places = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+        scale = features.quantile(0.75, 0) - features.quantile(0.25, 0)
+        middle = features.median(0).values.repeat(count, 1)
+        middle[:, 0] = features[:, 0].quantile(places)
+        apart = ((features - middle[:, None]) / scale.clamp_min(1e-9)).norm(dim=-1)
+        return [
+            cls._about(model, impacts[rows], turn[rows], W[rows], v_c[rows], generator)
+            for rows in apart.argsort(-1)[:, :_SIMILAR]
+        ]
+
+    @classmethod
+    def _about(
+        cls, model: ContactModel, some: Impacts, turn: Tensor, W: Tensor, v_c: Tensor, generator: torch.Generator
+    ) -> "ScatterCloud":
+        """The cloud in the ellipse of the first of some impacts."""
+        drawn = model.scattered(some, generator, _CLOUD).v_post
+        if model.noise is not None:
+            unit = torch.randn(drawn.shape, dtype=torch.float64, generator=generator)
+            drawn = drawn + rigid_body.matvec(some.slip_axes @ torch.linalg.cholesky(model.noise), unit)
+        root, centre = torch.linalg.cholesky(W).mT, -rigid_body.matvec(rigid_body.effective_inertia(W), v_c)
+        radius = (-(centre * v_c).sum(-1)).sqrt()
+        carry = torch.linalg.inv(root[:1]) @ root * (radius[0] / radius)[:, None, None]
+
+        def carried(v_post: Tensor) -> Tensor:
+            P = rigid_body.matvec(turn, some.mass[:, None] * (v_post - some.v_pre)[..., : some.space.d])
+            return centre[0] + rigid_body.matvec(carry, P - centre)
+
+        return cls(
+            incidence=(-v_c[0, 0] / v_c[0, 1]).item(),
+            ellipse=rigid_body.energy_ellipse(W[0], v_c[0]),
+            vectors=rigid_body.ellipse_vectors(W[0], v_c[0]),
+            measured=carried(some.v_post),
+            expected=carried(model.outcome(some).v_post),
+            drawn=carried(drawn),
+        )
 
 
 def slip_after(impacts: Impacts, v_post: Float[Tensor, "*batch n 6"]) -> Float[Tensor, "*batch n 2"]:

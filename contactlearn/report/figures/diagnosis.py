@@ -42,12 +42,14 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
+from contactlearn.inference.evaluation.impulse_space import ScatterCloud
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.inference.evaluation.variables import Variable
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
+from contactlearn.report.figures.impulse_space import scattered_impulses
 from contactlearn.report.text import base_label, effect_label, error, fix_spacing, percent, phrase, rung_label, sentence
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
@@ -73,7 +75,8 @@ _VECTOR = 5000  # dots that a PDF draws one by one
 def drawn(found: Diagnosis) -> dict[str, Figure]:
     """Draw every figure of a diagnosis.
 
-    They are `audit_<finding>`, `regions`, `residual`, `scatter`, `effect_<name>`, `ladder`, `budget` and `frontier`.
+    They are `audit_<finding>`, `regions`, `residual`, `scatter`, `scatter_impulses`, `effect_<name>`, `ladder`,
+    `budget` and `frontier`.
 
     Args:
         found: the diagnosis with the evidence of its audit, and with its record unless the data were refused.
@@ -88,6 +91,8 @@ def drawn(found: Diagnosis) -> dict[str, Figure]:
         figures["residual"] = residual_figure(found.remainder, record)
     if record is not None and record.deviations:
         figures["scatter"] = scatter_figure(record.deviations)
+    if record is not None and record.model.scatter:
+        figures["scatter_impulses"] = scattered_impulses(ScatterCloud.along(record.model, record.impacts))
     if record is not None:
         for missing, partial in zip(found.missing, record.residuals, strict=True):
             name = "_".join(filter(None, ("effect", missing.effect.name, missing.effect.form)))

@@ -2,10 +2,12 @@
 
     reachable_impulses   one panel a law
     compared_impulses    all laws in one panel, for a browser
+    scattered_impulses   measured impulses of similar impacts beside those that a contact draws that scatters
 
 Impulses are computed in N s and shown in mN s.  The figure number is that of Fazeli et al. (2017).
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
 
-from contactlearn.inference.evaluation.impulse_space import ImpulseSpace
+from contactlearn.inference.evaluation.impulse_space import ImpulseSpace, ScatterCloud
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.hull import signed_areas
 from contactlearn.mechanics.impacts import Impacts
@@ -88,6 +90,37 @@ def compared_impulses(space: ImpulseSpace) -> Figure:
     }
     axes.plot(*st.array(space.measured) * st.MILLI, "o", **model, zorder=6, label="Chosen model", gid="model")
     axes.set_aspect("equal")
+    return figure
+
+
+@st.look()
+def scattered_impulses(clouds: Sequence[ScatterCloud]) -> Figure:
+    """Draw law and scatter in the impulse plane: the whole energy ellipse above, its part with the impulses below.
+
+    Dots are draws of the model, with noise of the instrument where that is known.
+    """
+    figure = st.new_figure(st.PAGE, 5.4)
+    panels = figure.subplots(2, len(clouds), squeeze=False)
+    for cloud, column in zip(clouds, panels.T, strict=True):
+        points = st.array(torch.cat((cloud.measured, cloud.drawn.flatten(0, 1)))) * st.MILLI
+        low, high = np.quantile(points, (0.002, 0.998), axis=0)
+        for axes in column:
+            _draw_lines(axes, st.array(cloud.vectors) * st.MILLI)
+            axes.plot(*st.array(cloud.ellipse).T * st.MILLI, **_ELLIPSE, zorder=2, label="Energy ellipse")
+            look: dict[str, Any] = {"linestyle": "none", "rasterized": True}
+            drawn = st.array(cloud.drawn.flatten(0, 1)).T * st.MILLI
+            axes.plot(*drawn, ".", color=st.CONTRAST[2], markersize=2, alpha=0.6, zorder=3, label="Drawn", **look)
+            expected, measured = (st.array(x).T * st.MILLI for x in (cloud.expected, cloud.measured))
+            axes.plot(*expected, "+", color=st.CONTRAST[0], markersize=5, zorder=4, label="Without scatter", **look)
+            axes.plot(*measured, "x", color="black", markersize=4, zorder=5, label="Measured", **look)
+            st.name_axes(axes, "Tangential impulse $P_t$ (mN s)" * (axes is column[1]))
+        column[0].set_aspect("equal")
+        margin = 0.15 * (high - low)
+        column[1].set(xlim=(low[0] - margin[0], high[0] + margin[0]), ylim=(low[1] - margin[1], high[1] + margin[1]))
+        column[0].set_title(f"$v_t/|v_n|$ = {cloud.incidence:.2f}, {len(cloud.measured)} impacts")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("Normal impulse $P_n$ (mN s)")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
@@ -165,9 +198,12 @@ def _draw_space(axes: Axes, space: ImpulseSpace) -> None:
     admissible = clipped(clipped(ellipse[:-1], np.array((0.0, 1.0)), 0.0), W[1], -v_c[1] * st.MILLI)
     axes.add_patch(Polygon(admissible, **_ADMISSIBLE, zorder=1, label="Admissible", gid="admissible"))
     axes.plot(*ellipse.T, **_ELLIPSE, zorder=2, label="Energy ellipse", gid="ellipse")
-    centre, compression, _, sticking = (
-        st.array(rigid_body.ellipse_vectors(space.trial.W, space.trial.v_c)[0]) * st.MILLI
-    )
+    _draw_lines(axes, st.array(rigid_body.ellipse_vectors(space.trial.W, space.trial.v_c)[0]) * st.MILLI)
+
+
+def _draw_lines(axes: Axes, vectors: Float[np.ndarray, "4 2"]) -> None:
+    """Lines of maximum compression, of sticking and of no friction."""
+    centre, compression, _, sticking = vectors
     for chord, name in zip((compression, sticking), ("Maximum compression", "Sticking"), strict=True):
         ends = np.stack((centre - chord, centre + chord))
         axes.plot(*ends.T, **_LINES[name], zorder=4, label=name, gid=name)

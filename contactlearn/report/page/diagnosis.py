@@ -14,8 +14,10 @@ import torch
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
+from contactlearn.inference.evaluation.impulse_space import ScatterCloud
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.diagnosis import budget_figure, ladder_figure, laws_figure, scatter_figure
+from contactlearn.report.figures.impulse_space import scattered_impulses
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.effects import candidate_content, effect_content, experiment_content, residual_content
 from contactlearn.report.page.page import packed, reproduced, write
@@ -111,6 +113,9 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         figures["shares"] = budget_figure(found.budget)
     if found.record.deviations:
         figures["scatter"] = scatter_figure(found.record.deviations)
+    if found.record.model.scatter:
+        clouds = ScatterCloud.along(found.record.model, found.record.impacts)
+        figures["cloud"] = scattered_impulses(clouds)
     fixed = {"telling": _telling(found), "figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
     shown = replace(found, record=thinned(found.record, found.sample))
     return content | fixed | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
