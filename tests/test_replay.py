@@ -21,12 +21,14 @@ from contactlearn.inference.evaluation.replay import STARTS, Replay, ReplayError
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.shapes import Cuboid, Ellipse
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.roll_out import Until
 from contactlearn.report.page.replays import write_replay_page
+from contactlearn.report.text.replays import replay_sentence
+from contactlearn.scatter import Normal, Restitution
 from contactlearn.simulation.camera import Camera
-from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
+from contactlearn.simulation.recordings import MASS, SEMI_AXES, random_throws, simulate, write_recordings
 from contactlearn.workbench.files import SavedRun, SavedRuns, run_list
 
 MODELS = {
@@ -93,9 +95,46 @@ def test_recordings_of_the_fit_are_left_out(found):
         replays(MODELS, found, without=set(names))
 
 
+def filmed(world, count, folder):
+    """Throws of the ellipse by a model whose contact scatters, at 500 frames a second with noise."""
+    generator = torch.Generator().manual_seed(11)
+    q, v = random_throws(count, generator)
+    body = BodyState(pose=q, velocity=v, shape=Ellipse(SEMI_AXES), mass=MASS, inertia=1.7e-5)
+    path, frames = world.roll_out(body, until=Until(bounces=6), samples=1, generator=generator), []
+    for k, end in enumerate(path.end[0].tolist()):
+        time = torch.arange(0, end, 1 / 500, dtype=torch.float64)
+        seen = path.at(time)[0, k]
+        seen = seen + torch.randn(seen.shape, generator=generator) * torch.tensor([5e-5, 5e-5, 1e-3])
+        frames.append(pd.DataFrame(seen.numpy(), columns=PLANE.pose).assign(recording=f"throw{k}", time=time.numpy()))
+    pd.concat(frames).to_parquet(folder / "throws.parquet")
+    return tracks.find_impacts(folder / "throws.parquet", mass=MASS, inertia=1.7e-5, shape=Ellipse(SEMI_AXES))
+
+
+def test_a_fan_holds_what_a_contact_that_scatters_does(tmp_path):
+    """Recordings by a law whose restitution and normal scatter; bands without that hold far fewer positions."""
+    components = {"restitution": Restitution(sigma=0.05), "normal": Normal(sigma=0.03)}
+    world = replace(MODELS["true"], scatter=components)
+    fitted = {"scatter": world, "still": replace(world, scatter={"restitution": Restitution(sigma=1e-6)})}
+    found = filmed(world, 40, tmp_path)
+    shown = replays(fitted, found)
+    errors = {name: ReplayErrors.of(shown, name) for name in fitted}
+    assert len(shown) >= 30
+    assert all(0.82 < share < 0.97 for share in errors["scatter"].coverage[:2]), errors
+    assert errors["still"].coverage[1] < 0.5
+    alone = replays({"true": MODELS["true"]}, found)
+    assert ReplayErrors.of(alone, "true").coverage is None
+    before = shown[0].bounces[: shown[0].fans["scatter"].shape[1]] == 0
+    spread = shown[0].fans["scatter"].std(0)[:, :2]
+    assert spread[before].max() < 1e-3
+    assert "% lie in the 90 % bands after one, two, three bounces" in replay_sentence(errors["scatter"]).replace(
+        "\u00a0", " "
+    )
+
+
 def test_the_command_and_its_page(folder, tmp_path):
     for name, model in MODELS.items():
-        checkpoint.save(model, tmp_path / "run" / f"{name}.pt", provenance={})
+        scatter = {"normal": Normal(sigma=0.02)} if name == "true" else {}
+        checkpoint.save(replace(model, scatter=scatter), tmp_path / "run" / f"{name}.pt", provenance={})
     words = ("data=tracks", f"data.path={folder}", f"data.mass={MASS}", SHAPE)
     printed = run("contactlearn", "replay", "run", *words, "-o", "seen", cwd=tmp_path)
     assert "8 of 8 recordings" in printed
@@ -109,6 +148,7 @@ def test_the_command_and_its_page(folder, tmp_path):
         assert until(page, "document.getElementById('now').textContent.length > 3")
         page.execute_script("get('play').click()")
         assert until(page, "replayed.frame > 30")
+        assert page.execute_script("return track().fan.length === 1 && track().fan[0].length > 10")
         assert silent(page)
         assert nothing_sticks_out(page)
 
@@ -177,7 +217,7 @@ def test_an_angle_in_space_is_that_of_the_turn_between():
     still = torch.tensor([[0.0, 0, 0, 1, 0, 0, 0]])
     one = Replay(
         recording="a", time=torch.zeros(1), recorded=still, predicted={"m": turned, "opposite": -turned},
-        bounces=torch.zeros(1, dtype=torch.int64), shape=CUBE,
+        bounces=torch.zeros(1, dtype=torch.int64), shape=CUBE, fans={}, noise=torch.zeros(3),
     )  # fmt: skip
     assert one.errors("m")[0].tolist() == pytest.approx([1.0, 0.5])
     assert one.errors("opposite")[0, 1].item() == pytest.approx(0.5)

@@ -69,6 +69,11 @@ class Engine:
     body: ContactModel
     hook: str | None = None
 
+    @property
+    def under(self) -> ContactModel:
+        """The model whose scene it is."""
+        return self.body
+
     def contact_heights(self, impacts: Impacts) -> Tensor:
         """Return the heights of the contact points of the body of the scene."""
         return self.body.contact_heights(impacts)

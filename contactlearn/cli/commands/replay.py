@@ -11,7 +11,7 @@ from contactlearn.core.numerics import atomic_write
 from contactlearn.core.serialisation import to_json
 from contactlearn.inference.evaluation.replay import STARTS, ReplayErrors, replays
 from contactlearn.report.figures import style
-from contactlearn.report.figures.replays import bodies_figure, replay_figure
+from contactlearn.report.figures.replays import bodies_figure, fan_figure, replay_figure
 from contactlearn.report.page.page import REPLAY
 from contactlearn.report.page.replays import write_replay_page
 from contactlearn.report.text.replays import replay_sentence
@@ -51,6 +51,9 @@ def write_replay(run: str, source: SourceSettings, out: Path, start: str = START
         last = [*models][-1]
         ordered = sorted(shown, key=lambda one: one.errors(last)[:, 0].mean().item())
         style.save(bodies_figure(ordered[len(ordered) // 2]), out, "bodies")
+        for model in shown[0].fans:
+            name = "fan" if len(shown[0].fans) == 1 else f"fan_{model}"
+            style.save(fan_figure(shown, ordered[len(ordered) // 2], model), out, name)
         page = write_replay_page(out / REPLAY, shown, errors, said)
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None

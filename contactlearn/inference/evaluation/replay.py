@@ -7,17 +7,21 @@ A prediction starts with the flight before the first accepted contact of a recor
 knows nothing of what comes later.  Recorded poses are corrected as the impacts are.  Heights are above the floor that
 the accepted contacts show, by the contact points that each model has.  Errors are those of Acosta, Yang & Posa, RA-L
 2022: the mean over frames of the distance over the body's width, and of the angle.
+
+A model whose contact scatters is also followed `FAN` times, its deviations drawn anew at every bounce, until the
+contact after bounce `BOUNCES`.  Starts are drawn with the errors of the first flight, and the floor's height for each
+trajectory with the scatter of heights of contacts.
 """
 
 import math
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
@@ -32,7 +36,7 @@ from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, swept
+from contactlearn.mechanics.rigid_body import in_world, swept, turn_quaternion
 from contactlearn.mechanics.shapes import Shape, Solid, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
@@ -44,6 +48,11 @@ FAR = 0.1
 STARTS = ("flight", "frames")
 """Starts of predictions, see `replays`."""
 _DIFFERENCES = 3  # of first frames
+FAN = 59
+"""Trajectories of a fan.  Between the third lowest and the third highest lie 90 % of others of its distribution."""
+BOUNCES = 3
+"""Bounces that fans follow."""
+_AT_ONCE = 40  # recordings whose fans are followed together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +66,8 @@ class Replay:
         predicted: poses by model.
         bounces: recorded contacts before each frame [T].
         shape: of the body.
+        fans: poses by model whose contact scatters, of the first F frames.
+        noise: standard deviations of a frame's position in m.
     """
 
     recording: str
@@ -65,6 +76,21 @@ class Replay:
     predicted: dict[str, Float[Tensor, "t pose"]]
     bounces: Int[Tensor, "t"]
     shape: Shape
+    fans: dict[str, Float[Tensor, "s f pose"]]
+    noise: Float[Tensor, "d"]
+
+    def band(self, model: str) -> Float[Tensor, "2 f d"]:
+        """Return the lower and upper ends of the 90 % bands of recorded positions, noise of the frames included."""
+        fan, generator = self.fans[model][..., : len(self.noise)], torch.Generator().manual_seed(0)
+        seen = fan + self.noise * torch.randn(fan.shape, dtype=torch.float64, generator=generator)
+        ends = (FAN + 1) // 20
+        return seen.sort(0).values[[ends - 1, -ends]]
+
+    def inside(self, model: str) -> Bool[Tensor, "f d"]:
+        """Return which recorded positions lie within the bands."""
+        low, high = self.band(model)
+        recorded = self.recorded[: low.shape[0], : low.shape[1]]
+        return (low <= recorded) & (recorded <= high)
 
     def errors(self, model: str) -> Float[Tensor, "t 2"]:
         """Return the distance over the body's width, and the angle in rad, of each frame."""
@@ -99,11 +125,14 @@ class ReplayErrors:
         distance: over the body's width, mean over the frames of a recording.
         angle: in rad, likewise.
         lost_after: median time in s until the distance exceeds `FAR`; None where most predictions last to the end.
+        coverage: shares of recorded positions within the 90 % bands of the fans after one bounce, after two and three;
+            None of a model without scatter.
     """
 
     distance: Spread
     angle: Spread
     lost_after: float | None
+    coverage: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, replays: Sequence[Replay], model: str) -> Self:
@@ -114,7 +143,19 @@ class ReplayErrors:
             for x in means.unbind(-1)
         )
         lost = float(np.median([one.lost_after(model) for one in replays]))
-        return cls(distance=distance, angle=angle, lost_after=lost if math.isfinite(lost) else None)
+        return cls(
+            distance=distance,
+            angle=angle,
+            lost_after=lost if math.isfinite(lost) else None,
+            coverage=tuple(coverage(replays, model).tolist()) if model in replays[0].fans else None,
+        )
+
+
+def coverage(replays: Sequence[Replay], model: str) -> Float[Tensor, "{BOUNCES}"]:
+    """Return the share of recorded positions within the bands of a model after each bounce; NaN where there is none."""
+    inside = torch.cat([one.inside(model).double().mean(-1) for one in replays])
+    bounces = torch.cat([one.bounces[: one.fans[model].shape[1]] for one in replays])
+    return torch.stack([inside[bounces == k + 1].mean() for k in range(BOUNCES)])
 
 
 def width(shape: Shape) -> float:
@@ -152,7 +193,9 @@ def replays(
     assert not isinstance(shape, Mapping)  # recordings are of one body
     up = impacts.space.d - 1
     floor = (impacts.q[:, up] + impacts.r[:, up]).median()
-    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start) for one in found.reload({*hits})]
+    generator = np.random.default_rng(0)
+    again = found.reload({*hits})
+    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start, generator) for one in again]
     seen = correct(_as_impacts(raw, takes), corrections)
     poses = seen.q.clone()
     poses[:, up] -= floor
@@ -171,15 +214,25 @@ def replays(
         object=impacts.object[0],
     )
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
-    predicted = _predicted(_about_the_centre(models, impacts), state, floors, [take.time for take in kept], found.rig)
+    models = _about_the_centre(models, impacts)
+    predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
+    first = [take.time[take.bounces <= BOUNCES] for take in kept]
+    rows = starts[:, None] + torch.tensor([len(take.time) for take in kept])[:, None] + 1 + torch.arange(FAN)
+    drawn = replace(state.repeated(FAN), pose=poses[rows].movedim(0, 1), velocity=seen.v_pre[rows].movedim(0, 1))
+    raised = torch.zeros_like(drawn.pose)
+    raised[..., up] = torch.from_numpy(generator.normal(0.0, found.floor.scatter, (FAN, len(kept))))
+    scattering = {name: model for name, model in models.items() if model.under.scatter}
+    fans = _fans(scattering, drawn, raised, floors, first, found.rig)
     return [
         Replay(
             recording=take.recording,
             time=torch.from_numpy(take.time),
-            recorded=poses[start + 1 : start + len(take.pose)],
+            recorded=poses[start + 1 : start + 1 + len(take.time)],
             predicted={name: all_poses[k, : len(take.time)] for name, all_poses in predicted.items()},
             bounces=torch.from_numpy(take.bounces),
             shape=shape,
+            fans={name: all_poses[k] for name, all_poses in fans.items()},
+            noise=torch.from_numpy(take.sigma[: impacts.space.d]),
         )
         for k, (take, start) in enumerate(zip(kept, starts.tolist(), strict=True))
     ]
@@ -206,7 +259,7 @@ def _about_the_centre(models: Mapping[str, ContactModel], impacts: Impacts) -> M
     def moved(model: ContactModel) -> ContactModel:
         if isinstance(model.base, ContactModel):
             return replace(model, base=moved(model.base))
-        return replace(model, effects=rig | dict(model.effects))
+        return replace(model, effects=rig | dict(model.effects), parameter_covariance=None)
 
     return {name: moved(model) for name, model in models.items()}
 
@@ -225,7 +278,8 @@ def _predicted(
     floors: Mapping[str, Tensor],
     times: Sequence[Array],
     rig: Apparatus,
-) -> dict[str, Float[Tensor, "n t pose"]]:
+    samples: int | None = None,
+) -> dict[str, Float[Tensor, "... n t pose"]]:
     """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there."""
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
     friction = None if rig.friction is None else rig.friction.value
@@ -233,17 +287,48 @@ def _predicted(
     predicted = {}
     for name, model in models.items():
         until = Until(bounces=_BOUNCES, time=time.nan_to_num(0).max().item())
-        raised = torch.zeros_like(state.pose[0])
+        raised = torch.zeros(state.pose.shape[-1], dtype=torch.float64)
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
-        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag, friction=friction)
-        predicted[name] = path.at(torch.minimum(time, path.end[:, None])) + raised
+        how: dict[str, Any] = {"gravity": rig.gravity.value, "drag": drag, "friction": friction}
+        how |= {} if samples is None else {"samples": samples, "generator": torch.Generator().manual_seed(0)}
+        path = model.roll_out(above, until=until, **how)
+        predicted[name] = path.at(torch.minimum(time, path.end[..., None])) + raised
     return predicted
+
+
+def _fans(
+    models: Mapping[str, ContactModel],
+    drawn: BodyState,
+    raised: Float[Tensor, "s n pose"],
+    floors: Mapping[str, Tensor],
+    times: Sequence[Array],
+    rig: Apparatus,
+) -> dict[str, list[Float[Tensor, "s f pose"]]]:
+    """Fans of each recording by model, from drawn starts [FAN, N] above floors that are raised by so much.
+
+    Parameters are known well beside the scatter.
+    """
+    drawn = replace(drawn, pose=drawn.pose - raised)
+    models = {name: replace(model, parameter_covariance=None) for name, model in models.items()}
+    found: dict[str, list[Tensor]] = {name: [] for name in models}
+    for begin in range(0, len(times), _AT_ONCE) if models else ():
+        rows = slice(begin, begin + _AT_ONCE)
+        fields = ("pose", "velocity", "mass", "inertia", "order")
+        starts = replace(drawn, **{name: getattr(drawn, name)[:, rows] for name in fields})
+        for name, poses in _predicted(models, starts, floors, times[rows], rig, samples=1).items():
+            poses = poses[0] + raised[:, rows, None]
+            found[name] += [poses[:, k, : len(time)] for k, time in enumerate(times[rows])]
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Take:
-    """A recording from a start on: row of its impact, T frames, and poses [1 + T, …] of the state and the frames."""
+    """A recording from a start on: row of its impact, T frames, and poses [1 + T + FAN, …].
+
+    These are of the state, of the frames, and of states that are drawn with the errors of the first flight; `sigma` are
+    the standard deviations of a frame.
+    """
 
     recording: str
     row: int
@@ -251,9 +336,17 @@ class _Take:
     pose: Float[Array, "n pose"]
     velocity: Float[Array, "n D"]
     bounces: Int[np.ndarray, "t"]
+    sigma: Float[Array, "k"]
 
     @classmethod
-    def of(cls, found: Found, hits: Sequence[tuple[int, RecordedContact]], model: FlightModel, start: str) -> Self:
+    def of(
+        cls,
+        found: Found,
+        hits: Sequence[tuple[int, RecordedContact]],
+        model: FlightModel,
+        start: str,
+        generator: np.random.Generator,
+    ) -> Self:
         """Return the frames from the start until the body rests."""
         (row, first), track = hits[0], found.track
         flight = found.flights[first.flight]
@@ -267,12 +360,15 @@ class _Take:
         time = track.time[frames]
         late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
         if start == "flight":
-            first_pose, first_velocity, _ = flight.at(begin)
+            first_pose, first_velocity, errors = flight.at(begin)
         else:
             first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
-        pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames])))
+            errors = np.zeros(2 * [2 * len(first_velocity)])
+        off = generator.multivariate_normal(np.zeros(len(errors)), errors, FAN)
+        moved, faster = np.split(off, 2, 1)
+        pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames], _displaced(first_pose, moved))))
         velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
-        velocity[0] = torch.from_numpy(first_velocity)
+        velocity[0], velocity[-FAN:] = torch.from_numpy(first_velocity), torch.from_numpy(first_velocity + faster)
         arm = in_world(torch.tensor(model.centre, dtype=torch.float64).expand(len(pose), -1), pose)
         d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :d] -= arm
@@ -285,7 +381,16 @@ class _Take:
             pose=pose.numpy(),
             velocity=velocity.numpy(),
             bounces=np.searchsorted(last, frames),
+            sigma=found.sigma,
         )
+
+
+def _displaced(pose: Float[Array, "m"], moved: Float[Array, "s k"]) -> Float[Array, "s m"]:
+    """A pose after displacements, and in space small turns in world axes."""
+    if len(pose) == moved.shape[1]:
+        return pose + moved
+    turned = turn_quaternion(torch.from_numpy(pose[3:]), torch.from_numpy(moved[:, 3:])).numpy()
+    return np.hstack((pose[:3] + moved[:, :3], turned))
 
 
 def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> tuple[Float[Array, "pose"], Float[Array, "D"]]:

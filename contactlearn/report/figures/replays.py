@@ -1,5 +1,6 @@
 """Predicted trajectories beside recorded ones: bodies at a few times, and errors over time and over bounces."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -64,6 +65,47 @@ def bodies_figure(replay: Replay) -> Figure:
     figure.suptitle(f"Recording {st.plain(replay.recording)}")
     figure.legend(handles=panels[0].lines[1:], loc="outside lower center")
     return figure
+
+
+@st.look()
+def fan_figure(replays: Sequence[Replay], shown: Replay, model: str) -> Figure:
+    """Draw the recorded positions of one recording in its fan, and how many of all lie within such bands over time.
+
+    The bands hold 90 % and the darker ones 50 % of the trajectories, with the noise of the frames; lines are recorded
+    contacts.
+    """
+    fan, d = shown.fans[model], len(shown.noise)
+    color, time = st.CONTRAST[0], st.array(shown.time[: fan.shape[1]])
+    figure = st.new_figure(st.PAGE, 2.9)
+    panels = figure.subplots(1, 3)
+    for axes, k, name in zip(panels, (0, d - 1), ("x (mm)", "Height (mm)"), strict=False):
+        low, high = st.array(shown.band(model)[..., k]) * st.MILLI
+        inner = np.quantile(st.array(fan[..., k]), (0.25, 0.75), axis=0) * st.MILLI
+        axes.fill_between(time, low, high, color=st.tint(color, 0.3), linewidth=0, label="90 % of the fan")
+        axes.fill_between(time, *inner, color=st.tint(color, 0.7), linewidth=0, label="50 %")
+        recorded = st.array(shown.recorded[: len(time), k]) * st.MILLI
+        axes.plot(time, recorded, ".", color=st.DARK, markersize=2.5, label="Recorded")
+        for when in time[1:][np.diff(st.array(shown.bounces[: len(time)])) > 0]:
+            axes.axvline(when, color=st.DARK, linewidth=0.6, linestyle=":")
+        st.name_axes(axes, "Time (s)", name)
+    share = [st.array(100 * one.inside(model).double().mean(-1)) for one in replays]
+    since = [st.array(one.time[: len(held)]) - _first_bounce(one) for one, held in zip(replays, share, strict=True)]
+    every, held = np.concatenate(since), np.concatenate(share)
+    edges = np.linspace(0, np.quantile(every, 0.95), 13)
+    means = [held[(every >= a) & (every < b)].mean() for a, b in itertools.pairwise(edges)]
+    panels[2].axhspan(85, 95, color=st.tint(st.DARK, 0.12), linewidth=0)
+    panels[2].plot((edges[1:] + edges[:-1]) / 2, means, "o-", color=st.CONTRAST[1], markersize=3.5)
+    panels[2].set_ylim(0, 102)
+    st.name_axes(panels[2], "Time since the first bounce (s)", "Positions within 90 % bands (%)")
+    figure.suptitle(f"Recording {st.plain(shown.recording)}; {len(replays)} recordings")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _first_bounce(replay: Replay) -> float:
+    """Time of the first frame after a bounce; infinite without one."""
+    after = (replay.bounces > 0).nonzero()
+    return replay.time[after[0, 0]].item() if len(after) else np.inf
 
 
 def _quartiles(errors: Sequence[torch.Tensor], places: Sequence[torch.Tensor], count: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from contactlearn.report.page.trials import digits
 from contactlearn.report.text.replays import replay_cells
 
 _MOST = 60  # recordings on a page
+_PATHS = 12  # of a fan
 
 
 def write_replay_page(path: Path, replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], said: str) -> Path:
@@ -38,6 +39,10 @@ def of_replays(replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], sa
         {
             "name": one.recording,
             "time": digits(one.time.tolist(), 5),
+            "fan": [
+                [digits((1e3 * path[:, : len(one.noise)]).T.tolist(), 5) for path in fan[:_PATHS]]
+                for fan in one.fans.values()
+            ],
             "poses": [_poses(one.recorded), *map(_poses, one.predicted.values())],
         }
         for one in shown
@@ -48,6 +53,7 @@ def of_replays(replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], sa
         "trials": None,
         "recordings": [one.recording for one in shown],
         "models": [*errors],
+        "fans": [[*errors].index(name) for name in shown[0].fans],
         "outline": digits((1e3 * shown[0].shape.outline(61)).T.tolist(), 5),  # None in its gaps
         "figures": {"errors": digits(as_plotly(replay_figure(replays)))},
         "block": compressed(packed.encode(errors="replace")),

@@ -35,6 +35,10 @@ function drawBodies() {
   const ground = d === 2 ? [[left, right], [0, 0]] : [[left, right, right, left, left], [ends[1][0], ends[1][0], ends[1][1], ends[1][1], ends[1][0]], [0, 0, 0, 0, 0]];
   const floor = flat(ground), all = [floor, ...paths.map(flat)], line = {color: color("text"), width: d === 2 ? 3 : 1};
   const traces = [{type: "scatter", mode: "lines", name: "Floor", x: floor[0], y: floor[1], line, hoverinfo: "name"}];
+  track().fan.forEach((fan, place) => fan.forEach(path => {
+    const [x, y] = flat(path);
+    traces.push({type: "scatter", mode: "lines", x, y, line: {color: `${color(inks[(page.fans[place] + 1) % inks.length])}55`, width: 1}, hoverinfo: "skip", showlegend: false});
+  }));
   poses.forEach((pose, place) => {
     const ink = {color: color(inks[place % inks.length]), width: place ? 1.5 : 2.5}, [x, y] = flat(paths[place]), [a, b] = flat(placed(pose, k));
     traces.push(
