@@ -160,6 +160,7 @@ class ContactModel:
         gravity: float = GRAVITY,
         drag: float = 0.0,
         friction: float | None = None,
+        own: Float[Tensor, "*#batch d"] | None = None,
         samples: int | None = None,
         generator: torch.Generator | None = None,
     ) -> RollOut:
@@ -167,8 +168,9 @@ class ContactModel:
 
         With `samples` each body is followed so many times, along a new first axis: a fan of trajectories.  Parameters
         are drawn from their covariance once for each, the contact's scatter anew at every bounce.  `friction` is
-        that of bodies whose contacts have piled up, by default the law's with its effects.  Effects of the recording,
-        such as a sampling delay, are left out.
+        that of bodies whose contacts have piled up, by default the law's with its effects, and `own` [..., d] an
+        acceleration of each body in flight beside gravity.  Effects of the recording, such as a sampling delay, are
+        left out.
 
         Raises:
             ContactLearnError: samples of a model without scatter and without a covariance of its parameters.
@@ -203,7 +205,7 @@ class ContactModel:
             bounced,
             None if self.under.base is None else steady,
             lambda measured, rows: actual_state(at(rows).under.effects, measured),
-            *(state, shape, until, gravity, drag),
+            *(state, shape, until, gravity, drag, own),
         )
         return replace(found, left_out=self.recorded)
 

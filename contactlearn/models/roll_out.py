@@ -91,6 +91,7 @@ class FreeFlights:
         velocity: at the start [N, D].
         inertia: in kg m² [N], in space principal moments [N, 3].
         mass_centre: from the tracked point [N, d] in m, along the body's axes; None where they are one point.
+        own: acceleration [N, d] beside gravity in m/s².
         gravity: in m/s².
         drag: c in 1/s.
     """
@@ -101,6 +102,7 @@ class FreeFlights:
     velocity: Float[Tensor, "n D"]
     inertia: Float[Tensor, "..."]
     mass_centre: Float[Tensor, "n d"] | None
+    own: Float[Tensor, "n d"]
     gravity: float
     drag: float
 
@@ -136,7 +138,7 @@ class FreeFlights:
             orientation = orientation + spin * t[:, None]
         else:
             orientation, spin = turned(orientation, spin, self.inertia, t)
-        fall, t = pad(v.new_tensor([-self.gravity]), (d - 1, 0)), t[:, None]
+        fall, t = self.own + pad(v.new_tensor([-self.gravity]), (d - 1, 0)), t[:, None]
         if self.drag:
             lost = -torch.expm1(-self.drag * t) / self.drag  # ∫ exp(−c t)
             moved, v = v * lost + fall * (t - lost) / self.drag, v + (fall - self.drag * v) * lost
@@ -202,6 +204,7 @@ def follow(
     until: Until,
     gravity: float = GRAVITY,
     drag: float = 0.0,
+    own: Float[Tensor, "*#batch d"] | None = None,
 ) -> RollOut:
     """Follow bodies through their bounces.
 
@@ -214,6 +217,7 @@ def follow(
         until: when to stop.
         gravity: in m/s².
         drag: of the air on the mass centre, in 1/s.
+        own: acceleration of each body in flight beside gravity in m/s², such as air gives one that slows; 0 if None.
 
     Raises:
         DataError: the shape is not known or of the other space, a body starts inside the floor, or
@@ -228,7 +232,9 @@ def follow(
         state.flat(getattr(state, name)) for name in ("pose", "velocity", "mass", "inertia", "order")
     )
     fixed = {"mass": mass, "inertia": inertia, "order": order}
-    bodies = _Bodies(fixed, shape, state.object, state.space, predict, steady, actual, gravity, drag)
+    own = velocity.new_zeros(state.space.d) if own is None else own
+    own = own.expand(*state.batch, -1).reshape(len(pose), -1)
+    bodies = _Bodies(fixed, shape, state.object, state.space, predict, steady, actual, own, gravity, drag)
     bodies.refuse_inside(pose, velocity)
     return _bounced(bodies, pose, velocity, until).reshaped(state.batch)
 
@@ -286,6 +292,7 @@ class _Bodies:
     predict: Predict
     steady: Predict | None
     actual: Callable[[State, Tensor], State]
+    own: Tensor
     gravity: float
     drag: float
 
@@ -363,7 +370,14 @@ class _Bodies:
         inertia = now.inertia.expand(self.fixed["inertia"][rows].shape)
         about = {"gravity": self.gravity, "drag": self.drag}
         return FreeFlights(
-            body=rows, start=start, pose=pose, velocity=velocity, inertia=inertia, mass_centre=d, **about
+            body=rows,
+            start=start,
+            pose=pose,
+            velocity=velocity,
+            inertia=inertia,
+            mass_centre=d,
+            own=self.own[rows],
+            **about,
         )
 
 
@@ -434,7 +448,7 @@ def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor
         height, speed = gap(left, here.pose, here.velocity)
         height, v = height.clamp_min(0), here.velocity
         down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[left]
-        g = flight.gravity + flight.drag * down
+        g = flight.gravity + (-flight.own[left, up]).clamp_min(0) + flight.drag * down
         step = 2 * height / (down + (down.square() + 2 * g * height).sqrt()).clamp_min(1e-12)
         step = torch.where(speed < 0, step, step.clamp_min(_NEAR))
         t[left] += step

@@ -9,8 +9,9 @@ the accepted contacts show, by the contact points that each model has.  Errors a
 2022: the mean over frames of the distance over the body's width, and of the angle.
 
 A model whose contact scatters is also followed `FAN` times, its deviations drawn anew at every bounce, until the
-contact after bounce `BOUNCES`.  Starts are drawn with the errors of the first flight, and the floor's height for each
-trajectory with the scatter of heights of contacts.
+contact after bounce `BOUNCES`.  Starts are drawn with the errors of the first flight, and for each trajectory the
+floor's height with the scatter of heights of contacts and an acceleration in flight as flights of these recordings have
+of their own.
 """
 
 import math
@@ -66,7 +67,7 @@ class Replay:
         predicted: poses by model.
         bounces: recorded contacts before each frame [T].
         shape: of the body.
-        fans: poses by model whose contact scatters, of the first F frames.
+        fans: poses by model whose contact scatters, of the first F frames, to the end of the last flight at most.
         noise: standard deviations of a frame's position in m.
     """
 
@@ -216,13 +217,15 @@ def replays(
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
     models = _about_the_centre(models, impacts)
     predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
-    first = [take.time[take.bounces <= BOUNCES] for take in kept]
+    first = [take.time[: take.followed] for take in kept]
     rows = starts[:, None] + torch.tensor([len(take.time) for take in kept])[:, None] + 1 + torch.arange(FAN)
     drawn = replace(state.repeated(FAN), pose=poses[rows].movedim(0, 1), velocity=seen.v_pre[rows].movedim(0, 1))
     raised = torch.zeros_like(drawn.pose)
     raised[..., up] = torch.from_numpy(generator.normal(0.0, found.floor.scatter, (FAN, len(kept))))
     scattering = {name: model for name, model in models.items() if model.under.scatter}
-    fans = _fans(scattering, drawn, raised, floors, first, found.rig)
+    sizes = np.array(found.survey.model.own[0][: impacts.space.d])
+    own = torch.from_numpy(sizes * generator.standard_normal((FAN, len(kept), len(sizes))))
+    fans = _fans(scattering, drawn, raised, own, floors, first, found.rig)
     return [
         Replay(
             recording=take.recording,
@@ -278,9 +281,12 @@ def _predicted(
     floors: Mapping[str, Tensor],
     times: Sequence[Array],
     rig: Apparatus,
-    samples: int | None = None,
+    own: Float[Tensor, "s n d"] | None = None,
 ) -> dict[str, Float[Tensor, "... n t pose"]]:
-    """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there."""
+    """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there.
+
+    With `own` accelerations the contact scatters, and poses have a first axis of one.
+    """
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
     friction = None if rig.friction is None else rig.friction.value
     drag = 0.0 if rig.drag is None or rig.drag.value < REACH * rig.drag.error else rig.drag.value
@@ -291,7 +297,7 @@ def _predicted(
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
         how: dict[str, Any] = {"gravity": rig.gravity.value, "drag": drag, "friction": friction}
-        how |= {} if samples is None else {"samples": samples, "generator": torch.Generator().manual_seed(0)}
+        how |= {} if own is None else {"own": own[None], "samples": 1, "generator": torch.Generator().manual_seed(0)}
         path = model.roll_out(above, until=until, **how)
         predicted[name] = path.at(torch.minimum(time, path.end[..., None])) + raised
     return predicted
@@ -301,11 +307,12 @@ def _fans(
     models: Mapping[str, ContactModel],
     drawn: BodyState,
     raised: Float[Tensor, "s n pose"],
+    own: Float[Tensor, "s n d"],
     floors: Mapping[str, Tensor],
     times: Sequence[Array],
     rig: Apparatus,
 ) -> dict[str, list[Float[Tensor, "s f pose"]]]:
-    """Fans of each recording by model, from drawn starts [FAN, N] above floors that are raised by so much.
+    """Fans of each recording by model, from drawn starts [FAN, N] above floors that are raised, with own accelerations.
 
     Parameters are known well beside the scatter.
     """
@@ -316,7 +323,7 @@ def _fans(
         rows = slice(begin, begin + _AT_ONCE)
         fields = ("pose", "velocity", "mass", "inertia", "order")
         starts = replace(drawn, **{name: getattr(drawn, name)[:, rows] for name in fields})
-        for name, poses in _predicted(models, starts, floors, times[rows], rig, samples=1).items():
+        for name, poses in _predicted(models, starts, floors, times[rows], rig, own=own[:, rows]).items():
             poses = poses[0] + raised[:, rows, None]
             found[name] += [poses[:, k, : len(time)] for k, time in enumerate(times[rows])]
     return found
@@ -327,7 +334,7 @@ class _Take:
     """A recording from a start on: row of its impact, T frames, and poses [1 + T + FAN, …].
 
     These are of the state, of the frames, and of states that are drawn with the errors of the first flight; `sigma` are
-    the standard deviations of a frame.
+    the standard deviations of a frame.  The first frames, as many as `followed`, are those of a fan.
     """
 
     recording: str
@@ -337,6 +344,7 @@ class _Take:
     velocity: Float[Array, "n D"]
     bounces: Int[np.ndarray, "t"]
     sigma: Float[Array, "k"]
+    followed: int
 
     @classmethod
     def of(
@@ -374,14 +382,16 @@ class _Take:
         pose[:, :d] -= arm
         velocity[:, :d] -= swept(arm, velocity[:, d:])
         last = [found_flight.last for found_flight in found.flights[first.flight :]]
+        bounces = np.searchsorted(last, frames)
         return cls(
             recording=track.name,
             row=row,
             time=time - begin + late,
             pose=pose.numpy(),
             velocity=velocity.numpy(),
-            bounces=np.searchsorted(last, frames),
+            bounces=bounces,
             sigma=found.sigma,
+            followed=int((bounces <= min(BOUNCES, len(last) - 1)).sum()),
         )
 
 

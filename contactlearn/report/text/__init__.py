@@ -52,4 +52,3 @@ from contactlearn.report.text.sentences import (
     searched_name as searched_name,
     undecided as undecided,
 )
-    FLOORS as FLOORS,
