@@ -137,7 +137,7 @@ def test_training_ends_at_the_maximum(fitted):
     other.load_state_dict(gps.state_dict())
     for call in (lambda model: model.predict(new), lambda model: model.leave_one_out()):
         for found, expected in zip(call(other), call(gps), strict=True):
-            torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
+            torch.testing.assert_close(found, expected, rtol=0, atol=1e-10)  # roundings, times a condition of 1e6
 
 
 def test_a_batch_is_trained_as_each_alone(monkeypatch):

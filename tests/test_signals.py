@@ -60,7 +60,7 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
 
 
 def test_output_that_nobody_reads(tmp_path):
-    words = ("train", "-m", "data=synthetic", "train.size=-1,-2")
+    words = ("train", "-m", "data=synthetic", "data.size=10,11")
     ours, theirs = os.pipe()
     os.close(ours)
     done = subprocess.run(

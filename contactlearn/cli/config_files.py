@@ -32,7 +32,20 @@ _PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
 """Beside the package in a checkout, inside it where it is installed."""
 _CATALOGUES = {
-    "effect": ("effects", {"base", "checks", "formula", "functions", "identity", "impulse_path", "state"}),
+    "effect": (
+        "effects",
+        {
+            "base",
+            "checks",
+            "floor_functions",
+            "formula",
+            "functions",
+            "identity",
+            "impulse_path",
+            "side_functions",
+            "state",
+        },
+    ),
     "law": ("laws", {"base", "contact", "hodograph"}),
 }
 """The package of each catalogue, and those of its modules that define none of its classes."""

@@ -45,9 +45,6 @@ class Thresholds:
     dependence_level: float = 0.005
     """Probability of each false statement about independent trials: of a drift of the measurement, of a coefficient
     that depends on the sequence, and of one that depends on the state."""
-    structured_share: float = 0.5
-    """Share of a component's deviations that one known variable explains, beyond which scatter does not weigh trials:
-    most of it is then unknown physics.  Real cubes and squares have 0.15 to 0.4, planted dependences 0.5 to 1."""
     region_level: float = 0.05
     """Probability of reporting any region where errors do not depend on the inputs."""
     region_ratio: float = 1.5

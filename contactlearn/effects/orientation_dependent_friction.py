@@ -90,3 +90,4 @@ class FrictionOfCorners(CornersOfBody, OrientationDependentFriction):
     form = "corners"
     formula = "μ ← μ + Σ a_i s_i + Σ b_ij s_i s_j + c s_x s_y s_z, s signs of the contact point in the body's axes"
     refines = ("orientation_dependent_friction",)
+    usual_range = ("–", -0.2, 0.2)  # of one of seven: together they reach what no pair of surfaces has

@@ -331,10 +331,11 @@ class Diagnosis:
 
     @property
     def better_law(self) -> LawFit | None:
-        """The law that does clearly better than the full model, alone or with its effects; None where none does."""
+        """Another law that does clearly better than the full model, alone or with its effects; None where none does."""
         if self.budget is None:
             return None
-        return clearly_better(self.laws, self.budget.named.mean, self.thresholds)
+        others = [law for law in self.laws if law.name != self.law]
+        return clearly_better(others, self.budget.named.mean, self.thresholds)
 
     @property
     def simpler(self) -> FrontierModel | None:

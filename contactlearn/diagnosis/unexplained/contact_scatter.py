@@ -91,7 +91,7 @@ def contact_scatter(
 def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, thresholds: Thresholds) -> Impacts | None:
     """Return impacts with the moments of their outcomes by instrument and scatter of the contact, where that is plain.
 
-    It is not where the deviations of a component mostly follow something: then they are unknown physics.  The mean
+    It is not where the deviations of a component follow something: no weight may hide unknown physics.  The mean
     shifts where scatter makes contacts stick.  Weights alone would make the bias of friction three standard errors.
     """
     known = _with_stated_noise(impacts, options)
@@ -102,9 +102,7 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
         scatter = fit_scatter(some, model, quick=True)
     except ContactLearnError:
         return None
-    if not scatter.names or any(
-        (one.share or 0.0) > thresholds.structured_share for one in screen_deviations(scatter, some, thresholds)
-    ):
+    if not scatter.names or screen_deviations(scatter, some, thresholds):
         return None
     covariance = scatter.covariance(known)
     covariance = covariance + _LEAST * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
