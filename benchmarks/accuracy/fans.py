@@ -93,13 +93,13 @@ def main() -> None:
     kept = set(odd[:: given.every])
     shown = replays(models, found, [corrections[0]], without={*names} - kept)
     print(f"{len(shown)} of {len(odd)} recordings; {BOUNCES} bounces and all")
-    ordinary = {*correct(found.impacts, [corrections[0], "drop_outliers"]).trial}
-    dropped = {trial.rpartition("#")[0] for trial in found.impacts.trial if trial not in ordinary}
+    dropped = {trial.rpartition("#")[0] for trial in {*found.impacts.trial} - {*impacts.trial}}
     regular = [one for one in shown if one.recording not in dropped]
     for name in models:
         assert torch.isfinite(coverage(shown, name)).all()
         print(f"| {given.bodies}, {name}, {len(shown)} | {interval(shown, name)} |")
-        print(f"| without outliers, {len(regular)} | {interval(regular, name)} |", flush=True)
+        if dropped:
+            print(f"| without outliers, {len(regular)} | {interval(regular, name)} |")
     if given.figures:
         middle = sorted(shown, key=lambda one: one.inside("scatter").double().mean().item())[len(shown) // 2]
         save(fan_figure(shown, middle, "scatter"), given.figures, f"fan_{given.bodies}")
