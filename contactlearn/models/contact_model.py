@@ -91,7 +91,7 @@ class ContactModel:
         linearly through the law and its effects), plus that of the contact's scatter and the noise.
         """
         require_impacts(impacts)
-        parts = [] if self.noise is None else [self._noise_of(impacts)]
+        parts = list[Tensor]()
         if self.regressor is None:
             prediction = self.base_prediction(impacts)
         else:
@@ -100,6 +100,7 @@ class ContactModel:
             if self.noise is None:
                 return prediction
             parts.append(self.spread(impacts, mean, variance))
+        parts += [] if self.noise is None else [self._noise_of(impacts)]
         parts += [self.scatter_covariance(impacts)] if self.under.scatter else []
         return replace(prediction, covariance=sum(parts[1:], parts[0])) if parts else prediction
 
