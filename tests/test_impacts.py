@@ -304,7 +304,9 @@ def test_rows_that_are_not_there_are_refused_in_a_line(rows):
 def test_rows_may_be_numbers_masks_and_slices():
     drops = synthetic.load(40)
     mask = torch.arange(40) > 36
-    for rows in ([37, 38, 39], [-3, -2, -1], mask, mask.tolist(), slice(37, None)):
+    read_only = mask.numpy().copy()
+    read_only.flags.writeable = False  # as those of pandas are
+    for rows in ([37, 38, 39], [-3, -2, -1], mask, mask.tolist(), read_only, slice(37, None)):
         assert drops[rows].trial == ("38", "39", "40")
 
 

@@ -300,7 +300,8 @@ class Impacts:
         if isinstance(rows, slice):
             return numbers[rows]
         try:
-            index = torch.as_tensor(rows, device=self.mass.device)
+            held = rows if isinstance(rows, Tensor) else np.array(rows)  # a copy: masks of pandas are read-only
+            index = torch.as_tensor(held, device=self.mass.device)
             return numbers[index.long() if not index.numel() and index.dtype is not torch.bool else index]
         except (IndexError, RuntimeError, TypeError, ValueError):
             raise DataError(
