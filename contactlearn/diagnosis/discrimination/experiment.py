@@ -57,23 +57,23 @@ _APART = 0.4  # of the widths of the limits: drops that are closer count for les
 
 @dataclass(frozen=True, kw_only=True)
 class ModelDiscrimination:
-    """Two models at n states.
+    """Two models at n states; leading axes are further pairs of models at the same states.
 
     Args:
         difference: of v_post in (m/s, m/s, rad/s).
         slope: its derivative in the parameters of both models.
         covariance: of these parameters.
-        noise: covariance of the measured v_post.
+        noise: covariance of the measured v_post at each state.
     """
 
-    difference: Float[Tensor, "n D"]
-    slope: Float[Tensor, "n D k"]
-    covariance: Float[Tensor, "k k"]
-    noise: Float[Tensor, "D D"]
+    difference: Float[Tensor, "*p n D"]
+    slope: Float[Tensor, "*p n D k"]
+    covariance: Float[Tensor, "*p k k"]
+    noise: Float[Tensor, "n D D"]
 
-    def squared(self) -> Float[Tensor, " n"]:
+    def squared(self) -> Float[Tensor, "*p n"]:
         """Compute d² of the next drop at each state."""
-        spread = self.noise + self.slope @ self.covariance @ self.slope.mT
+        spread = self.noise + self.slope @ self.covariance[..., None, :, :] @ self.slope.mT
         spread = spread + 1e-9 * torch.diag_embed(spread.diagonal(dim1=-2, dim2=-1))  # noise may be next to nothing
         factor = torch.linalg.cholesky(spread)
         white = torch.linalg.solve_triangular(factor, self.difference[..., None], upper=False)
@@ -81,21 +81,26 @@ class ModelDiscrimination:
 
     def at(self, rows: Sequence[int]) -> Self:
         """Return the discrimination at some of the states."""
-        return replace(self, difference=self.difference[rows], slope=self.slope[rows])
+        difference, slope = self.difference[..., rows, :], self.slope[..., rows, :, :]
+        return replace(self, difference=difference, slope=slope, noise=self.noise[rows])
 
     def after(self, k: int) -> Self:
         """Return the discrimination once both models are refitted to the expected outcome of a drop at state k."""
-        J, C = self.slope[k], self.covariance
-        gain = torch.linalg.solve(self.noise + J @ C @ J.T, J @ C).T
-        difference = self.difference - self.slope @ (gain @ self.difference[k])
+        J, C = self.slope[..., k, :, :], self.covariance
+        gain = torch.linalg.solve(self.noise[k] + J @ C @ J.mT, J @ C).mT
+        step = gain @ self.difference[..., k, :, None]
+        difference = self.difference - (self.slope @ step[..., None, :, :])[..., 0]
         covariance = C - gain @ J @ C
-        return replace(self, difference=difference, covariance=(covariance + covariance.T) / 2)
+        return replace(self, difference=difference, covariance=(covariance + covariance.mT) / 2)
 
     def needed(self, odds: float, most: int = 1000) -> int | None:
-        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond `most`."""
+        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond `most`.
+
+        It is that of a single pair.
+        """
         discrimination, nats = self, 0.0
         for made in range(most):
-            k = made % len(self.difference)
+            k = made % len(self.noise)
             nats += discrimination.squared()[k].item() / 2
             if nats >= math.log(odds):
                 return made + 1
@@ -108,22 +113,22 @@ def discriminations(
 ) -> dict[Key, ModelDiscrimination]:
     """Set a chosen model against each rival at states; all are fitted to the impacts."""
     noise = robust_covariance(impacts.v_post - chosen.predict(impacts).v_post)
-    mean, (slope, covariance), found = chosen.predict(states).v_post, _parameters(chosen, states), {}
+    mean, (slope, covariance), found = chosen.predict(states).v_post, parameter_slopes(chosen, states), {}
     for key, rival in rivals.items():
-        other, spread = _parameters(rival, states)
+        other, spread = parameter_slopes(rival, states)
         difference, both = mean - rival.predict(states).v_post, torch.cat((slope, -other), -1)
         good = difference.isfinite().all(-1) & both.isfinite().all(-1).all(-1)
         found[key] = ModelDiscrimination(
             difference=torch.where(good[:, None], difference, 0.0),
             slope=torch.where(good[:, None, None], both, 0.0),
             covariance=torch.block_diag(covariance, spread),
-            noise=noise,
+            noise=noise.expand(len(states), -1, -1),
         )
     return found
 
 
-def _parameters(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n D k"], Float[Tensor, "k k"]]:
-    """Derivative of v_post in the fitted parameters, and their covariance; k = 0 if that is not known."""
+def parameter_slopes(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n D k"], Float[Tensor, "k k"]]:
+    """Compute the derivative of v_post in the fitted parameters, and their covariance; k = 0 if that is not known."""
     law = model.base
     if model.parameter_covariance is None or not isinstance(law, Law):
         none = torch.zeros(len(states), states.space.D, 0, dtype=torch.float64)
