@@ -167,6 +167,41 @@ def collect(
     return tuple(torch.cat(parts)[:size] for parts in zip(*kept, strict=True))
 
 
+@dataclass(frozen=True, kw_only=True)
+class EngineLaboratory:
+    """A laboratory in MuJoCo, in which drops are made as they are asked for, with noise `sigma` on velocities."""
+
+    bench: Bench
+    sigma: Float[Tensor, "3"]
+
+    def measured(self, drops: Impacts, generator: torch.Generator) -> tuple[Impacts | None, Bool[Tensor, "n"]]:
+        """Measure drops from true states before impact, in order; tell which were seen as single contacts.
+
+        Raises:
+            ContactLearnError: MuJoCo is not installed.
+        """
+        mujoco, rollout = engine()
+        model = mujoco.MjModel.from_xml_string(self.bench.spec())
+        noise = self.sigma * random(torch.randn, (len(drops), 2, 3), generator)
+        x, theta = drops.q[:, 0], drops.q[:, 2]
+        q, v = torch.stack((x, _on_floor(self.bench, x, theta), theta), -1), drops.v_pre
+        seen = contact_velocity(contact_point(self.bench.body, theta), v + noise[:, 0])[:, 1] < 0
+        good = self.bench.approaches(theta, v) & seen
+        with rollout.Rollout(nthread=0) as runner:
+            q_post, v_post, clean = _drop(runner, model, mujoco.MjData(model), self.bench, q[good], v[good])
+        good[good.clone()] = clean
+        if not good.any():
+            return None, good
+        parts = q[good], (v + noise[:, 0])[good], q_post[clean], v_post[clean] + noise[good][:, 1]
+        return _reported(self.bench, *parts, source="MuJoCo drops").replace(order=drops.order[good]), good
+
+
+def _on_floor(bench: Bench, x: Tensor, theta: Tensor) -> Tensor:
+    """Height at which the body touches the tilted floor."""
+    point = bench.touch(theta)
+    return (x + point[:, 0]) * math.tan(bench.hidden.tilt) - point[:, 1]
+
+
 def _draw(size: int, bench: Bench, sigma: Tensor, generator: torch.Generator) -> tuple[Tensor, ...]:
     """Pose and true velocity [n, 3] at touch and noise [n, 2, 3], n ≤ size; those that seem to approach."""
     low, high = torch.tensor(((0.08, -math.pi, 0.3, -2.9), (0.5, math.pi, 0.9, -2.2)), dtype=torch.float64)
@@ -174,8 +209,7 @@ def _draw(size: int, bench: Bench, sigma: Tensor, generator: torch.Generator) ->
     v_x = torch.where(random(torch.rand, (size,), generator) < 0.5, -v_x, v_x)
     v = torch.stack((v_x, v_y, 6 * random(torch.randn, (size,), generator)), -1)
     noise = sigma * random(torch.randn, (size, 2, 3), generator)
-    point = bench.touch(theta)
-    y = (x + point[:, 0]) * math.tan(bench.hidden.tilt) - point[:, 1]  # the point is on the floor
+    y = _on_floor(bench, x, theta)
     measured = contact_velocity(contact_point(bench.body, theta), v + noise[:, 0])
     chosen = bench.approaches(theta, v) & (measured[:, 1] < 0)
     return torch.stack((x, y, theta), -1)[chosen], v[chosen], noise[chosen]
@@ -327,10 +361,12 @@ def load(
         finite_number("spin_noise", spin_noise, 0),
     )
     sigma = torch.tensor((sigma_v, sigma_v, sigma_omega), dtype=torch.float64)
-    return _reported(bench, *collect(size, bench, sigma, torch.Generator().manual_seed(seed)), seed=seed)
+    return _reported(
+        bench, *collect(size, bench, sigma, torch.Generator().manual_seed(seed)), source=f"MuJoCo drops (seed {seed})"
+    )
 
 
-def _reported(bench: Bench, q: Tensor, v_pre: Tensor, q_post: Tensor, v_post: Tensor, *, seed: int) -> Impacts:
+def _reported(bench: Bench, q: Tensor, v_pre: Tensor, q_post: Tensor, v_post: Tensor, *, source: str) -> Impacts:
     masses = torch.full((len(q),), bench.mass, dtype=torch.float64)
     return Impacts(
         mass=masses,
@@ -342,5 +378,5 @@ def _reported(bench: Bench, q: Tensor, v_pre: Tensor, q_post: Tensor, v_post: Te
         q_post=q_post,
         object=(bench.kind,) * len(q),
         shape=bench.body,
-        source=f"MuJoCo drops (seed {seed})",
+        source=source,
     )

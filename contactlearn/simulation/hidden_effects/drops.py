@@ -18,11 +18,12 @@ unless its plausible limit is reached first.
 import math
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, NamedTuple
 
 import torch
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
@@ -36,6 +37,7 @@ from contactlearn.simulation.hidden_effects.world import GRAZING, States, World
 LAWS = {False: "wang_mason", True: "mirtich"}
 """The textbook law of a world without hidden effects, by whether restitution is energetic."""
 
+_USUAL = 500  # drops of a sequence, of which a drift is a function, and on some of which effects get their size
 _SAMPLE = 200  # drops on which the size of an effect is found
 _STEPS = 100  # of each phase of those contacts
 _TOLERANCE = 0.02  # relative error of the size of an effect
@@ -85,15 +87,14 @@ def draw(
     names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
     shape, mass, plain, sigma = _laboratory(seed, names)
     pool = _pool(seed, size, shape, mass, noise * sigma)
-    sample = pool.rows(_clear(pool, shape, plain), _SAMPLE)
-    chosen = [_chosen(seed, name, plain, sample, sigma, strength) for name in names]
-    world = reduce(lambda world, effect: effect.act(world), chosen, plain)
+    chosen, world = _world(seed, names, pool, shape, plain, sigma, strength)
     drops = pool.rows(_clear(pool, shape, world), size)
     if len(drops.noise) < size:
         raise DataError(
             f"only {len(drops.noise)} of {size} drops approach the floor clearly; use less noise than {noise}"
         )
-    v_post = _scattered(world, size, scatter, seed).outcome(drops.states)
+    unit = torch.randn(size, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    v_post = _scattered(world, scatter, unit).outcome(drops.states)
     truth: dict[str, Any] = {
         "seed": seed,
         "size": size,
@@ -105,7 +106,7 @@ def draw(
         "body": {"semi_axes": list(shape.semi_axes), "mass": mass},
     }
     truth |= _account(plain, world, chosen, drops, v_post)
-    return _reported(drops, v_post, shape, seed), truth
+    return _reported(drops, v_post, shape, f"mystery drops (seed {seed})"), truth
 
 
 def _laboratory(seed: int, effects: Sequence[str]) -> tuple[Ellipse, float, World, Tensor]:
@@ -119,11 +120,95 @@ def _laboratory(seed: int, effects: Sequence[str]) -> tuple[Ellipse, float, Worl
     return shape, mass, World(shape, mu, eps, energetic or compliant, compliant), sigma
 
 
-def _scattered(world: World, size: int, scatter: float, seed: int) -> World:
-    """The world of `size` drops whose μ and ε differ from drop to drop."""
+def _world(
+    seed: int,
+    names: Sequence[str],
+    pool: "_Drops",
+    shape: Shape,
+    plain: World,
+    sigma: Tensor,
+    strength: tuple[float, float],
+) -> tuple[list["_Chosen"], World]:
+    """The hidden effects, at sizes found on a pool of drops, and the world with them."""
+    sample = pool.rows(_clear(pool, shape, plain), _SAMPLE)
+    chosen = [_chosen(seed, name, plain, sample, sigma, strength) for name in names]
+    return chosen, reduce(lambda world, effect: effect.act(world), chosen, plain)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laboratory:
+    """The laboratory of a seed, in which drops are made as they are asked for.
+
+    It hides what `draw` hides with the same arguments, and measures with the same noise.  The effects have their size
+    on the usual drops of `draw`, whatever is asked for.
+
+    Args:
+        shape: nominal one of the body.
+        mass: of the body in kg.
+        world: what is hidden.
+        sigma: standard deviations of the measured v_x, v_y (m/s) and ω (rad/s), before impact as after it.
+        scatter: standard deviation of μ and ε from drop to drop, as a share of each.
+        source: in words.
+    """
+
+    shape: Ellipse
+    mass: float
+    world: World
+    sigma: Float[Tensor, "3"]
+    scatter: float
+    source: str
+
+    @classmethod
+    def of(
+        cls,
+        seed: int,
+        *,
+        effects: Sequence[str] | None = None,
+        noise: float = 1.0,
+        strength: tuple[float, float] = (2, 5),
+        scatter: float = 0.0,
+    ) -> "Laboratory":
+        """Set up the laboratory of a seed; see `draw` for the arguments and errors."""
+        names = choose(random.Random(f"mystery {seed} effects")) if effects is None else _named(effects)
+        shape, mass, plain, sigma = _laboratory(seed, names)
+        pool = _pool(seed, _USUAL, shape, mass, noise * sigma)
+        _, world = _world(seed, names, pool, shape, plain, sigma, strength)
+        source = f"mystery drops (seed {seed})"
+        return cls(shape=shape, mass=mass, world=world, sigma=noise * sigma, scatter=scatter, source=source)
+
+    @property
+    def inertia(self) -> float:
+        """Reported moment of inertia in kg m²."""
+        return self.mass * self.shape.gyration_squared()
+
+    def measured(self, drops: Impacts, generator: torch.Generator) -> tuple[Impacts | None, Bool[Tensor, "n"]]:
+        """Measure drops from true states before impact, in order; tell which of them touch the floor clearly.
+
+        Args:
+            drops: states as they are; mass, inertia and v_post play no part.
+            generator: of noise and scatter.
+        """
+        n, theta = len(drops), drops.q[:, 2]
+        noise = self.sigma * torch.randn((n, 2, 3), generator=generator, dtype=torch.float64)
+        mass = torch.full((n,), self.mass, dtype=torch.float64)
+        known = States(
+            mass, mass * self.shape.gyration_squared(), drops.q[:, 0], theta, drops.v_pre, drops.order / _USUAL
+        )
+        every = _Drops(known, noise)
+        good = _clear(every, self.shape, self.world)
+        if not good.any():
+            return None, good
+        unit = torch.randn(n, 2, generator=generator, dtype=torch.float64)
+        world = _scattered(self.world, self.scatter, unit[good])
+        own = _Drops(States(*(value[good] for value in known)), noise[good])
+        found = _reported(own, world.outcome(own.states), self.shape, self.source)
+        return found.replace(order=drops.order[good]), good
+
+
+def _scattered(world: World, scatter: float, unit: Float[Tensor, "n 2"]) -> World:
+    """The world of n drops whose μ and ε differ from drop to drop."""
     if scatter == 0:
         return world
-    unit = torch.randn(size, 2, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
     mu, eps = (1 + scatter * unit).unbind(-1)
     return replace(
         world, restitution=(*world.restitution, lambda _: eps), friction=(*world.friction, lambda _, slip: mu)
@@ -257,7 +342,7 @@ def _clear(pool: _Drops, shape: Shape, world: World) -> Tensor:
     return good
 
 
-def _reported(drops: _Drops, v_post: Tensor, shape: Shape, seed: int) -> Impacts:
+def _reported(drops: _Drops, v_post: Tensor, shape: Shape, source: str) -> Impacts:
     states = drops.states
     r = contact_point(shape, states.theta)
     return Impacts(
@@ -269,7 +354,7 @@ def _reported(drops: _Drops, v_post: Tensor, shape: Shape, seed: int) -> Impacts
         v_post=v_post + drops.noise[:, 1],
         object=("ellipse",) * len(r),
         shape=shape,
-        source=f"mystery drops (seed {seed})",
+        source=source,
     )
 
 
