@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         laws as laws,
         mechanics as mechanics,
         models as models,
+        planning as planning,
         report as report,
         results as results,
         simulation as simulation,
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from contactlearn.models.checkpoint import load as load, save as save
     from contactlearn.models.citation import cite as cite
     from contactlearn.models.contact_model import ContactModel as ContactModel
+    from contactlearn.planning.design import plan as plan
+    from contactlearn.planning.rig import Limits as Limits, Rig as Rig, Specimen as Specimen
     from contactlearn.report import plot as plot
     from contactlearn.report.page.diagnosis import save_report as save_report
 
@@ -69,6 +72,9 @@ _HOME = {
     "Law": "laws",
     "Prediction": "mechanics.impacts",
     "Recipe": "inference.learning.recipe",
+    "Rig": "planning.rig",
+    "Limits": "planning.rig",
+    "Specimen": "planning.rig",
     "audit": "data.audit.findings",
     "cite": "models.citation",
     "compare": "inference.evaluation.compare",
@@ -80,6 +86,7 @@ _HOME = {
     "learn": "inference.learning.recipe",
     "load": "models.checkpoint",
     "metrics": "inference.evaluation",
+    "plan": "planning.design",
     "plot": "report",
     "read_recordings": "data.tracks:find",
     "read_table": "data.table:load",
@@ -87,7 +94,10 @@ _HOME = {
     "save_report": "report.page.diagnosis",
     "shapes": "mechanics",
 }
-_ROOMS = ("data", "diagnosis", "effects", "inference", "laws", "mechanics", "models", "report", "results", "simulation")
+_ROOMS = (
+    "data", "diagnosis", "effects", "inference", "laws", "mechanics", "models", "planning", "report", "results",
+    "simulation",
+)  # fmt: skip
 
 
 if not TYPE_CHECKING:  # with it a type checker would take any name for one of this package

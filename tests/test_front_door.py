@@ -74,7 +74,7 @@ def test_a_frame_is_refused_as_a_file_is(frame, options, message):
 
 
 def test_every_verb_takes_the_data_first():
-    """But for `compare`, which takes models, and those that take a model, a file or a result."""
+    """But for `compare`, which takes models, and those that take a model, a file or a result, as `plan` may."""
     verbs = ("audit", "diagnose", "fit", "fit_subsets", "fit_trials", "learn")
     assert {next(iter(inspect.signature(getattr(cl, verb)).parameters)) for verb in verbs} == {"impacts"}
 
