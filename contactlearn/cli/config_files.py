@@ -58,7 +58,12 @@ DATA_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _DIAGNOSIS = "diagnosis.json"
 _MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
 """Settings that a diagnosis passes on."""
-UNUSED = {"train": {"reference"}, "evaluate": set[str](), "diagnose": {"train", "bounds", "reference"}}
+UNUSED = {
+    "train": {"reference"},
+    "evaluate": set[str](),
+    "diagnose": {"train", "bounds", "reference"},
+    "plan": set[str](),
+}
 """Parts of an experiment that a command has no use for."""
 
 
@@ -154,7 +159,7 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
     given = next((word.removeprefix("model=") for word in words if word.startswith("model=")), "")
     value = os.path.expanduser(given.strip("'\""))
     is_folder = bool(value) and ("/" in value or Path(value).is_dir())
-    if command == "diagnose" or value in choices("model") or not is_folder:
+    if command in ("diagnose", "plan") or value in choices("model") or not is_folder:
         return list(words)
     own = [word for word in words if word != f"model={given}"]
     typed = {word.partition("=")[0].lstrip("+~") for word in own}

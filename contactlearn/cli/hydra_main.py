@@ -174,7 +174,7 @@ def completed(words: Sequence[str], command: str, *, several: bool = False) -> l
     """
     words = with_diagnosed_model([_nothing_of(word) for word in words], command)
     keys = _given(words)
-    trains = command != "diagnose" and "model" not in keys
+    trains = command in ("train", "evaluate") and "model" not in keys
     words = quoted([*words, "model=[]"] if "checkpoint" in keys and trains else words, several=several)
     check_choices(words, command)
     return with_pluses(words, command)

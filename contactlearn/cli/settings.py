@@ -1,7 +1,8 @@
 """Settings of the commands: a composed configuration is decoded once, here, and travels on as frozen structs.
 
-    TrainSettings, EvaluateSettings, DiagnoseSettings   all settings of one command, named as in `configs/`
-    SourceSettings                                      a source of measurements: `data`, or a body of `transfer.bodies`
+    TrainSettings, EvaluateSettings,    all settings of one command, named as in `configs/`
+    DiagnoseSettings, PlanSettings
+    SourceSettings                      a source of measurements: `data`, or a body of `transfer.bodies`
 
 The structs declare which settings there are, with the type and the rule of each; defaults and explanations stand in
 `configs/`.  Laws, effects and learned models are built before any data is read: a wrong setting costs seconds, not a
@@ -34,7 +35,7 @@ from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
-from contactlearn.core.numerics import is_number, is_whole
+from contactlearn.core.numerics import finite_number, is_number, is_whole
 from contactlearn.data.recordings import SOURCES
 from contactlearn.diagnosis.discrimination.experiment import STATES
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -47,7 +48,9 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.inference.learning.recipe import Recipe
 from contactlearn.laws import PAPER_LAWS, Contact, Law
 from contactlearn.mechanics.impacts import ImpulseTarget
+from contactlearn.mechanics.shapes import make_shape
 from contactlearn.models.process_options import ProcessOptions
+from contactlearn.planning.rig import Limits, Specimen
 from contactlearn.simulation import synthetic
 
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
@@ -175,7 +178,7 @@ def _sizes(entry: Any, key: str, _: Any) -> tuple[int, ...]:
 
 
 def _ends(entry: Any, key: str, _: Any) -> tuple[float, float]:
-    example = "[-3, -1]" if key.startswith("limits.") else "[0, 1]"
+    example = "[-3, -1]" if key.startswith(("limits.", "rig.")) else "[0, 1]"
     if not isinstance(entry, list) or len(entry) != 2 or not all(map(is_number, entry)) or entry[0] > entry[1]:
         raise ContactLearnError(f"{key} must be [low, high] in order, such as {example}, got {entry!r}")
     return entry[0], entry[1]
@@ -200,6 +203,47 @@ def _entries(entry: Any, key: str) -> dict[str, Any]:
 
 def _source(entry: Any, key: str, _: Any) -> SourceSettings:
     return SourceSettings.from_values(_mapping(entry, key), key)
+
+
+def _source_or_none(entry: Any, key: str, _: Any) -> SourceSettings | None:
+    return None if entry is None else _source(entry, key, _)
+
+
+def _rig(entry: Any, key: str, _: Any) -> dict[str, Limits]:
+    """Limits of what a rig sets: [low, high], or entries of `Limits`."""
+    found = dict[str, Limits]()
+    for name, given in _entries(entry, key).items():
+        place = f"{key}.{name}"
+        values = dict(zip(("low", "high"), _ends(given, place, _), strict=True)) if isinstance(given, list) else given
+        try:
+            found[name] = msgspec.convert(values, Limits)
+        except msgspec.ValidationError as error:
+            rule = "[low, high], or {low: …, high: …} with precision, share, settable and cost"
+            raise ContactLearnError(f"{place} must be {rule}, got {given!r} ({error})") from None
+        except ContactLearnError as error:
+            raise ContactLearnError(f"{place}: {error}") from None
+    return found
+
+
+def _body(entry: Any, key: str, _: Any) -> Specimen | None:
+    """A body by mass, shape and, if its density is not uniform, inertia."""
+    if entry is None:
+        return None
+    given = _mapping(entry, key)
+    if unknown := next((name for name in given if name not in ("mass", "shape", "inertia", "name")), None):
+        raise UnknownNameError(f"setting of {key}", unknown, ("mass", "shape", "inertia", "name"))
+    mass, shape = finite_number(f"{key}.mass", given.get("mass"), 0.0, above=True), make_shape(given.get("shape"))
+    if shape is None:
+        raise ContactLearnError(f"{key}.shape must be given, such as {{kind: ellipse, semi_axes: [0.035, 0.025]}}")
+    inertia = given.get("inertia")
+    if inertia is None:
+        inertia = (mass * torch.as_tensor(shape.gyration_squared(), dtype=torch.float64)).tolist()
+    each = [
+        finite_number(f"{key}.inertia", x, 0.0, above=True)
+        for x in (inertia if isinstance(inertia, list) else [inertia])
+    ]
+    moments = each[0] if len(each) == 1 else tuple(each)
+    return Specimen(mass=mass, inertia=moments, shape=shape, name=str(given.get("name", "body")))
 
 
 def _mapping(entry: Any, key: str) -> dict[str, Any]:
@@ -449,14 +493,8 @@ class FigureSettings(Struct, frozen=True):
     repetitions: _Whole
 
 
-class _Settings(Struct, frozen=True):
-    """Of every command."""
-
-    variant: Annotated[str, _variant]
-    data: Annotated[SourceSettings, _source]
-    effects: Annotated[Mapping[str, Effect], _effects] = field(name="effect")
-    seed: _Seed
-    threads: _Whole
+class _Decoded(Struct, frozen=True):
+    """Settings of a command, from its configuration."""
 
     @classmethod
     def from_config(cls, cfg: DictConfig) -> Self:
@@ -473,6 +511,16 @@ class _Settings(Struct, frozen=True):
     def _completed(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Check settings against each other, and fill in what one of them leaves to another."""
         return values
+
+
+class _Settings(_Decoded, frozen=True):
+    """Of every command that fits."""
+
+    variant: Annotated[str, _variant]
+    data: Annotated[SourceSettings, _source]
+    effects: Annotated[Mapping[str, Effect], _effects] = field(name="effect")
+    seed: _Seed
+    threads: _Whole
 
 
 class SplitSettings(_Settings, frozen=True):
@@ -623,10 +671,25 @@ class DiagnoseSettings(_Settings, frozen=True):
         FitOptions(noise=self.fit.noise)  # which has rules of its own
 
 
-SETTINGS: Mapping[str, type[TrainSettings] | type[EvaluateSettings] | type[DiagnoseSettings]] = {
+class PlanSettings(_Decoded, frozen=True):
+    """A rig, a body or data, and what the drops are to tell; None is what a plan before it, or a run, has."""
+
+    rig: Annotated[Mapping[str, Limits], _rig]
+    noise: Annotated[tuple[float, ...] | None, Meta(description="standard deviations in m/s and rad/s, or null")]
+    body: Annotated[Specimen | None, _body]
+    goal: Literal["names", "parameters", "prediction"]
+    count: _Whole
+    budget: _Whole
+    after: str | None
+    seed: _Seed
+    data: Annotated[SourceSettings | None, _source_or_none]
+
+
+SETTINGS: Mapping[str, type[TrainSettings] | type[EvaluateSettings] | type[DiagnoseSettings] | type[PlanSettings]] = {
     "train": TrainSettings,
     "evaluate": EvaluateSettings,
     "diagnose": DiagnoseSettings,
+    "plan": PlanSettings,
 }
 """By command."""
 
@@ -719,7 +782,8 @@ def require_setting(path: Sequence[str], command: str, place: str = "") -> bool:
     for end in range(1, len(path) + 1):
         key = ".".join(path[:end])
         if key not in known:
-            others = [f"{name}.py" for name, kind in SETTINGS.items() if key in _keys(kind)]
+            holders = [name for name, kind in SETTINGS.items() if key in _keys(kind)]
+            others = ["contactlearn plan" if name == "plan" else f"{name}.py" for name in holders]
             if others:
                 full = ".".join(path)
                 there = full if any(full in _keys(kind) for kind in SETTINGS.values()) else key

@@ -28,6 +28,7 @@ def add_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     _add_data_tools(add)
     _add_export(add)
     _add_replay(add)
+    _add_planning(add)
     _add_result_tools(add)
 
 
@@ -117,6 +118,40 @@ def _add_replay(add: Callable[..., argparse.ArgumentParser]) -> None:
         help="predict from the fitted first flight, or from the first frames alone",
     )  # fmt: skip
     replay.set_defaults(run=run_replay)
+
+
+def _add_planning(add: Callable[..., argparse.ArgumentParser]) -> None:
+    plan = add(
+        "plan",
+        help="say which impacts to measure next, and when to stop",
+        description="Choose a batch of drops within the limits of a rig: before anything is measured for a body, then "
+        "from a diagnosis of all drops so far. FOLDER gets plan.csv to drop from, plan.html, plan.json and a picture.",
+        epilog="examples: contactlearn plan data=mystery data.seed=7 'rig.height=[0.05,0.5]' 'rig.theta=[-3.14,3.14]' "
+        "'rig.omega={low: -30, high: 30, share: 0.1}' -o plans/1; "
+        "contactlearn plan outputs/diagnose/2026-01-31_12-00-00 after=plans/1 -o plans/2",
+    )
+    plan.add_argument(
+        "overrides",
+        nargs="*",
+        metavar="RUN|key=value",
+        help="the folder of a diagnosis, and settings of configs/plan.yaml: rig.NAME=…, goal=names, count=20, …",
+    )
+    plan.add_argument("-o", "--out", metavar="FOLDER", default="plan", help="for the files of the plan (default: plan)")
+    _add_force(plan)
+    plan.set_defaults(run=run_plan)
+    measure = add(
+        "measure",
+        help="make the drops of a plan in a simulated laboratory, as a robot would",
+        description="Make planned drops in the laboratory of data=mystery or data=mujoco: settings are reached as the "
+        "rig does it, what it does not set comes by chance, impacts have noise. They are added to FILE.",
+        epilog="example: contactlearn measure plans/1 data=mystery data.seed=7 -o drops.csv",
+    )
+    measure.add_argument("plan", metavar="PLAN", help="the folder of a plan, whose plan.csv may have been changed")
+    measure.add_argument("overrides", nargs="+", metavar="key=value", help="data=mystery data.seed=…, data.scatter=…")
+    measure.add_argument(
+        "-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file, new or to go on with"
+    )
+    measure.set_defaults(run=run_measure)
 
 
 def _add_result_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -257,6 +292,28 @@ def run_replay(options: argparse.Namespace) -> str:
     run = Path(options.model)
     out = Path(options.out) if options.out else run if run.is_dir() else run.parent
     return write_replay(options.model, _source("replay", options.overrides), out, options.start)
+
+
+def run_plan(options: argparse.Namespace) -> str:
+    """Plan the next drops and write the plan; return a summary."""
+    from pathlib import Path
+
+    from contactlearn.cli.commands.plan import write_plan
+    from contactlearn.cli.hydra_main import compose
+    from contactlearn.cli.settings import PlanSettings
+
+    run, words = _path_and_words("plan", options)
+    settings = PlanSettings.from_config(compose("plan", words))
+    return write_plan(settings, None if run is None else Path(run), Path(options.out), force=options.force)
+
+
+def run_measure(options: argparse.Namespace) -> str:
+    """Measure planned drops in a simulated laboratory; return a summary."""
+    from pathlib import Path
+
+    from contactlearn.cli.commands.plan import write_measured
+
+    return write_measured(Path(options.plan), _source("measure", options.overrides), Path(options.out))
 
 
 def run_impacts(options: argparse.Namespace) -> str:

@@ -188,7 +188,7 @@ async function start() {
     return item;
   }));
   if (!trials) {
-    if (!page.runs && !page.recordings) document.documentElement.dataset.ready = "yes";
+    if (!page.runs && !page.recordings && !page.plan) document.documentElement.dataset.ready = "yes";
     return;
   }
   const [block] = await Promise.all([unpacked("block"), library()]);

@@ -1,0 +1,219 @@
+"""The commands plan and measure: a plan to files, and planned drops in a simulated laboratory.
+
+plan.csv     a row a drop, in shown units, in the order in which to make them
+plan.json    everything: the rig, the drops, the forecast, the looks so far
+plan.png     the drops over what the rig sets
+plan.html    the page
+"""
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from contactlearn.cli.commands.export import refuse_existing
+from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.settings import PlanSettings, SourceSettings
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.core.numerics import atomic_write
+from contactlearn.core.serialisation import from_json, to_json
+from contactlearn.data import table
+from contactlearn.data.blocks import joined
+from contactlearn.diagnosis.record import Record
+from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.mechanics.bodies import shapes_entries
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.planning.design import plan
+from contactlearn.planning.measurement import Measures, carry_out
+from contactlearn.planning.result import Plan, PlannedDrop, Purpose
+from contactlearn.planning.rig import Rig, Specimen, settings_of
+from contactlearn.report.figures import style
+from contactlearn.report.figures.plan import plan_figure
+from contactlearn.report.page.plan import PLAN, write_plan_page
+from contactlearn.report.text.plan import plan_summary, setting
+from contactlearn.results.folder import read_result
+from contactlearn.results.types import DiagnosisRun
+from contactlearn.simulation import hidden_effects
+from contactlearn.simulation.hidden_effects.drops import Laboratory
+from contactlearn.simulation.mujoco import Bench, EngineLaboratory, Hidden
+
+_JSON, _CSV = "plan.json", "plan.csv"
+_MYSTERY, _MUJOCO = "contactlearn.simulation.hidden_effects.load", "contactlearn.simulation.mujoco.load"
+_DROP, _FOR, _BODY = "drop", "for", "body"
+
+
+def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bool) -> str:
+    """Plan the next drops and write the plan; return a summary, line by line.
+
+    Args:
+        settings: of the command.
+        run: folder of a diagnosis.
+        out: folder for the files.
+        force: whether a plan that is there is replaced.
+
+    Raises:
+        ContactLearnError: nothing to plan for, or several; see also `contactlearn.planning.design.plan`.
+        DataError: a file that cannot be read or written.
+    """
+    refuse_existing([out / _JSON], force)
+    before = None if settings.after is None else read_plan(Path(settings.after))
+    given = {"a run": run, "body": settings.body, "data": settings.data}
+    named = [name for name, one in given.items() if one is not None]
+    if len(named) != 1:
+        seen = " and ".join(named) or "none of them"
+        raise ContactLearnError(f"a plan is for a run of diagnose, for body={{…}}, or for data=NAME; got {seen}")
+    known = _diagnosed(run) if run is not None else settings.body or _known(settings.data)
+    chosen = plan(
+        known,
+        _rig(settings, before),
+        goal=settings.goal,
+        count=settings.count,
+        budget=settings.budget,
+        looks=() if before is None else before.looks,
+        seed=settings.seed,
+    )
+    impacts = known.record and known.record.impacts if isinstance(known, Diagnosis) else known
+    measured = settings_of(impacts) if isinstance(impacts, Impacts) else {}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with atomic_write(out / _CSV) as part:
+            _frame(chosen).to_csv(part, index=False)
+        style.save(plan_figure(chosen, measured), out, "plan")
+        page = write_plan_page(out / PLAN, chosen, measured)
+        with atomic_write(out / _JSON) as part:
+            part.write_text(to_json(chosen), encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+    return "\n".join([*plan_summary(chosen), f"drops    {out / _CSV}", f"open     {page}"])
+
+
+def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
+    """Measure planned drops in a laboratory, `data=mystery` or `data=mujoco`, and add them to a table.
+
+    Args:
+        path: folder of a plan, or a file in it.
+        source: `data` of a configuration.
+        out: a .csv or .parquet file, whose impacts go on if it is there.
+
+    Returns:
+        A summary, line by line.
+
+    Raises:
+        ContactLearnError: another source of data, or no seed.
+        DataError: a plan or a table that cannot be read, or a plan in space.
+    """
+    table.check_suffix(out)
+    if source.target not in (_MYSTERY, _MUJOCO):
+        raise ContactLearnError(
+            "planned drops are measured in the laboratory of data=mystery or data=mujoco; other data are measured"
+            " already"
+        )
+    body, laboratory = _laboratory(source)
+    folder = path.parent if path.is_file() else path
+    planned = read_plan(folder)
+    drops, rig = _drops(folder / _CSV, planned), Rig(limits=planned.rig)
+    before = table.load(out, body.shape) if out.exists() else None
+    first = 1 if before is None else len(before) + 1
+    generator = torch.Generator().manual_seed(int(source.options["seed"]) + first)
+    named = [PlannedDrop(settings=one.settings, purpose=one.purpose, body=body.name) for one in drops]
+    found = carry_out(rig, named, [body], laboratory, generator=generator, first=first)
+    every = found if before is None else joined([before, found])
+    table.save(every, out)
+    if source.target == _MYSTERY:
+        hidden_effects.load(**{key: source.options[key] for key in ("seed", "size", "folder", "scatter")})
+    shape = json.dumps(shapes_entries(body.shape)).replace('"', "")
+    again = f"contactlearn diagnose data=table data.path={out} 'data.shape={shape}'"
+    return f"{len(found)} drops measured, {len(every)} impacts in {out}\nnext     {again}"
+
+
+def read_plan(folder: Path) -> Plan:
+    """Read the plan of a folder.
+
+    Raises:
+        DataError: no plan is there, or it is damaged.
+    """
+    try:
+        return from_json(Plan, (folder / _JSON).read_bytes())
+    except OSError:
+        raise DataError(f"{folder}: holds no {_JSON}; give a folder that contactlearn plan wrote") from None
+    except ContactLearnError as error:
+        raise DataError(f"{folder / _JSON}: is damaged: {error}") from None
+
+
+def _rig(settings: PlanSettings, before: Plan | None) -> Rig:
+    """The rig of the settings, on top of that of the plan before."""
+    known = {} if before is None else before.rig
+    noise = settings.noise or (() if before is None else before.noise)
+    return Rig(limits=known | dict(settings.rig), noise=noise)
+
+
+def _diagnosed(run: Path) -> Diagnosis:
+    result = read_result(run / "diagnosis.json") if (run / "diagnosis.json").exists() else None
+    if not isinstance(result, DiagnosisRun):
+        raise ContactLearnError(f"{run}: holds no diagnosis; give the folder of a run of diagnose")
+    return replace(result.diagnosis, record=Record.load(run))
+
+
+def _known(source: SourceSettings | None) -> Impacts | Specimen:
+    """Measured impacts, or the body of a laboratory."""
+    assert source is not None  # one of the three is given
+    return _laboratory(source)[0] if source.target in (_MYSTERY, _MUJOCO) else load_data(source).impacts
+
+
+def _laboratory(source: SourceSettings) -> tuple[Specimen, Measures]:
+    """A simulated laboratory, and the body in it as it is reported."""
+    source.refuse_missing()
+    given = source.options
+    if source.target == _MYSTERY:
+        own = Laboratory.of(given["seed"], scatter=given["scatter"])
+        return Specimen(mass=own.mass, inertia=own.inertia, shape=own.shape, name="ellipse"), own
+    hidden = Hidden(**{one.name: given[one.name] for one in fields(Hidden)})
+    named = {one.name: given[one.name] for one in fields(Bench) if one.name != "hidden"}
+    bench = Bench(**named, hidden=hidden)
+    sigma = torch.tensor([given[f"{what}_noise"] for what in ("velocity", "velocity", "spin")], dtype=torch.float64)
+    body = Specimen(mass=bench.mass, inertia=bench.nominal_inertia, shape=bench.body, name=bench.kind)
+    return body, EngineLaboratory(bench=bench, sigma=sigma)
+
+
+# --- The table of drops ---------------------------------------------------------------------------
+
+
+def _header(name: str) -> str:
+    _, unit, _ = setting(name)
+    return f"{name} [{unit}]"
+
+
+def _frame(chosen: Plan) -> pd.DataFrame:
+    """The drops in shown units."""
+    names = [name for name, one in chosen.rig.items() if one.settable]
+    rows = [
+        {_DROP: number, _BODY: drop.body}
+        | {_header(name): round(drop.settings[name] * setting(name)[2], 6) for name in names}
+        | {_FOR: drop.purpose.value}
+        for number, drop in enumerate(chosen.drops, 1)
+    ]
+    return pd.DataFrame(rows)
+
+
+def _drops(path: Path, planned: Plan) -> list[PlannedDrop]:
+    """The drops of a table that `_frame` made, and that a person may have changed."""
+    try:
+        frame = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    names = [name for name, one in planned.rig.items() if one.settable]
+    for column in map(_header, names):
+        if column not in frame:
+            raise UnknownNameError(f"column of {path}:", column, list(frame.columns))
+        if bad := next((row for row, x in enumerate(pd.to_numeric(frame[column], errors="coerce"), 1) if x != x), None):
+            raise DataError(f"{path}: row {bad}, column {column}: must be a number", row=bad, column=column)
+    return [
+        PlannedDrop(
+            settings={name: float(row[_header(name)]) / setting(name)[2] for name in names},
+            purpose=Purpose(row[_FOR]) if row.get(_FOR) in [*Purpose] else Purpose.SPACE,
+            body=str(row.get(_BODY, "body")),
+        )
+        for _, row in frame.iterrows()
+    ]
