@@ -23,7 +23,7 @@ import contactlearn as cl
 HERE = Path(__file__).parent
 NAMES = (
     "paper_figures", "find_hidden_effect", "own_csv", "tracks_to_effect", "own_effect_and_law", "two_bodies",
-    "transfer", "next_experiment",
+    "transfer", "next_experiment", "planned_drops",
 )  # fmt: skip
 _FIGURE = re.compile(r"^figure  .*?([^/\n]+\.png)\n", re.MULTILINE)
 

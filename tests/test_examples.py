@@ -20,8 +20,14 @@ SIZES = {
     "two_bodies": ("--trials=40",),
     "transfer": ("--trials=24", "--seeds=2"),
     "next_experiment": ("--rounds=2",),
+    "planned_drops": ("--budget=40",),
 }
-LONGEST = ("paper_figures", "tracks_to_effect", "next_experiment")  # five others are pages in every run of the tests
+LONGEST = (
+    "paper_figures",
+    "tracks_to_effect",
+    "next_experiment",
+    "planned_drops",
+)  # five others are pages in every run of the tests
 SAYS = {
     "paper_figures": r"Wang–Mason +0\.1[12]\d ± .* 0\.5[45]\d ± ",
     "find_hidden_effect": "found:  side_drag, .* hidden indeed",
@@ -31,6 +37,7 @@ SAYS = {
     "two_bodies": r"restitution: Δ = -0\.0[23]\d+ ± 0\.00",
     "transfer": r"triangle, from scratch +(0\.\d+ *){3}",
     "next_experiment": r"round 2: .* nats; with as many usual drops ",
+    "planned_drops": r"40 drops: .* with probability 0\.\d+\nstop: ",
 }
 
 
