@@ -24,7 +24,7 @@ from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.report.events import event_lines
-from contactlearn.report.text import headline
+from contactlearn.report.text import grounds, headline
 from contactlearn.simulation import hidden_effects, synthetic
 
 
@@ -149,7 +149,8 @@ def test_a_law_that_is_given_is_compared_with_the_others():
     assert errors["whittaker"] > 3 * errors["mirtich"]
     assert found.better_law.name == "mirtich"
     assert found.verdict == "unknown"
-    assert headline(found).startswith("Whittaker does not describe these data: Mirtich alone has an error of")
+    assert headline(found) == "Whittaker does not describe these data; Mirtich does better: try law=mirtich."
+    assert any(one.startswith("Mirtich alone has an error of") for one in grounds(found))
 
 
 def test_the_budget_adds_up():

@@ -48,6 +48,11 @@ def printed(*events, found=None, use="", verbose=False) -> str:
     return out.getvalue()
 
 
+def said(found) -> str:
+    """The verdict, and what stands below it but for errors and probabilities."""
+    return " / ".join((text.headline(found), *text.phrases("confused", found), *text.phrases("qualifications", found)))
+
+
 def numbers() -> Iterator[tuple[str, str]]:
     yield "value and error", text.measured(0.10512, 0.00412, "m")
     yield "small value", text.measured(-3.2e-7, 4e-8)
@@ -83,15 +88,15 @@ def headlines() -> Iterator[tuple[str, str]]:
     first, second = FOUND.missing
     for count in (0, 1, 3):
         confused = replace(FOUND, missing=(replace(first, rivals=rivals[:count]), second))
-        yield f"{count} rivals", text.headline(confused)
+        yield f"{count} rivals", said(confused)
     more = remainder(Interval(0.05, 0.02, 0.08))
-    yield "predictable", text.headline(replace(FOUND, remainder=more))
+    yield "predictable", said(replace(FOUND, remainder=more))
     unstated = replace(FOUND, shapeless=(EffectId("shape_error"), TILT))
-    yield "shape that no name needs", text.headline(unstated)
+    yield "shape that no name needs", said(unstated)
     patch = result.Candidate(
         effect=EffectId("contact_patch", "linear"), equation="", parameters=(), error_reduction=0.004, confidence=0.26
     )
-    yield "unknown shape", text.headline(replace(unstated, candidates=(patch,)))
+    yield "unknown shape", said(replace(unstated, candidates=(patch,)))
     for name, finding in {
         "corrected": NOTED,
         "traced": replace(NOTED, correction="traced_shape", mistake=False),
@@ -101,22 +106,22 @@ def headlines() -> Iterator[tuple[str, str]]:
         "doubted": replace(NOTED, correction=None),
         "fatal": replace(NOTED, correction=None, fatal=True),
     }.items():
-        yield name, text.headline(replace(FOUND, findings=(finding,)))
+        yield name, said(replace(FOUND, findings=(finding,)))
     unknown = replace(BARE, physics=result.Verdict.UNKNOWN)
-    yield "none", text.headline(BARE)
-    yield "none, a part predictable", text.headline(replace(BARE, remainder=more))
-    yield "unknown", text.headline(unknown)
-    yield "none beside one that is given", text.headline(replace(BARE, given=(DRAG,)))
+    yield "none", said(BARE)
+    yield "none, a part predictable", said(replace(BARE, remainder=more))
+    yield "unknown", said(unknown)
+    yield "none beside one that is given", said(replace(BARE, given=(DRAG,)))
     for unexplained in (0.0037, 0.123, 0.0002, 0.0):
         budget = replace(FOUND.budget, shares=replace(SHARES, unexplained=unexplained))
         yield (
             f"unknown, {unexplained} of the error",
-            text.headline(replace(FOUND, physics=result.Verdict.UNKNOWN, budget=budget)),
+            said(replace(FOUND, physics=result.Verdict.UNKNOWN, budget=budget)),
         )
     better = result.LawFit(name="mirtich", variant="textbook", error=0.05, mu=0.1, eps=0.5)
     for error in (0.05, 0.095):
         found = replace(FOUND, physics=result.Verdict.UNKNOWN, laws=(replace(better, error=error),))
-        yield f"another law with {error}", text.headline(found)
+        yield f"another law with {error}", said(found)
         yield f"another law with {error}, alone", text.phrase("better_law", found)
         yield f"another law with {error}, printed", printed(found=found)
     friction = result.StateDependence(
@@ -125,10 +130,10 @@ def headlines() -> Iterator[tuple[str, str]]:
     )  # fmt: skip
     depends = replace(remainder(Interval(0.3, 0.2, 0.4)), state_dependence=friction)
     unfinished = replace(BARE, physics=result.Verdict.UNFINISHED)
-    yield "unfinished", text.headline(replace(unfinished, remainder=remainder(Interval(0.3, 0.2, 0.4))))
-    yield "unfinished, something established", text.headline(replace(unfinished, remainder=depends))
+    yield "unfinished", said(replace(unfinished, remainder=remainder(Interval(0.3, 0.2, 0.4))))
+    yield "unfinished, something established", said(replace(unfinished, remainder=depends))
     named = replace(unfinished, remainder=depends, missing=FOUND.missing)
-    yield "unfinished, something named", text.headline(named)
+    yield "unfinished, something named", said(named)
 
 
 def grounds() -> Iterator[tuple[str, str]]:
@@ -137,7 +142,7 @@ def grounds() -> Iterator[tuple[str, str]]:
         for one, x in zip(FOUND.missing, (0.9987, 0.62), strict=True)
     )
     for name, those in (("two", (first, second)), ("one", (second,))):
-        yield f"headline of {name}", text.headline(replace(FOUND, missing=those))
+        yield f"headline of {name}", said(replace(FOUND, missing=those))
         yield f"support of {name}", text.phrase("support", replace(FOUND, missing=those))
     yield "support of none", text.phrase("support", BARE)
     yield "support without errors", text.phrase("support", replace(FOUND, ladder=(), budget=None))

@@ -30,7 +30,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.scatter import StandardDeviation
-from contactlearn.report.text import effect_label, headline, phrase
+from contactlearn.report.text import grounds, headline, label, phrase
 
 MUCH = Thresholds().form_error
 FRICTION = StateDependence(
@@ -134,15 +134,24 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         assert ("no effect missing" in text or "No known effect" in text) == (physics is Verdict.NONE), text
         assert ("unknown" in text or "does not describe" in text) == (physics is Verdict.UNKNOWN), text
         scatters = physics in (Verdict.NONE, Verdict.EFFECTS) and (shares.scatter or 0) > MUCH
-        assert ("contacts scatter: the normal by 0.647 ± 0.040°" in text) == scatters, text
+        assert len(text.replace("\u00a0", " ").split()) <= 25, text
+        assert text.count(". ") == 0, text
+        below = " ".join(grounds(shown)).replace("\u00a0", " ")
+        assert (
+            ("and contacts scatter" in text) == ("Contacts scatter: the normal by 0.647 ± 0.040°" in below) == scatters
+        )
         assert ("is scatter of the contact" in size) == (shares.scatter is not None)
         assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
-        assert all(effect_label(one.effect) in text.lower() for one in shown.missing)
-        assert ("missing" in text and "probably" in text) == any(one.level is Level.PROBABLE for one in shown.missing)
-        assert ("depends on v_x" in text) <= (left.state_dependence is not None)
+        named = not better or "does not describe" not in text
+        assert all((label(one.effect.name) in text.lower()) == named for one in shown.missing)
+        probable = any(one.level is Level.PROBABLE for one in shown.missing)
+        assert ("probably" in text) == (probable and named), text
+        assert all(label(one.effect.name) in f"{text} {below}".lower() for one in shown.missing)
+        assert ("depends on v_x" in f"{text} {below}") <= (left.state_dependence is not None)
         if physics is Verdict.UNKNOWN and not better:
-            assert ("depends on v_x" in text) == (left.state_dependence is not None and left.state_dependence.large)
-            assert "no effect" not in text or " 0\u00a0% is unexplained" not in size or "unnamed" in size, (text, size)
+            established = left.state_dependence is not None and left.state_dependence.large
+            assert ("depends on v_x" in f"{text} {below}") == established
+            assert "No effect" not in below or " 0\u00a0% is unexplained" not in size or "unnamed" in size, (text, size)
         support = phrase("support", shown)
         assert ("noise floor is unknown" in support) == (budget.noise is None)
         assert ("rest is noise or unexplained" in size) == (budget.noise is None)
@@ -202,8 +211,10 @@ def test_scatter_in_the_floor_turns_an_unknown_remainder_into_none_and_never_the
 def test_structure_is_named_and_is_no_scatter():
     found = replace(made_up(12), missing=(), physics=Verdict.UNKNOWN, verdict=Verdict.UNKNOWN)
     structured = replace(SCATTERED, dependences=(POSE, replace(POSE, variable="normal_speed of earlier impacts")))
-    text = headline(replace(found, scatter=structured)).replace("\u00a0", " ")
-    assert "The normal follows the pose (p = 0.002): no scatter." in text
-    assert "contacts scatter" not in text
+    shown = replace(found, scatter=structured)
+    assert "The normal follows the pose (p = 0.002): no scatter." in [
+        one.replace("\u00a0", " ") for one in grounds(shown)
+    ]
+    assert "contacts scatter" not in headline(shown)
     assert SCATTERED.random
     assert not structured.random

@@ -17,6 +17,7 @@ from contactlearn.report.text import (
     base_label,
     error,
     formula_overrides,
+    headline,
     listed_models,
     listed_name,
     misfit,
@@ -137,7 +138,7 @@ def show_verdict(found: Diagnosis, command: str, *, verbose: bool = False) -> No
 
 def _verdict_lines(found: Diagnosis) -> list[str]:
     """The verdict and what it rests on, a line each."""
-    lines = [f"verdict: {phrase('verdict', found)}"]
+    lines = [f"verdict: {headline(found)}", *(f"  {one}" for one in phrases("qualifications", found))]
     if found.ladder and found.budget is not None:
         lines.append(f"error: {phrase('size', found)}")
     if found.coefficients:
@@ -157,7 +158,7 @@ def _verdict_lines(found: Diagnosis) -> list[str]:
         lines.append(f"sample: {phrase('sample_support', found.sample)}")
     notes = [phrase("unwanted", found), misfit(found)]
     notes += [sentence(one.sentence) for one in found.findings if one.name in _SAID and not one.mistake]
-    if found.physics is not Verdict.UNKNOWN:  # whose headline says it
+    if found.physics is not Verdict.UNKNOWN:  # whose verdict says it
         notes.append(phrase("better_law", found))
     return lines + [f"note: {note}" for note in notes if note]
 

@@ -245,6 +245,19 @@ def relative(path: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
+def next_command(use: str, folder: Path) -> str:
+    """Return the command that trains the model of a diagnosis from the folder of its run.
+
+    Args:
+        use: the command that evaluates it without that folder; classes of other packages are taken from it.
+        folder: of the run.
+    """
+    words = shlex.split(use)
+    program = [word.replace("evaluate", "train") for word in words[: [*("=" in word for word in words)].index(True)]]
+    classes = [word for word in words if "_target_=" in word]
+    return shlex.join([*program, f"model={relative(folder)}", *classes])
+
+
 def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequence[str] = ()) -> None:
     """Print how a table was understood, its unused columns, and the fields that the body's shape gave."""
     if read_as:

@@ -70,23 +70,24 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
             ),
             on_event=on_event,
         )
-    command = _next_command(settings, run, found)
+    command = _evaluation_command(settings, run, found)
     provenance = run.provenance(Blocks.of(impacts), devices.find("cpu"))
     result = DiagnosisRun(provenance=provenance, use=command, diagnosis=found)
     if found.record is not None:
         found.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)
-    show_verdict(found, _short_command(run, command), verbose=settings.verbose)
+    coming = terminal.next_command(command, run.folder) if found.missing else ""
+    show_verdict(found, coming, verbose=settings.verbose)
     shown = (
-        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found))),
-        lambda: write_page(run.folder, found, provenance, use=command if found.missing else ""),
+        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found), coming)),
+        lambda: write_page(run.folder, found, provenance, use=command if found.missing else "", next_command=coming),
     )
     with progress(run.folder) as on_event:
         for show in track(shown, "figures and page", on_event):
             show()
 
 
-def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure]) -> RunRecord:
+def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure], coming: str) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     found, data = result.diagnosis, result.provenance.data
     scalars, series, names = {}, {}, dict[str, str]()
@@ -116,11 +117,11 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         effects=list(dict.fromkeys((*settings.effects, *found.effects))),
         equations=[found.equation] if found.equation else [],
         errors={rung_label(rung, base_label(found)): rung.error for rung in found.ladder},
-        verdict={name: "; ".join(texts) for name, texts in card.items()} | {"To use it": result.use},
+        verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Use it": coming} if coming else {}),
     )
 
 
-def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str:
+def _evaluation_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str:
     """The command that evaluates the found model on these data."""
     task = run.overrides
     words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith(("data", "experiment=")))]
@@ -145,12 +146,6 @@ def _next_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str
         elif form:
             words.append(f"effect.{name}.form={form}")
     return shlex.join([*words, "model=[]"])
-
-
-def _short_command(run: Run, command: str) -> str:
-    """The command that trains the found model by the folder of its run; it names the classes of other packages."""
-    classes = [word for word in shlex.split(command) if "_target_=" in word]
-    return shlex.join([*invocation("train"), f"model={terminal.relative(run.folder)}", *classes])
 
 
 def _named(name: str) -> bool:

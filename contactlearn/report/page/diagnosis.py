@@ -10,13 +10,24 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from matplotlib.figure import Figure
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.diagnosis.result import Choices, Diagnosis, ErrorBudget, ErrorMap, Finding, Record, Region, Sample
+from contactlearn.diagnosis.result import (
+    Choices,
+    Diagnosis,
+    ErrorBudget,
+    ErrorMap,
+    ErrorShares,
+    Finding,
+    Record,
+    Region,
+    Sample,
+)
 from contactlearn.inference.evaluation.impulse_space import ScatterCloud
 from contactlearn.report.figures.browser import as_plotly
-from contactlearn.report.figures.diagnosis import budget_figure, ladder_figure, laws_figure, scatter_figure
+from contactlearn.report.figures.diagnosis import scatter_figure
 from contactlearn.report.figures.impulse_space import scattered_impulses
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.effects import candidate_content, effect_content, experiment_content, residual_content
@@ -34,8 +45,9 @@ from contactlearn.report.page.trials import (
 )
 from contactlearn.report.text import (
     base_label,
-    capitalize_first,
     effect_label,
+    grounds,
+    headline,
     label,
     listed_models,
     listed_name,
@@ -47,11 +59,8 @@ from contactlearn.report.text import (
     share_of_whole,
     undecided,
 )
-from contactlearn.report.text.names import budget_labels
 from contactlearn.report.text.numbers import counted
 from contactlearn.results.types import DataSource, Provenance
-
-_TELLING = 2  # effects that are drawn above the fold
 
 
 def save_report(found: Diagnosis, folder: str | os.PathLike[str]) -> Path:
@@ -71,7 +80,9 @@ def save_report(found: Diagnosis, folder: str | os.PathLike[str]) -> Path:
     return write_page(Path(folder), found, Provenance(data=data, versions={"contactlearn": __version__}))
 
 
-def write_page(folder: Path, found: Diagnosis, provenance: Provenance, *, use: str = "") -> Path:
+def write_page(
+    folder: Path, found: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
+) -> Path:
     """Write report.html of a diagnosis into a folder, whole or not at all.
 
     Args:
@@ -79,14 +90,15 @@ def write_page(folder: Path, found: Diagnosis, provenance: Provenance, *, use: s
         found: with its record, unless the data were refused.
         provenance: data, versions, configuration, and the command of the diagnosis.
         use: the command that evaluates the model with the missing effects.
+        next_command: that trains it from the folder of the run, as the terminal says.
 
     Raises:
         OSError: the folder cannot be written to.
     """
-    return write(folder, of_diagnosis(found, provenance, use=use))
+    return write(folder, of_diagnosis(found, provenance, use=use, next_command=next_command))
 
 
-def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> dict[str, Any]:
+def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = "") -> dict[str, Any]:
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
         "title": f"Diagnosis of {provenance.data.source}",
@@ -94,13 +106,14 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
         "_rig": next((one.rig for one in found.findings if one.rig), ()),
         "verdict": {
             "key": str(found.verdict),
-            "headline": phrase("verdict", found),
-            "support": phrase("grounds", found),
+            "headline": headline(found),
+            "support": grounds(found),
             "sentences": phrases("summary", found),
         },
         "findings": [_finding(finding) for finding in found.findings],
         "consistent": phrase("consistent"),
         "law": {"name": found.law, "label": law_style(found.law).label if found.law else ""},
+        "next": next_command,
         "reproduce": reproduced(provenance, use),
         "trials": None,
         **sample_content(found),
@@ -108,34 +121,15 @@ def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "") -> 
     if found.record is None or found.choices is None or found.budget is None:
         return content
     models = _models(found, found.choices)
-    figures = {"rungs": ladder_figure(found), "telling-laws": laws_figure(found)}  # no choice changes them
-    if found.budget.shares.noise is not None:
-        figures["shares"] = budget_figure(found.budget)
+    figures = dict[str, Figure]()  # no choice changes them
     if found.record.deviations:
         figures["scatter"] = scatter_figure(found.record.deviations)
     if found.record.model.scatter:
         clouds = ScatterCloud.along(found.record.model, found.record.impacts)
         figures["cloud"] = scattered_impulses(clouds)
-    fixed = {"telling": _telling(found), "figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
+    fixed = {"figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
     shown = replace(found, record=thinned(found.record, found.sample))
     return content | fixed | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
-
-
-def _telling(found: Diagnosis) -> list[dict[str, str]]:
-    """The three most telling figures beside the ladder: where the law fails, the first effects, or else the laws."""
-    base = base_label(found)
-    figures = [{"id": "telling-map", "what": f"Where {base} fails: its error over two variables of an impact"}]
-    figures += [
-        {
-            "id": f"telling-{k}",
-            "what": f"{capitalize_first(effect_label(one.effect))}: residual without it, of trials in "
-            "grey and of their means in black, the effect in red, and what remains in blue",
-        }
-        for k, one in enumerate(found.missing[:_TELLING])
-    ]
-    if len(found.missing) < _TELLING:
-        figures.append({"id": "telling-laws", "what": "The laws without effects"})
-    return figures
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -147,6 +141,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         ],
         "note": phrase("correction_note", finding),
         "fatal": finding.fatal,
+        "mistake": finding.mistake,
     }
 
 
@@ -182,17 +177,30 @@ def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
 
 
 def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
-    """The entries of the budget, from the law down, without repeating the law where no effect is missing."""
-    words = budget_labels(base_label(found), budget.noise_source)
-    shown = ("base", "named", "ceiling", "flexible", "bound", "noise", "instrument")
-    shown = [key for key in shown if getattr(budget, key) is not None]
-    shown = shown if found.missing else [key for key in shown if key not in ("named", "flexible")]
-    rows = [{"name": words[key], **bounded(getattr(budget, key))} for key in shown]
+    """What the ladder lacks of the budget: models that name nothing, the bound, and the shares."""
     return {
-        "budget": rows,
+        "limits": phrase("flexible_limits", budget),
+        "parts_of_error": [
+            {"name": name, "kind": kind, "share": share, "text": share_of_whole(share)}
+            for name, kind, share in _parts(budget.shares)
+            if share is not None and share > 0
+        ],
+        "bound": {"mean": budget.bound.mean, "note": phrase("bound", found)},
         "shares": phrase("shares", budget),
         "scatter": [] if found.scatter is None else phrases("scatter", found.scatter),
     }
+
+
+def _parts(shares: ErrorShares) -> list[tuple[str, str, float | None]]:
+    """Parts of the law's error: name, kind and share."""
+    noise = ("noise", "noise", shares.noise) if shares.scatter is None else ("instrument", "noise", shares.instrument)
+    return [
+        ("explained by effects", "physics", shares.explained),
+        ("unnamed so far", "processes", shares.unnamed),
+        ("unexplained", "unexplained", shares.unexplained),
+        noise,
+        ("scatter of the contact", "scatter", shares.scatter),
+    ]
 
 
 def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:

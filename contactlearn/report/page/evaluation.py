@@ -41,7 +41,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "verdict": {
             "key": "evaluation",
             "headline": phrase("evaluation_headline", labels, result.best, result.differences),
-            "support": sentences[0],
+            "support": sentences[:1],
             "sentences": sentences[1:],
         },
         "law": {"name": closest, "label": law_style(closest).label},

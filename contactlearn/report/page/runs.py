@@ -27,10 +27,11 @@ from contactlearn.inference.evaluation.metrics import METRICS, Interval
 from contactlearn.report.figures.browser import as_plotly, plotly_style
 from contactlearn.report.figures.learning import run_curves
 from contactlearn.report.figures.style import BOUNDS, MODEL_STYLE, STYLES, LawStyle, law_style
-from contactlearn.report.page.diagnosis import of_diagnosis
+from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
+from contactlearn.report.terminal import next_command
 from contactlearn.report.text import (
     base_label,
     conclusion,
@@ -92,7 +93,10 @@ def redraw(folder: Path) -> Path:
         if isinstance(result, DiagnosisRun):
             found = result.diagnosis
             found = replace(found, record=None if found.choices is None else Record.load(folder))
-            return write(folder, of_diagnosis(found, result.provenance, use=result.use if found.missing else ""))
+            if not found.missing:
+                return write_page(folder, found, result.provenance)
+            coming = next_command(result.use, folder)
+            return write_page(folder, found, result.provenance, use=result.use, next_command=coming)
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")

@@ -41,6 +41,7 @@ from contactlearn.report.text.sentences import (
     confidence as confidence,
     correct_setting as correct_setting,
     formula_overrides as formula_overrides,
+    grounds as grounds,
     headline as headline,
     in_words as in_words,
     listed_models as listed_models,

@@ -59,19 +59,6 @@ def effect_label(effect: EffectId) -> str:
     return label(effect.name) + (f" ({label(effect.form)})" if effect.form is not None else "")
 
 
-def budget_labels(base: str, source: NoiseSource) -> dict[str, str]:
-    """Write the entries of an error budget by the names of their fields, the law's as `base`."""
-    return {
-        "base": base,
-        "named": f"{base} with the missing effects",
-        "ceiling": f"{base} and Gaussian processes of the full state",
-        "flexible": f"{base} with the missing effects and {PROCESSES}",
-        "bound": "Best impulse of a rigid point contact (ideal rigid-body bound, IRB)",
-        "noise": f"Noise floor, {NOISE_SOURCES[source]}",
-        "instrument": "Noise of the instrument alone",
-    }
-
-
 def law_label(name: str) -> str:
     """Write a law by its authors; any other name as it is."""
     return laws.find(name).label if name in laws.names() else name

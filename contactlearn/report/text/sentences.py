@@ -99,8 +99,13 @@ def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[
 
 
 def headline(found: Diagnosis) -> str:
-    """Write the verdict in one line."""
-    return phrase("headline", found)
+    """Write the verdict in one sentence of at most 25 words; `grounds` has the rest."""
+    return phrase("verdict", found)
+
+
+def grounds(found: Diagnosis) -> list[str]:
+    """List what the verdict rests on: errors, probabilities, corrections, what is unknown."""
+    return phrases("grounds", found)
 
 
 def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
@@ -264,6 +269,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         autoescape=False,  # plain text; a page escapes it
     )
     filters: dict[str, Any] = {
+        "brief_effect": lambda one: names.label(one.effect.name),
         "capitalize_first": names.capitalize_first,
         "coefficient": names.COEFFICIENTS.__getitem__,
         "compared": numbers.compared,
@@ -280,6 +286,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "interval": numbers.interval,
         "label": names.label,
         "law": names.law_label,
+        "lower_first": lambda text: text[0].lower() + text[1:],
         "like_shape": lambda one: any(kind.id == one and kind.like_shape for kind in catalogue().get(one.name, ())),
         "letter": names.WRENCH.__getitem__,
         "measured": measured,

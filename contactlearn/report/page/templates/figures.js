@@ -19,7 +19,7 @@ function draw(id, traces, {summary, ...layout}) {
   };
   div.setAttribute("aria-label", `${div.dataset.what}. ${summary ?? described(traces, layout)}`);
   return Plotly.react(div, traces, whole, {
-    displaylogo: false, displayModeBar: get(id).closest(".telling") ? false : "hover", showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    displaylogo: false, displayModeBar: "hover", showSendToCloud: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
     toImageButtonOptions: {format: "svg", filename: id},
   });
 }
@@ -62,7 +62,7 @@ const posed = i => trials.theta ? `, θ = ${digits(trials.theta[i] * 180 / Math.
 const errorsOf = model => errors[model] ??= trials.name.map((_, i) => arrays.error(model, i));
 
 // Error over two variables; the selected trial is ringed, if there is one, trials outside the region are faint.
-function drawMap(state, id = "map") {
+function drawMap(state) {
   const [x, y] = [state.across, state.up].map(k => trials.variables[k]), one = state.model, error = errorsOf(one);
   const most = share(errorsOf(page.yardstick), 0.97), region = page.regions?.[state.region];
   const inside = new Set(region?.rows), marked = region && !state.brush ? [region] : page.regions ?? [], name = page.models[one].label ?? page.models[one].name;
@@ -74,8 +74,8 @@ function drawMap(state, id = "map") {
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
   const bar = {
-    title: {text: page.switches && one === page.yardstick ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : page.comparison?.[0].label ?? "Mass error", side: id === "map" ? "top" : "right"}, thickness: 12, outlinewidth: 0,
-    ...(id === "map" && {len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom"}),
+    title: {text: page.switches && one === page.yardstick ? "Mass error of the law alone" : page.switches?.length ? "Mass error of the ticked model" : page.comparison?.[0].label ?? "Mass error", side: "top"}, thickness: 12, outlinewidth: 0,
+    len: 0.9, orientation: "h", y: 1.02, yanchor: "bottom",
   };
   const points = trials.count > MOST_POINTS ? cells(at, error, most, region && inside, bar) : {
     type: "scatter", mode: "markers", ...at, showlegend: false, hoverinfo: "text",
@@ -90,7 +90,7 @@ function drawMap(state, id = "map") {
     type: "scatter", mode: "markers", x: [at.x[state.trial]], y: [at.y[state.trial]], hoverinfo: "skip", showlegend: false,
     marker: {symbol: "circle-open", size: 17, color: color("red"), line: {width: 3}},
   }];
-  return draw(id, [points, ...ring], {
+  return draw("map", [points, ...ring], {
     ...(state.brush && !narrow() && {dragmode: "select"}), xaxis: axis(x), yaxis: axis(y), shapes: marked.flatMap(one => [...bands(one, x, "x"), ...bands(one, y, "y")]),
     uirevision: `${state.across} ${state.up}`,
     summary: `${plain(y.label)} over ${plain(x.label)} for ${name}: mean error ${written(average(error))}, largest ${

@@ -13,15 +13,7 @@ function showModel() {
   for (const box of document.querySelectorAll("[data-bit]")) box.checked = Boolean(state.model >> box.dataset.bit & 1);
   for (const output of document.querySelectorAll(".ticked")) {
     const [law] = page.models, less = state.model ? `, ${compared(model().mean, law.mean)} than ${law.name}` : "";
-    output.textContent = `Error ${interval(model())}${less}`;
-  }
-  const row = get("ticked-row");
-  if (row) {
-    const most = Number(row.closest("table").dataset.most), width = x => `${100 * x / most}%`, [bar, whisker] = row.querySelector(".scale").children;
-    row.querySelector("th").textContent = model().name;
-    row.querySelector(".value").textContent = interval(model());
-    bar.style.width = width(model().mean);
-    Object.assign(whisker.style, {left: width(model().low), width: width(model().high - model().low)});
+    output.textContent = `Error over all trials, not held out: ${written(model().mean)}${less}`;
   }
   page.regions?.forEach((region, k) => {
     const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = errorsOf(state.model);
@@ -56,14 +48,9 @@ const drawn = {
   map: () => drawMap(state), picture: () => drawPicture(state), impulse: () => drawImpulse(state),
   "whole-law": () => drawWhole("law"), "whole-named": () => drawWhole("named"),
   drops: () => drawDrops(state),
-  "telling-map": () => drawMap({...state, ...first, region: -1, trial: -1, model: page.yardstick}, "telling-map"),
 };
 for (const [id, figure] of Object.entries(page.figures ?? {})) drawn[id] = () => show(id, figure);
-page.effects?.forEach((_, k) => {
-  drawn[`curve-${k}`] = () => drawCurve(state, k);
-  drawn[`telling-${k}`] = () => drawCurve({model: page.chosen, ticked: () => true}, k, `telling-${k}`);
-});
-const first = {};  // the variables of the map as the page opens
+page.effects?.forEach((_, k) => { drawn[`curve-${k}`] = () => drawCurve(state, k); });
 
 // Figures are drawn when they are near the window, or all of them for paper.
 const stale = new Set(), near = new Set();
@@ -180,7 +167,7 @@ async function start() {
   addEventListener("beforeprint", () => paper(true));
   addEventListener("afterprint", () => paper(false));
   for (const table of document.querySelectorAll(".wide")) reachable.observe(table);
-  get("sections").replaceChildren(...[...document.querySelectorAll("main > section")].map(section => {
+  get("sections").replaceChildren(...[...document.querySelectorAll("main section")].map(section => {
     const link = document.createElement("a"), item = document.createElement("li");
     link.href = `#${section.id}`;
     link.textContent = section.querySelector("h2").textContent;
@@ -197,7 +184,6 @@ async function start() {
   const up = page.regions?.[0]?.variable ?? (trials.theta ? "theta" : "approach_speed"), pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
   axes("map-x", "across", labels, place(pose || !trials.theta ? "incidence" : "theta"), "map");
   axes("map-y", "up", labels, place(up), "map");
-  Object.assign(first, {across: state.across, up: state.up});
   if (page.experiment) {
     const states = page.experiment.axes.map(one => one.label), known = name => page.experiment.axes.findIndex(one => one.name === name);
     axes("drops-x", "dropAcross", states, known(trials.space.planar ? "theta" : "v_z"), "drops");
