@@ -7,11 +7,12 @@ settings.  The arguments of all others are argparse's, see `contactlearn.cli.too
 import argparse
 import re
 import sys
+from typing import Any
 
 from contactlearn.cli.tools import add_tools
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, install_hint, suggest, terminal_safe
-from contactlearn.core.signals import graceful_exit
+from contactlearn.core.signals import graceful_exit, write_output
 
 _CONFIGURED = {
     "train": "train one contact model",
@@ -40,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             said = options.run(options)
             text, status = said if isinstance(said, tuple) else (said, 0)
-            print(terminal_safe(text))
+            write_output(terminal_safe(text) + "\n")
             return status
         except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
             print(f"error: {terminal_safe(reason(error).splitlines()[0])}", file=sys.stderr)
@@ -63,13 +64,21 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     return options
 
 
-def _parser() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+class _Parser(argparse.ArgumentParser):
+    def _print_message(self, message: str, file: Any = None) -> None:  # argparse's own passes over a full disk
+        if file is sys.stdout:
+            write_output(message)
+        else:
+            super()._print_message(message, file)
+
+
+def _parser() -> tuple[_Parser, dict[str, _Parser]]:
     """The parser of all commands, and that of each by name."""
-    parser = argparse.ArgumentParser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
+    parser = _Parser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
     parser.add_argument("--version", action="version", version=f"contactlearn {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command, summary in _CONFIGURED.items():
-        commands.add_parser(command, help=f"{summary}; {command} --help lists its settings")
+        commands.add_parser(command, help=f"{summary}; {command} --help and --settings explain it")
     add_tools(commands.add_parser)
     bench = commands.add_parser(
         "workbench",

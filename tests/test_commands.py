@@ -5,6 +5,7 @@ import logging
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 import tomllib
 from types import SimpleNamespace
@@ -21,9 +22,9 @@ from contactlearn import laws
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
 from contactlearn.cli.commands import loading, record
-from contactlearn.cli.commands.diagnose import _next_command
+from contactlearn.cli.commands.diagnose import _evaluation_command
 from contactlearn.cli.commands.fitting import draw_cost_surface
-from contactlearn.cli.config_files import choices
+from contactlearn.cli.config_files import choices, summaries
 from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings, check_names
 from contactlearn.core.errors import ContactLearnError
@@ -37,6 +38,7 @@ from contactlearn.inference.learning import curves
 from contactlearn.mechanics.features import Features
 from contactlearn.models import checkpoint
 from contactlearn.report.figures import laws as drawings
+from contactlearn.report.text import model_label
 from contactlearn.simulation import synthetic
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")
@@ -65,7 +67,7 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
     assert re.search(r"back-spin +reach", printed)
     assert "back-spin: share of outcomes beyond the line of sticking" in printed
     for model in (*laws.PAPER_LAWS, "best_post_hoc", "irb"):
-        assert re.search(rf"^ *{model} ", printed, re.MULTILINE), model
+        assert re.search(rf"^ *{model_label(model)} ", printed, re.MULTILINE), model
     assert f"tensorboard --logdir {folder}" in printed
     results = json.loads((folder / "results.json").read_text())
     assert {fit["law"] for fit in results["fits"]} == set(laws.PAPER_LAWS)
@@ -159,7 +161,8 @@ def test_train_then_evaluate_agree(euclidean):
 def test_the_headline_follows_the_norm(euclidean, command):
     """Bounds have no error, no tag and no line in a measure that they do not bound."""
     printed, result, _, tags = euclidean[command]
-    assert re.search(r"model +μ +ε +Euclidean error m/s and rad/s +normalised", printed)
+    assert re.search(r"^ *model +Euclidean error m/s and rad/s", printed, re.MULTILINE)
+    assert "normalised" in printed
     mean = {model: entry["euclidean_error"]["mean"] for model, entry in result["errors"].items()}
     assert mean["irb"] <= mean["best_post_hoc"] <= mean["whittaker"]
     for bound in ("best_post_hoc", "irb"):
@@ -223,8 +226,8 @@ def study(tmp_path_factory):
 def test_learning_curves(study):
     printed, folder = study
     assert "note: sizes 500 are skipped: the pool has only 60 trials" in printed
-    assert re.search(r"^ *x1_wrench .*%", printed, re.MULTILINE)
-    assert len(re.findall(r"note: the processes of .*x1_wrench.* are exact; ", printed)) == 1
+    assert re.search(r"^ *X1 → wrench .*%", printed, re.MULTILINE)
+    assert len(re.findall(r"note: the processes of .*X1 → wrench.* are exact; ", printed)) == 1
     results = json.loads((folder / "results.json").read_text())
     curves = results["learning_curves"]
     assert set(curves) == {*laws.PAPER_LAWS, "best_post_hoc", "x1_wrench", "parameters_likelihood"}
@@ -242,7 +245,7 @@ def test_learning_curves(study):
     for place, best in enumerate(error["best_post_hoc"]):
         assert best <= min(error[law][place] for law in laws.PAPER_LAWS)
     assert error["best_post_hoc"][0] != error["best_post_hoc"][1]
-    assert re.search(r"^ *best_post_hoc +0", printed.partition("learning curves:")[2], re.MULTILINE)
+    assert re.search(r"^ *Best Post Hoc +0", printed.partition("learning curves:")[2], re.MULTILINE)
     frame = pd.read_csv(folder / "learning_curves.csv")
     assert len(frame) == 9 * 2 * 3
     means = frame.groupby(["model", "trained_on"])["mass_error"].mean()
@@ -280,7 +283,7 @@ def test_trained_model_predicts_the_same_from_its_checkpoint(tmp_path):
 def test_transfer(tmp_path):
     small = ("data.size=60", "train.size=30", "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "workers=1")
     printed = run("evaluate.py", "experiment=transfer", *small, f"hydra.run.dir={tmp_path}")
-    assert "x1_wrench on other bodies" in printed
+    assert "X1 → wrench on other bodies" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     for bodies in results["transfer"].values():
         for ways in bodies.values():
@@ -309,6 +312,27 @@ def test_own_table_round_trip(tmp_path):
     assert a["fits"] == b["fits"]
 
 
+def test_every_effect_and_law_has_half_a_sentence():
+    for group in ("effect", "law"):
+        assert summaries(group).keys() == {*choices(group)}
+        assert all(5 < len(text) < 120 for text in summaries(group).values())
+
+
+def test_what_results_print_can_be_typed():
+    """As `found.effects` print themselves, the form behind a colon."""
+    cfg = hydra_main.compose("evaluate", ["effect=[spin_damping:during,side_drag]"])
+    assert cfg.effect.spin_damping.form == "during"
+    assert "side_drag" in cfg.effect
+
+
+@pytest.mark.parametrize("words", [("contactlearn", "--version"), ("contactlearn", "--help"), ("train.py", "--help")])
+def test_an_output_that_cannot_be_written_is_an_error(words):
+    command = ["-m", *words] if words[0] == "contactlearn" else [str(ROOT / words[0]), *words[1:]]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "error: the output cannot be written: No space left on device\n")
+
+
 def test_published_table_beside_ours(ellipse_drops, tmp_path):
     """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
     small = (
@@ -317,10 +341,10 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
     )  # fmt: skip
     printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
     assert "Published table beside ours" in printed
-    assert re.search(r"whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
+    assert re.search(r"Whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
     assert re.search(r"settled +published", printed)
-    assert re.search(r"whittaker .* 50 *$", printed, re.MULTILINE)
-    assert re.search(r"x2_impulse .* 100 +\d", printed)
+    assert re.search(r"Whittaker .* 50 *$", printed, re.MULTILINE)
+    assert re.search(r"X2 → impulse .* 100 +\d", printed)
 
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py"])
@@ -328,7 +352,9 @@ def test_help(script):
     printed = run_alone(script, "--help")
     assert "Examples" in printed
     assert "data=mydata" in printed
-    assert "threads: 1" in printed
+    assert "spin_damping: The body loses a part of its spin" in printed
+    assert "threads: 1" not in printed
+    assert "threads: 1" in run_alone(script, "--settings")
 
 
 def test_every_command_has_a_summary():
@@ -337,15 +363,11 @@ def test_every_command_has_a_summary():
     assert len(described) == 12, printed
 
 
-def test_help_is_that_of_hydra():
-    """Which takes twice as long, and does not fold its lists of choices; any other flag leaves it to Hydra."""
-    words = ("evaluate.py", "--help", "law=mirtich")
-    ours = run(*words)
-    assert ours.split() == run(*words, "--config-name=evaluate").split()
-    assert all(len(line) <= 80 for line in ours.splitlines() if not line.startswith("  python "))
-    assert all(
-        " " * 3 not in line.strip() for line in ours.splitlines() if line.startswith("  python ") and len(line) > 80
-    )
+def test_help_fits_80_columns():
+    """But for commands, which are copied whole; any other flag leaves it to Hydra."""
+    ours = run("evaluate.py", "--help", "law=mirtich").splitlines()
+    assert all(len(line) <= 80 for line in ours if not line.startswith("  python "))
+    assert "Compare analytical" in run("evaluate.py", "--help", "law=mirtich", "--config-name=evaluate")
 
 
 def test_an_installed_package_needs_no_checkout(tmp_path):
@@ -533,7 +555,7 @@ def test_the_command_after_a_diagnosis_has_its_experiment(tmp_path):
     done = Run(command="diagnose", overrides=words, config={}, folder=tmp_path, partial=tmp_path)
     found = SimpleNamespace(corrections=(), law="mirtich", effects=(), missing=(), record=None)
     wanted = [*words, "law=mirtich", "effect=[]", "model=[]"]
-    assert shlex.split(_next_command(settings, done, found))[-5:] == wanted
+    assert shlex.split(_evaluation_command(settings, done, found))[-5:] == wanted
 
 
 @pytest.mark.parametrize("command", ["train", "evaluate", "diagnose"])

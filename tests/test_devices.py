@@ -64,4 +64,4 @@ def test_processes_side_by_side_are_for_the_cpu(monkeypatch):
 def test_what_stays_on_the_cpu_has_no_such_setting(word):
     printed = run("diagnose.py", word, status=2)
     start = "error: device is a setting of train.py and evaluate.py only"
-    assert printed == f"{start}; --help lists the settings of this command\n"
+    assert printed == f"{start}; --settings lists those of this command\n"

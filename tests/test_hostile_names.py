@@ -16,7 +16,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import DiagnoseSettings, EvaluateSettings
 from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.data import table
-from contactlearn.report.terminal import new_table, print_line, print_table
+from contactlearn.report.terminal import print_line, print_table
 from contactlearn.results.folder import read_result
 from contactlearn.results.runs import write_table
 from contactlearn.simulation import synthetic
@@ -97,10 +97,7 @@ def test_names_of_settings_are_words(part, name):
 
 
 def test_cells_of_tables_are_no_markup(capsys, monkeypatch):
-    shown = new_table("[/title]", "body")
-    for name in HOSTILE[5:7]:
-        shown.add_row(name)
-    print_table(shown)
+    print_table("[/title]", ("body", ""), [(name, "") for name in HOSTILE[5:7]])
     print_line(HOSTILE[4])
     printed = capsys.readouterr().out
     assert all(name in printed for name in HOSTILE[5:7])

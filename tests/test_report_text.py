@@ -50,7 +50,8 @@ def printed(*events, found=None, use="", verbose=False) -> str:
 
 def said(found) -> str:
     """The verdict, and what stands below it but for errors and probabilities."""
-    return " / ".join((text.headline(found), *text.phrases("confused", found), *text.phrases("qualifications", found)))
+    below = (one for macro in ("confused", "qualifications", "doubts") for one in text.phrases(macro, found))
+    return " / ".join((text.headline(found), *below))
 
 
 def numbers() -> Iterator[tuple[str, str]]:

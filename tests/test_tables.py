@@ -5,7 +5,6 @@ import json
 import math
 import re
 import shlex
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -359,12 +358,8 @@ def test_the_audit_refuses(words, fragment):
 
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py", "diagnose.py"])
-def test_help_lists_sources_and_corrections(script):
-    tail = run(script, "--help").partition("\nData: ")[2]
-    sources, _, rest = tail.partition("\nCorrections")
-    lines = rest.partition("\n")[2].splitlines()
-    listed, end = " ".join(takewhile(lambda line: line.startswith("  "), lines)), rest.partition("\nMistakes")[2]
-    assert [name.strip() for name in listed.split(",")] == [*CORRECTIONS]
+def test_help_lists_sources(script):
+    sources, _, end = run(script, "--help").partition("\nData: ")[2].partition("\nCorrections")
     assert f"a diagnosis {Thresholds().fewest_trials} at least" in " ".join(end.split())
     for path in (ROOT / "configs" / "data").glob("*.yaml"):
         assert path.stem in sources.replace(",", "").split(), path.stem

@@ -22,7 +22,10 @@ _PATHS = re.compile(r"[+~]*((\w[\w -]*\.)*(path|dir)|checkpoint)")
 """Settings whose values are paths."""
 _QUOTED = re.compile(r"(['\"]).*\1", re.DOTALL)
 _CALL = re.compile(r"(choice|glob|sort|shuffle|range|interval|tag|str|extend_list)\(.*\)", re.DOTALL)
-_FLAGS = ("--help", "-h"), ("--hydra-help",), ("--version",), ("--run", "-r"), ("--multirun", "-m"), ("--resolve",)
+_FLAGS = (
+    ("--help", "-h"), ("--hydra-help",), ("--version",), ("--settings",), ("--run", "-r"), ("--multirun", "-m"),
+    ("--resolve",),
+)  # fmt: skip
 _TAKING = ("--cfg", "-c"), ("--package", "-p"), ("--config-name", "-cn"), ("--info", "-i")
 _INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 
@@ -82,7 +85,8 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
             "--experimental-rerun would unpickle a file, which can run anything; overrides.yaml in the folder .hydra "
             "of a run has its settings, to be typed again"
         )
-    shown = [name for name in ("hydra_help", "shell_completion", "cfg", "info") if getattr(options, name)]
+    showing = "hydra_help", "settings", "version", "shell_completion", "cfg", "info"
+    shown = [name for name in showing if getattr(options, name)]
     if len(shown) + options.multirun > 1:
         raise ContactLearnError(
             f"--{shown[0].replace('_', '-')} shows something and runs nothing; take out the other flag"
@@ -164,7 +168,7 @@ def _parsed(word: str) -> Override:
     except HydraException as error:
         if "=" not in word and not word.startswith("~"):
             raise ContactLearnError(
-                f"{word!r} is no setting; settings are written key=value, and --help lists them"
+                f"{word!r} is no setting; settings are written key=value, and --settings lists them"
             ) from error
         seen = " ".join(str(error).partition("See https")[0].split())
         raise ContactLearnError(

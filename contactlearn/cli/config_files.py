@@ -117,6 +117,16 @@ def choices(group: str) -> list[str]:
     return sorted({*_modules(group), *_announced(group), *([BEST] if group == "law" else [])})
 
 
+def summaries(group: str) -> dict[str, str]:
+    """Return what each effect or law of this package is, by name: the first line of its module, which is not run."""
+    if group not in _CATALOGUES:
+        return {}
+    room, _ = _CATALOGUES[group]
+    texts = {name: Path(_PACKAGE, room, f"{name}.py").read_text(encoding="utf-8") for name in _modules(group)}
+    told = {name: text.partition("\n")[0].strip('"').rstrip(".") for name, text in texts.items()}
+    return told | ({BEST: "the law with the lowest held-out error"} if group == "law" else {})
+
+
 def own_data() -> dict[str, Path]:
     """Return the YAML files of the working directory that `data=NAME` may choose, by name; shipped sources go first."""
     files = (path for path in sorted(Path.cwd().glob("*.yaml")) if DATA_NAME.fullmatch(path.stem))
@@ -144,6 +154,17 @@ def _is_setting(word: str, command: str) -> bool:
 def _declared(command: str) -> set[str]:
     """Dotted keys of the values in the file of a command."""
     return {".".join(path) for path, _ in leaf_values(_content(Path(CONFIGS, f"{command}.yaml")))}
+
+
+def with_forms(words: Sequence[str]) -> list[str]:
+    """Return words with `effect=[NAME] effect.NAME.form=FORM` in place of `effect=[NAME:FORM]`, as results print it."""
+    found = list[str]()
+    for word in words:
+        key, _, choice = word.partition("=")
+        forms = re.findall(r"(\w+):(\w+)", choice) if key.lstrip("+") == "effect" else []
+        found.append(re.sub(r":\w+", "", word) if forms else word)
+        found += [f"effect.{name}.form={form}" for name, form in forms]
+    return found
 
 
 def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
@@ -198,7 +219,9 @@ def check_choices(words: list[str], command: str) -> None:
         UnknownNameError: with the nearest name.
     """
     for word in words if not any(_user_folders) else ():  # which may hold more choices
-        group, _, choice = word.lstrip("+").partition("=")
+        group, equals, choice = word.lstrip("+").partition("=")
+        if group in groups(command) and equals and not choice:
+            raise ContactLearnError(f"{word} has no value; {group}=… takes one of {', '.join(choices(group))}")
         if group not in groups(command) or "(" in choice:  # a setting, or a function of Hydra's
             continue
         for name in re.findall(r"\w+", choice):

@@ -32,16 +32,19 @@ from contactlearn.cli.config_files import (
     choices,
     experiments,
     groups,
+    summaries,
     user_folders,
     with_diagnosed_model,
+    with_forms,
     with_pluses,
     without_hydra,
 )
 from contactlearn.cli.config_security import check_targets
 from contactlearn.cli.reasons import reason
 from contactlearn.cli.sweeps.resolvers import jobs_that_fit, register_resolvers
+from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError, suggest, terminal_safe
-from contactlearn.core.signals import defer_interrupts, graceful_exit, is_interruption, prepare_process
+from contactlearn.core.signals import defer_interrupts, graceful_exit, is_interruption, prepare_process, write_output
 
 # Our configurations of launchers have the names of those that their packages bring, whose types they are checked by.
 warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/\w+' is validated against ConfigStore schema")
@@ -111,12 +114,18 @@ def _command(name: str) -> Callable[[], None]:
     def run_command() -> None:
         with graceful_exit(), _one_message():
             line = parse_command_line(sys.argv[1:])
+            if line.flags == ("--version",):
+                write_output(f"contactlearn {__version__}\n")
+                return
             with user_folders(*line.folders):
                 words = list(line.words)
                 if "--shell-completion" not in line.flags:
                     words = completed(words, name, several=line.several or bool(line.flags))
                 if line.flags == ("--help",):
-                    print(_help(name, words))
+                    write_output(_help(name, words) + "\n")
+                    return
+                if line.flags == ("--settings",):
+                    write_output(_settings(name, words) + "\n")
                     return
                 if name != "diagnose":
                     _refuse_default_data(words, line)
@@ -172,7 +181,7 @@ def completed(words: Sequence[str], command: str, *, several: bool = False) -> l
     Raises:
         ContactLearnError: a word that cannot be read, or a choice that its group lacks.
     """
-    words = with_diagnosed_model([_nothing_of(word) for word in words], command)
+    words = with_forms(with_diagnosed_model([_nothing_of(word) for word in words], command))
     keys = _given(words)
     trains = command in ("train", "evaluate") and "model" not in keys
     words = quoted([*words, "model=[]"] if "checkpoint" in keys and trains else words, several=several)
@@ -226,13 +235,25 @@ def _end(message: str, status: int) -> NoReturn:
 
 
 def _help(config_name: str, overrides: list[str]) -> str:
-    """Hydra's `--help` with folded choices, without its search for every group, which takes half of the time."""
+    """Hydra's `--help` with choices in groups, without its search for every group, which takes half of the time."""
     cfg = compose(config_name, overrides, return_hydra_config=True)
-    ours = without_hydra(cfg)
     known = {group: choices(group) for group in groups(config_name)} | {"experiment": experiments(config_name)}
-    named = (f"{group}: {', '.join(names)}" for group, names in known.items())
-    listed = "".join(fill(line, _WIDTH - 1, subsequent_indent="  ") + "\n" for line in named)
-    return Template(cfg.hydra.help.template).substitute(CONFIG=OmegaConf.to_yaml(ours), APP_CONFIG_GROUPS=listed)
+    parts = list[str]()
+    for group, names in known.items():
+        if not (told := summaries(group)):
+            parts.append(fill(f"{group}: {', '.join(names)}", _WIDTH - 1, subsequent_indent="  "))
+            continue
+        several = ", [a,b] for several" if group == "effect" else ""
+        parts.append(f"{group} ({group}=…{several})")
+        for name in names:
+            line = f"  {name}: {told[name]}" if name in told else f"  {name}"
+            parts.append(fill(line, _WIDTH - 1, subsequent_indent=" " * 6))
+    return Template(cfg.hydra.help.template).substitute(APP_CONFIG_GROUPS="\n".join(parts))
+
+
+def _settings(config_name: str, overrides: list[str]) -> str:
+    """Every setting with its value, as YAML."""
+    return OmegaConf.to_yaml(without_hydra(compose(config_name, overrides, return_hydra_config=True)))
 
 
 train, evaluate, diagnose = map(_command, ("train", "evaluate", "diagnose"))
@@ -264,9 +285,7 @@ def readable_errors() -> Generator[None]:
         raise ContactLearnError("configuration files refer to each other without an end") from error
     except (TypeError, ValueError, AttributeError, AssertionError) as error:
         seen = " ".join(str(error).split())
-        raise ContactLearnError(
-            f"a word of the command line cannot be read: {seen}; --help lists all settings"
-        ) from error
+        raise ContactLearnError(f"a word of the command line cannot be read: {seen}; --settings lists all") from error
 
 
 def _composed(config_name: str, words: Sequence[str], *, check: str, return_hydra_config: bool = True) -> DictConfig:

@@ -98,11 +98,13 @@ class SourceSettings:
             )
         known = dict.fromkeys(key for settings in sources for key in settings)
         for key in values.keys() - known.keys():
-            near = suggest(f"{name}.{key}", [f"{name}.{other}" for other in known])
+            (path, _), *_ = leaf_values({name: {key: values[key]}})
+            ends = "".join(f".{part}" for part in path[2:])
+            near = suggest(f"{name}.{key}{ends}", [f"{name}.{other}{ends}" for other in known])
             holders = ", ".join(f"data={choice}" for choice, settings in shipped.items() if key in settings)
             rule = f"{name}.{key} is a setting of other choices ({holders}), not of these"
-            unknown = rule if holders else f"unknown setting '{name}.{key}'{near}"
-            raise ContactLearnError(f"{unknown}; --help lists all settings")
+            unknown = rule if holders else f"unknown setting '{name}.{key}{ends}'{near}"
+            raise ContactLearnError(f"{unknown}; --settings lists all")
         names = values.get("correct", ["rig"] if target in SOURCES else []) or []
         if isinstance(names, str):
             raise ContactLearnError(f"{name}.correct must be a list of names, such as [{names}], got {names!r}")
@@ -788,10 +790,10 @@ def require_setting(path: Sequence[str], command: str, place: str = "") -> bool:
                 full = ".".join(path)
                 there = full if any(full in _keys(kind) for kind in SETTINGS.values()) else key
                 only = f"{place}{there} is a setting of {' and '.join(others)} only"
-                raise ContactLearnError(f"{only}; --help lists the settings of this command")
+                raise ContactLearnError(f"{only}; --settings lists those of this command")
             last = {name.rpartition(".")[2]: name for name in known}
             near = suggest(key, known) or suggest(last.get(path[end - 1], ""), known)
-            raise ContactLearnError(f"{place}unknown setting {key!r}{near}; --help lists all settings")
+            raise ContactLearnError(f"{place}unknown setting {key!r}{near}; --settings lists all")
         if known[key]:
             return len(path) == end
     return True

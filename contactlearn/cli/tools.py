@@ -80,7 +80,7 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
 def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
     export = add(
         "export",
-        help="write a model as C, NumPy, JAX, PyTorch or MuJoCo scene, or any data source as a table",
+        help="write a model as C, NumPy, JAX, PyTorch, ONNX or MuJoCo scene, or any data source as a table",
         description="With --to, write the law and the effects of a run's model as one file: a function of the impact, "
         "its parameters as constants, and a self-test. Without it, write any data source to a table that data=table "
         "reads back exactly; or a feature space of it, what learned models see, with units in the header.",
@@ -89,7 +89,9 @@ def _add_export(add: Callable[..., argparse.ArgumentParser]) -> None:
         "contactlearn export x1.csv data=ellipse_drops --features x1",
     )
     export.add_argument("file", metavar="RUN|FILE", help="a run folder or model.pt; without --to the table to write")
-    export.add_argument("--to", help="numpy, jax, torch, c, mujoco; json: all constants in full")
+    export.add_argument(
+        "--to", metavar="TARGET", help="numpy, jax, torch, c, onnx, mujoco; json: all constants in full"
+    )
     export.add_argument(
         "-o", "--out", metavar="FILE", help="with --to: the file to write (default: impact.c or the like)"
     )

@@ -53,6 +53,24 @@ def graceful_exit() -> Generator[None]:
             signal.signal(signal.SIGTERM, before)
 
 
+def write_output(text: str) -> None:
+    """Write to the standard output at once.
+
+    Raises:
+        SystemExit: 2 with a line where it cannot be written, as on a full disk.
+        BrokenPipeError: nobody reads it any more.
+    """
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        print(f"error: the output cannot be written: {error.strerror}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the rest is flushed at exit
+        sys.exit(2)
+
+
 def prepare_process() -> None:
     """Make this process fit for a command: streams that take any text, and no window for figures.
 

@@ -4,12 +4,13 @@ import logging
 import math
 import shlex
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -19,7 +20,17 @@ from contactlearn.data.audit.result import Finding
 from contactlearn.data.table.descriptions import SURFACES
 from contactlearn.data.table.names import name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import NO_INTERVAL, correct_setting, join_words, measured, phrase, sentence
+from contactlearn.report.text import (
+    NO_INTERVAL,
+    correct_setting,
+    join_words,
+    law_label,
+    measured,
+    model_label,
+    model_labels,
+    phrase,
+    sentence,
+)
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
@@ -45,6 +56,7 @@ _COMPUTED = {
     "slip": "no velocity along the floor: bounces along the normal show restitution alone",
     "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
 }
+_NARROWEST = 80  # columns of a terminal that tables are made for
 _MOST = 20  # runs in the table of a sweep
 _WIDEST = 5  # settings in it
 
@@ -69,10 +81,11 @@ def show_models(result: Training | Evaluation) -> None:
     The spread over the subsets stands beside a shared fit, the standard error beside a joint fit.
     """
     shown = {name: METRICS[name] for name in (*bounded_metrics(result.norm), "velocity_error")}
-    units = (f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values())
+    units = [f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values()]
     title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     reach = result.reach if isinstance(result, Evaluation) else {}
-    table = new_table(title, "model", "μ", "ε", *units, "outside", "back-spin", *["reach"] * bool(reach))
+    labels, rows = model_labels(result), list[Sequence[str]]()
+    headings = ("model", units[0], "μ", "ε", *units[1:], "outside", "back-spin", *["reach"] * bool(reach))
     found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in result.fits}
     found |= {
         name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in result.joint.items()
@@ -83,8 +96,8 @@ def show_models(result: Training | Evaluation) -> None:
         low, high = entry.of(result.metric).low, entry.of(result.metric).high
         cells[0] += f"  {NO_INTERVAL}" if math.isnan(low) else f"  {low:.4f}–{high:.4f}"
         shares = entry.outside_admissible, entry.back_spin, *([reach[model]] if model in reach else [])
-        table.add_row(model, mu, eps, *cells, *(f"{100 * share:.1f} %" for share in shares))
-    print_table(table)
+        rows.append((labels[model], cells[0], mu, eps, *cells[1:], *(f"{100 * share:.1f} %" for share in shares)))
+    print_table(title, headings, rows)
     print_line("outside: share of predictions that gain energy, pull or penetrate")
     print_line(phrase("back_spin", result.back_spin))
     if reach:
@@ -95,7 +108,8 @@ def show_models(result: Training | Evaluation) -> None:
     for fit in result.fits:
         if fit.mu_undetermined > 0.05:
             print_line(
-                f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {fit.law} undetermined (flat cost)"
+                f"note: {100 * fit.mu_undetermined:.0f} % of the subsets leave μ of {law_label(fit.law)} undetermined "
+                "(flat cost)"
             )
 
 
@@ -123,7 +137,7 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Sequence
     """Print published (μ, ε), (mean, standard deviation) each, beside ours; differences in joint deviations of both."""
     title = "Published table beside ours: means ± standard deviations over the subsets"
     halves = ((f"{x} published", f"{x} here", f"Δ{x}", f"Δ{x}/σ") for x in "με")
-    table = new_table(title, "law", *chain.from_iterable(halves))
+    rows = list[Sequence[str]]()
     for fit in fits:
         if fit.law not in reference:
             continue
@@ -133,23 +147,21 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Sequence
             sigma = math.nan if std is None else (std**2 + published_std**2) ** 0.5
             cells += [f"{published:g} ± {published_std:g}", _spread(mean, std)]
             cells += [f"{mean - published:+.3f}", f"{(mean - published) / sigma:+.1f}"]
-        table.add_row(fit.law, *cells)
-    print_table(table)
+        rows.append((law_label(fit.law), *cells))
+    print_table(title, ("law", *chain.from_iterable(halves)), rows)
 
 
 def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
     """Print hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
     features = list(processes[0].length_scales)
-    table = new_table(
-        "Length scales, in standard deviations of each feature over the training trials; –: longer than the data span",
-        "output", *features, "spread", "noise", "evaluations",
-    )  # fmt: skip
+    title = "Length scales in standard deviations of each feature; –: longer than the data span"
+    rows = list[Sequence[str]]()
     for entry in processes:
         scales = [f"{x:.2f}" if x < 20 else "–" for x in entry.length_scales.values()]
         sizes = [f"{x:.2g} {entry.unit}".removesuffix(" –") for x in (entry.spread, entry.noise)]
         count = f"{entry.evaluations}" + ("" if entry.converged else " (not converged)")
-        table.add_row(entry.output, *scales, *sizes, count)
-    print_table(table)
+        rows.append((entry.output, *scales, *sizes, count))
+    print_table(title, ("output", *features, "spread", "noise", "evaluations"), rows)
     print_line(f"Gaussian processes: {kind}")
 
 
@@ -169,10 +181,11 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
     Beside the number from which an error has settled stands the published one, if there are any.
     """
     first = next(iter(curves.values()))
-    below = [f"< {level}" for level in first.below[metric]]
+    below = [f"< {model_label(level)}" for level in first.below[metric]]
     title = f"{METRICS[metric].label} on the held-out trials against the number of training trials"
     settled = ["settled", *["published"] * bool(published)]
-    table = new_table(title, "model", *map(str, first.sizes), *below, *settled, "coverage", "−log density")
+    headings = ("model", *map(str, first.sizes), *below, *settled, "coverage", "−log density")
+    rows = list[Sequence[str]]()
     for model, curve in curves.items():
         means = [f"{interval.mean:.3f}" for interval in curve.of(metric)]
         reached = [str(size or "never") for size in curve.below[metric].values()]
@@ -183,8 +196,8 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
                 f"{curve.calibration.negative_log_density[-1]:.2f}",
             )
         ours = [str(curve.settled[metric] or "not yet"), *[str(published.get(model, ""))] * bool(published)]
-        table.add_row(model, *means, *reached, *ours, *calibration)
-    print_table(table)
+        rows.append((model_label(model), *means, *reached, *ours, *calibration))
+    print_table(title, headings, rows)
     print_line(
         "<: number of trials at which the mean first falls below; "
         "settled: number from which it stays within 5 % of its best"
@@ -200,7 +213,7 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
         for size, share in zip(curve.sizes, curve.calibration.converged, strict=True):
             if share < 1:
                 parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
-        described["; ".join(parts)].append(model)
+        described["; ".join(parts)].append(model_label(model))
     for description, models in described.items():
         print_line(f"note: the processes of {join_words(models)} are {description}")
     print_line(
@@ -210,18 +223,20 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
 
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int], metric: str) -> None:
     """Print an error on each other body: as trained, and against the number of its trials."""
-    title = f"{model} on other bodies: {METRICS[metric].label} against the number of their trials"
-    table = new_table(title, "body", "", "0", *map(str, sizes))
+    title = f"{model_label(model)} on other bodies: {METRICS[metric].label} against the number of their trials"
+    rows = list[Sequence[str]]()
     for body, found in bodies.items():
         zero = f"{found.zero_shot[0].mean:.3f}"
-        table.add_row(body, "trained model as prior", zero, *(f"{one.mean:.3f}" for one in found.prior))
-        table.add_row("", "from scratch", "", *(f"{one.mean:.3f}" for one in found.scratch))
-    print_table(table)
+        rows.append((f"{body}, trained model as prior", zero, *(f"{one.mean:.3f}" for one in found.prior)))
+        rows.append((f"{body}, from scratch", "", *(f"{one.mean:.3f}" for one in found.scratch)))
+    print_table(title, ("body", "0", *map(str, sizes)), rows)
 
 
-def show_folder(folder: Path) -> None:
-    """Print the run's folder and the commands that show it."""
+def show_end(folder: Path, learnt: str) -> None:
+    """Print what was learnt in a sentence, the run's folder, and the commands that show it."""
     shown = relative(folder)
+    if learnt:
+        print_line(f"learnt   {learnt}")
     print_line(f"results  {shown}")
     if (folder / "report.html").exists():
         print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
@@ -233,11 +248,9 @@ def show_report(folder: Path) -> None:
     print_line(f"report: {shlex.quote(str(relative(folder / 'report.html')))}")
 
 
-def show_checkpoint(path: Path, command: Sequence[str]) -> None:
-    """Print the path of a trained model, and how to evaluate it on other data by the words of a command."""
-    shown = str(relative(path))
-    print_line(f"model    {shown}")
-    print_line(f"judge    {shlex.join([*command, f'checkpoint={shown}'])} data=…")
+def show_next(command: Sequence[str], ending: str = "") -> None:
+    """Print the next command by its words."""
+    print_line(f"next     {shlex.join(command)}{ending}")
 
 
 def relative(path: Path) -> Path:
@@ -311,16 +324,13 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
     best = rows[metric].fillna(math.inf).sort_values(kind="stable").index[:_MOST]
     few = f", the {_MOST} of {len(runs)} runs with the lowest" if len(runs) > _MOST else ""
     found = ["found"] if rows.found.any() else []
-    table = new_table(f"Held-out errors of the sweep{few}", *settings, *found, METRICS[metric].name, "95 %")
+    cells = list[Sequence[str]]()
     for k, row in rows.loc[sorted(best)].iterrows():
         error = f"{row[metric]:.4f}", f"{row[f'{metric}_low']:.4f}–{row[f'{metric}_high']:.4f}"
         names = [row.found or "none"] if found else []
-        table.add_row(
-            *(values[k] or "" for values in settings.values()),
-            *names,
-            *(("", "") if math.isnan(row[metric]) else error),
-        )
-    print_table(table)
+        shown = ("", "") if math.isnan(row[metric]) else error
+        cells.append((*(values[k] or "" for values in settings.values()), *names, *shown))
+    print_table(f"Held-out errors of the sweep{few}", (*settings, *found, METRICS[metric].name, "95 %"), cells)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
         print_line(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
 
@@ -329,17 +339,36 @@ def _spread(mean: float, std: float | None) -> str:
     return f"{mean:.3f}" if std is None else measured(mean, std)
 
 
-def new_table(title: str, *headings: str) -> Table:
-    """Return a table with its first column left-aligned and the others right-aligned."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for place, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if place else "left", no_wrap=True)
-    return table
+def print_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print and log a table within the width of the terminal, 80 columns at least.
 
+    Columns that do not fit follow in further tables with the first column again, which folds beyond half the width.
 
-def print_table(table: Table) -> None:
-    """Print and log at the table's own width: a narrow terminal wraps lines instead of losing cells."""
-    wide = Console(width=1000, markup=False, emoji=False, record=True)
-    wide.width = max(console.width, wide.measure(table).maximum)
-    wide.print(table)
+    Args:
+        title: above the first table.
+        headings: of the columns; the first is left-aligned, the others right-aligned.
+        rows: cells by column; the last ones may lack.
+    """
+    rows = [(*row, *[""] * (len(headings) - len(row))) for row in rows]
+    wide = Console(width=max(console.width, _NARROWEST), markup=False, emoji=False, record=True)
+
+    def table(columns: Sequence[int], title: str) -> Table:
+        made = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+        made.add_column(Text(headings[0]), max_width=wide.width // 2)
+        for column in columns:
+            made.add_column(Text(headings[column]), justify="right", no_wrap=True)
+        for row in (one for one in rows if any(one[column] for column in columns)):
+            made.add_row(*(Text(row[column]) for column in (0, *columns)))
+        return made
+
+    left = [*range(1, len(headings))]
+    while left:
+        fits = [k for k in range(1, len(left) + 1) if _width(wide, table(left[:k], "")) <= wide.width]
+        count = max(fits, default=1)
+        wide.print(table(left[:count], title))
+        left, title = left[count:], ""
     _log.info("\n%s", wide.export_text().rstrip())
+
+
+def _width(on: Console, table: Table) -> int:
+    return Measurement.get(on, on.options.update(max_width=1000), table).maximum

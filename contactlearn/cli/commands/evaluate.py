@@ -13,7 +13,7 @@ from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import check_models
 from contactlearn.cli.commands.transfer import transfer
-from contactlearn.cli.job import Run
+from contactlearn.cli.job import Run, invocation
 from contactlearn.cli.resource_limits import FITTED, fits_on_disk
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
@@ -36,7 +36,7 @@ from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import phrase
+from contactlearn.report.text import model_labels, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
@@ -55,11 +55,14 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     size = len(data.pool) if settings.effects else data.train_size
     metric = metrics.headline_metric(settings.bounds.norm)
     with record.tracker_of(run, size, metric, curves=curves.charted(settings)) as tracker:
-        _evaluate(settings, run, data, row, tracker)
-    terminal.show_folder(run.folder)
+        result = _evaluate(settings, run, data, row, tracker)
+    labels = model_labels(result)
+    terminal.show_end(run.folder, phrase("evaluation_headline", labels, result.best, result.differences))
+    if not any(word.startswith("experiment=") for word in run.overrides):  # the name of another command's
+        terminal.show_next([*invocation("diagnose"), *(word for word in run.overrides if word.startswith("data"))])
 
 
-def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None, tracker: Tracker) -> None:
+def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None, tracker: Tracker) -> Evaluation:
     with progress(run.folder, tracker) as on_event:
         compared = fitting.compare_models(settings, data, on_event)
         held_out = HeldOut(impacts=data.test, predictions=compared.predict(data.test))
@@ -115,6 +118,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
             tracker.histogram(f"curve_errors/{name}", curve.errors[result.metric][place], size)
     record.write_figures(tracker, run, drawn)
     write(run.folder, of_evaluation(result, held_out))
+    return result
 
 
 def _save_predictions(

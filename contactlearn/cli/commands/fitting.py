@@ -61,7 +61,7 @@ def identify_law(
         generator=generator,
         target=settings.target,
         box=settings.box,
-        progress=lambda blocks: track(blocks, f"{step} {law.name}", on_event),
+        progress=lambda blocks: track(blocks, f"{step} {law.label}", on_event),
     )
 
 
@@ -78,7 +78,7 @@ def fit_with_effects(
     Where flight limits a parameter, the fit has that to the impacts alone as `alone`.
     """
     fits = {}
-    for chosen in track(({}, effects), f"fitting {law.name} and its effects", on_event):
+    for chosen in track(({}, effects), f"fitting {law.label} and its effects", on_event):
         fit = joint.fit(impacts, law, chosen, rows=rows, options=options)
         if any(p.prior_from_flight for p in fit.parameters):
             alone = joint.fit(impacts.replace(apparatus=None), law, chosen, rows=rows, options=options)

@@ -31,6 +31,7 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
+from contactlearn.report.text import model_labels, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 
@@ -71,12 +72,12 @@ def train(settings: TrainSettings, run: Run) -> None:
     if settings.start is not None:
         check_start(settings.start, data)
     with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.bounds.norm)) as tracker:
-        _train(settings, run, data, tracker)
-    terminal.show_folder(run.folder)
-    terminal.show_checkpoint(run.folder / CHECKPOINT, invocation("evaluate"))
+        result = _train(settings, run, data, tracker)
+    terminal.show_end(run.folder, phrase("training_headline", model_labels(result), result))
+    terminal.show_next([*invocation("evaluate"), f"checkpoint={terminal.relative(run.folder / CHECKPOINT)}"], " data=…")
 
 
-def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> None:
+def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> Training:
     device = settings.device
     with progress(run.folder, tracker) as on_event:
         trained = _trained(settings, moved(data.pool, device), data, on_event)
@@ -94,6 +95,7 @@ def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> 
     if result.processes_kind is not None:
         terminal.show_processes(result.processes, result.processes_kind)
     record.write_record(tracker, run, result.provenance, _record(settings, result, trained, data.test))
+    return result
 
 
 def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEvent) -> _Trained:

@@ -39,7 +39,7 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     with record.tracker_of(run, data.train_size, metric, charts=charts) as tracker:
         _transfer(settings, wanted, run, data, tracker)
     run.remove_partial_results()
-    terminal.show_folder(run.folder)
+    terminal.show_end(run.folder, "")
 
 
 def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, data: Split, tracker: Tracker) -> None:

@@ -57,6 +57,7 @@ from contactlearn.report.text import (
     searched_name,
     sentence,
     share_of_whole,
+    source_label,
     undecided,
 )
 from contactlearn.report.text.numbers import counted
@@ -101,7 +102,7 @@ def write_page(
 def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = "") -> dict[str, Any]:
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
-        "title": f"Diagnosis of {provenance.data.source}",
+        "title": f"Diagnosis of {source_label(provenance.data.source)}",
         "_measure": phrase("measure", "mass"),
         "_rig": next((one.rig for one in found.findings if one.rig), ()),
         "verdict": {

@@ -13,7 +13,7 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text import model_labels, phrase, phrases, sentence
+from contactlearn.report.text import model_labels, phrase, phrases, sentence, source_label
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
 
@@ -37,7 +37,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     sentences = _sentences(result, labels, closest, len(test))
     arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]), result.norm)
     return {
-        "title": f"Evaluation on {test.source}",
+        "title": f"Evaluation on {source_label(test.source)}",
         "verdict": {
             "key": "evaluation",
             "headline": phrase("evaluation_headline", labels, result.best, result.differences),

@@ -21,9 +21,11 @@ from contactlearn.report.text.names import (
     join_words as join_words,
     label as label,
     law_label as law_label,
+    model_label as model_label,
     model_labels as model_labels,
     rung_label as rung_label,
     sentence as sentence,
+    source_label as source_label,
 )
 from contactlearn.report.text.numbers import (
     NO_INTERVAL as NO_INTERVAL,

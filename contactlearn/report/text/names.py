@@ -1,12 +1,13 @@
 """Names as a person writes them: laws, models, effects, rungs of the ladder, components; lists and sentences."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import PurePath
 
 from contactlearn import laws
 from contactlearn.diagnosis.result import Coefficient, Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
 from contactlearn.effects import EffectId
 from contactlearn.report.text.numbers import fix_spacing
-from contactlearn.results.types import Evaluation
+from contactlearn.results.types import Evaluation, Training
 
 WRENCH = {WrenchComponent.TANGENTIAL: "P_t", WrenchComponent.NORMAL: "P_n", WrenchComponent.MOMENT: "τ"}
 """Components of the wrench."""
@@ -59,6 +60,12 @@ def effect_label(effect: EffectId) -> str:
     return label(effect.name) + (f" ({label(effect.form)})" if effect.form is not None else "")
 
 
+def source_label(source: str) -> str:
+    """Write a data source without folders and corrections: drops.csv, tracks of takes."""
+    kind, of, path = source.partition(" (corrected: ")[0].rpartition("tracks of ")
+    return f"{kind}{of}{PurePath(path).name or path}"
+
+
 def law_label(name: str) -> str:
     """Write a law by its authors; any other name as it is."""
     return laws.find(name).label if name in laws.names() else name
@@ -69,7 +76,7 @@ def model_label(name: str) -> str:
     return MODELS.get(name) or law_label(name)
 
 
-def model_labels(result: Evaluation) -> dict[str, str]:
+def model_labels(result: Training | Evaluation) -> dict[str, str]:
     """Write each model of an evaluation, by name: laws by their authors, with effects as Whittaker + side drag."""
     alone = {fit.law for fit in result.fits}
     labels = {name: model_label(name) for name in result.errors}

@@ -174,10 +174,34 @@ function alongSlip(i, vector) {
 }
 
 // A vector in the picture: in space along the slip and up, and what is across the slip at 45° and half its length.
-function seen(i, vector) {
-  if (trials.space.planar) return vector;
-  const [along, across, up] = alongSlip(i, vector), oblique = 0.5 ** 1.5 * across;
-  return [along + oblique, up + oblique];
+const slant = 0.5 ** 1.5, towards = [slant, -1, slant].map(x => x / Math.hypot(slant, 1, slant));  // the viewer
+const oblique = ([along, across, up]) => [along + slant * across, up + slant * across];
+const seen = (i, vector) => trials.space.planar ? vector : oblique(alongSlip(i, vector));
+
+// The outline of a convex body in front of it and behind it, and its silhouette, in the picture.  A piece is in front
+// where some direction that is turned to the viewer has its support there, within 4 % of the body's size; `surface` are
+// points of a round body beside its outline.
+const directions = Array.from({length: 1200}, (_, k) => {
+  const z = 1 - (2 * k + 1) / 1200, angle = k * Math.PI * (3 - Math.sqrt(5)), radius = Math.sqrt(1 - z * z);
+  return [radius * Math.cos(angle), radius * Math.sin(angle), z];
+});
+function solid(outline, surface) {
+  const dot = (p, n) => p[0] * n[0] + p[1] * n[1] + p[2] * n[2], normals = directions.filter(n => dot(n, towards) > 0);
+  const points = [...outline.filter(Boolean), ...surface], size = Math.max(...points.map(p => Math.hypot(...p)));
+  const support = normals.map(n => Math.max(...points.map(p => dot(p, n))) - 0.04 * size), front = [], back = [];
+  outline.slice(1).forEach((q, k) => {
+    const p = outline[k];
+    if (!p || !q) return;
+    const middle = p.map((x, j) => (x + q[j]) / 2);
+    (normals.some((n, j) => dot(middle, n) >= support[j]) ? front : back).push(oblique(p), oblique(q), [null, null]);
+  });
+  const flat = points.map(oblique).sort((p, q) => p[0] - q[0] || p[1] - q[1]);
+  const half = ordered => ordered.reduce((chain, p) => {
+    const turns = () => { const [a, b] = chain.slice(-2); return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) <= 0; };
+    while (chain.length > 1 && turns()) chain.pop();
+    return [...chain, p];
+  }, []);
+  return {front, back, silhouette: [...half(flat), ...half([...flat].reverse())]};
 }
 
 // The rotation by a unit quaternion: p + 2 w u × p + 2 u × (u × p).
@@ -206,13 +230,23 @@ function drawPicture(state) {
   if (body) {
     const turned = d > 2 ? spun(state_of("q", i).slice(3)) : ([x, y]) => [c * x - s * y, s * x + c * y];
     const [c, s] = [Math.cos(theta), Math.sin(theta)];
-    const outline = body[0].map((x, k) => x === null ? [null, null]
-      : seen(i, turned(body.map(part => part[k]))).map((value, j) => com[j] + mm * value));
-    ends = ends.concat(outline.filter(([x]) => x !== null));
-    traces.push({
-      type: "scatter", mode: "lines", x: outline.map(p => p[0]), y: outline.map(p => p[1]), fill: d > 2 ? "none" : "toself",
-      fillcolor: "rgba(128,140,155,0.22)", line: {color: color("muted"), width: 1.5}, name: "Body", hoverinfo: "skip",
-    });
+    const points = body[0].map((x, k) => x === null ? null : turned(body.map(part => part[k])));
+    const line = (part, look) => {
+      const at = part.map(p => !p || p[0] === null ? [null, null] : p.map((value, j) => com[j] + mm * value));
+      ends = ends.concat(at.filter(([x]) => x !== null));
+      traces.push({type: "scatter", mode: "lines", x: at.map(p => p[0]), y: at.map(p => p[1]), name: "Body", hoverinfo: "skip", line: {color: color("muted"), width: 1.5}, ...look});
+    };
+    if (d > 2) {
+      const semi = body.map(part => Math.max(...part.map(Math.abs)));
+      const round = body[0].every((x, k) => x === null || Math.abs(body.reduce((sum, part, j) => sum + (part[k] / semi[j]) ** 2, 0) - 1) < 0.02);
+      const surface = round ? directions.map(n => alongSlip(i, turned(n.map((x, j) => x * semi[j])))) : [];
+      const {front, back, silhouette} = solid(points.map(p => p && alongSlip(i, p)), surface), width = 1.1 * size;
+      const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([along, across]) => oblique([along * width, across * width, 0]));
+      traces.push({type: "scatter", mode: "lines", x: corners.map(p => p[0]), y: corners.map(p => p[1]), fill: "toself", fillcolor: "rgba(128,140,155,0.12)", line: {width: 0}, name: "Floor", hoverinfo: "skip"});
+      line(silhouette, {fill: "toself", fillcolor: "rgba(128,140,155,0.3)"});
+      line(back, {line: {color: color("muted"), width: 0.75, dash: "dot"}, showlegend: false});
+      line(front, {showlegend: false});
+    } else line(points, {fill: "toself", fillcolor: "rgba(128,140,155,0.22)"});
   }
   traces.push({
     type: "scatter", mode: "lines+markers", x: [com[0], 0], y: [com[1], 0], name: "Contact point", hoverinfo: "skip",
@@ -239,7 +273,7 @@ function drawPicture(state) {
   const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
   return draw("picture", traces, {
     xaxis: {title: {text: d > 2 ? "Along the slip from the contact point (mm)" : "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
-    yaxis: {title: {text: "Height (mm)"}, scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: true, zerolinecolor: color("text"), zerolinewidth: 3},
+    yaxis: {title: {text: "Height (mm)"}, scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: d < 3, zerolinecolor: color("text"), zerolinewidth: 3},
     summary: `Trial ${trials.name[i]}${posed(i)}. ` + velocities.map(([name, v]) =>
       `${name}: v = (${told(v.slice(0, d))}) m/s, ω = ${told(v.slice(d))} rad/s`).join(". ") + ".",
   });

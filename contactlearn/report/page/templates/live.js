@@ -38,7 +38,7 @@ function showTrial(note = "") {
     head.textContent = name;
     head.scope = "row";
     row.append(head);
-    for (const value of [...v, ...impulse]) row.insertCell().textContent = digits(value, 4);
+    for (const value of [...v, ...impulse]) row.insertCell().textContent = digits(Math.abs(value) < 1e-9 ? 0 : value, 4);
     if (!impulse.length) row.insertCell().colSpan = trials.space.wrench.length;
     return row;
   }));
