@@ -8,6 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn import laws
+from contactlearn.cli.config_files import summaries
 from contactlearn.core.numerics import is_number, measured
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis.error_budget import NoiseFloor
@@ -179,8 +180,18 @@ def effect_options(session: Session, gains: Sequence[PredictedGain], present: fl
     return options + [_effect_option(name, label(name), "cannot be decided by these data", False) for name in rest]
 
 
+def _tooltip(name: str) -> str:
+    """The physics of an effect: a sentence, the formula of its first form, and where it comes from."""
+    kind = catalogue()[name][0]
+    about = summaries("effect").get(name) or (kind.__doc__ or "").partition("\n")[0].rstrip(".")
+    return "\n".join(filter(None, (f"{about}.", kind.formula, kind.source)))
+
+
 def _effect_option(name: str, text: str, value: str, strong: bool) -> dict[str, Any]:
-    parts = [html.Span(text, className="name"), html.Span(value, className="value" if strong else "value faint")]
+    parts = [
+        html.Span(text, className="name", title=_tooltip(name)),
+        html.Span(value, className="value" if strong else "value faint"),
+    ]
     return {"label": html.Span(parts, className="row"), "value": name}
 
 
@@ -208,10 +219,14 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
         [_adopt_button("Take", session, found, one), f" {share_of_whole(one.share)}  {searched_name(found, one)}"]
         for one in listed_models(found)
     ]
+    command = f"contactlearn export outputs/diagnose/{folder} --to c"
+    exported = [note("As a file for other programs: ", html.Code(command))] if found.law else []
     return [
         html.H3("Result of the search"),
         html.P(headline(found), className="headline"),
         note("Of ", html.Code(folder), ": ", page, "."),
+        *map(html.P, [] if found.scatter is None else phrases("scatter", found.scatter)),
+        *exported,
         *items([[html.B(level), f" {text}"] for level, text in names_by_level(found)]),
         *frontier,
         *items(plausible, "Models that these data cannot distinguish"),
@@ -232,13 +247,22 @@ def _adopt_button(text: str, session: Session, found: Diagnosis, model: Frontier
 # --- The model ---------------------------------------------------------------------------------
 
 
-def ladder_bars(session: Session, steps: Sequence[FittedModel], floor: NoiseFloor) -> list[Component]:
-    """Return the errors of the law, then with one more effect each, and of noise alone."""
+def ladder_bars(session: Session, steps: Sequence[FittedModel]) -> Component:
+    """Return the held-out errors of the law, then with one more effect each."""
     names = [law_label(session.law), *(f"+ {effect_label(one)}" for one in session.effects)]
     names += [f"+ {line.partition(';')[0]}" for line in session.lines]
-    rows = [*zip(names, (step.error for step in steps), strict=True), ("Noise floor", floor.error)]
-    text = f"Held-out errors. The noise floor is {NOISE_SOURCES[floor.source]}, of all trials."
-    return [bars(rows, 1.05 * max(x.high for _, x in rows)), note(text)]
+    return bars(zip(names, (step.error for step in steps), strict=True), _ladder_end(steps))
+
+
+def floor_bar(steps: Sequence[FittedModel], floor: NoiseFloor) -> Component:
+    """Return the error of noise alone, on the scale of the ladder above it."""
+    shown = bars([("Noise floor", floor.error)], _ladder_end(steps))
+    told = f"{NOISE_SOURCES[floor.source]}, by the best model that is found for these data: ticks do not move it"
+    return html.Div(shown, className="noise", title=f"The noise floor is {told}.")
+
+
+def _ladder_end(steps: Sequence[FittedModel]) -> float:
+    return 1.05 * max(step.error.high for step in steps)
 
 
 def parts(session: Session, fitted: FittedModel, manual: ManualModel) -> list[Component]:

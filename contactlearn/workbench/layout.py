@@ -78,6 +78,7 @@ def page_layout(largest: int) -> Component:
         html.Span(id="summary-moving"),
         html.Span(list(buttons), className="controls"),
         html.Span(id="trouble", role="alert"),
+        html.Div([html.Div(id="ladder"), html.Div(id="floor")], className="pinned"),
     ]
     reveal = button("reveal", "Reveal the truth", hidden=True)
     hints = [
@@ -182,8 +183,6 @@ def _model() -> Component:
     return _section(
         "model",
         "The model",
-        html.H3("Ladder"),
-        html.Div(id="ladder"),
         html.H3("A line of mathematics"),
         html.P([line, action_button("line", "Add")], className="controls line"),
         html.Datalist(id="completions"),

@@ -49,6 +49,8 @@ STARTS = 4
 _SOURCES, _RESULTS = 4, 100  # capacities of the caches
 _RESAMPLES = 1000
 _NOISE_TRIALS = 600  # at most, for the noise floor
+_MOST_EFFECTS = 6  # of the best model that the noise floor is estimated with
+_LEAST_FALL = 0.02  # of its error, by each of them
 _LINEARISED_TRIALS = 4000  # at most
 _Value = TypeVar("_Value")
 
@@ -152,6 +154,7 @@ class Models:
         self._floors: Cache[NoiseFloor] = Cache(_RESULTS)
         self._candidates: Cache[dict[EffectId, Effect]] = Cache(_SOURCES)
         self._gains: Cache[tuple[PredictedGain, ...]] = Cache(_RESULTS)
+        self._best: Cache[FittedModel] = Cache(_SOURCES)
         self._regions: Cache[tuple[Region, ...]] = Cache(_RESULTS)
         self._composing = Lock()  # Hydra has one state for the whole process
 
@@ -250,11 +253,30 @@ class Models:
         errors |= {BEST_POST_HOC: mean_error(test, best), IRB: mean_error(test, bounds.irb(test))}
         return dict(sorted(errors.items(), key=lambda pair: -pair[1].mean))
 
+    def best(self, session: Session) -> FittedModel:
+        """Return the best model that is found effect by effect from the best law, whatever the session has ticked."""
+        return self._best.get(self._key(session)[:2], lambda: self._climb(session))
+
+    def _climb(self, session: Session) -> FittedModel:
+        alone = replace(session, effects=(), lines=(), options=(), manual=())
+        best = min((self.law_alone(alone, name) for name in self.laws(alone)), key=_mean)
+        found = replace(alone, law=best.law.name)
+        for _ in range(_MOST_EFFECTS):
+            gains = [one for one in self.predicted_gains(found) if one.gain > 0]
+            if not gains:
+                break
+            longer = found.with_effect(min(gains, key=lambda one: one.error).effect)
+            if _mean(fitted := self.fitted(longer)) > (1 - _LEAST_FALL) * _mean(best):
+                break
+            found, best = longer, fitted
+        return best
+
     def noise_floor(self, session: Session) -> NoiseFloor:
-        """Return the noise floor of the model of a session, from some hundred trials."""
-        fitted, impacts = self.fitted(session), self.split(session).impacts[:_NOISE_TRIALS]
-        generator = torch.Generator().manual_seed(session.seed)
-        return self._floors.get(self._key(session), lambda: noise_floor(impacts, fitted.model, generator=generator))
+        """Return the noise floor of the best model, from some hundred trials: the same whatever is ticked."""
+        impacts, generator = self.split(session).impacts[:_NOISE_TRIALS], torch.Generator().manual_seed(session.seed)
+        return self._floors.get(
+            self._key(session)[:2], lambda: noise_floor(impacts, self.best(session).model, generator=generator)
+        )
 
     def regions(self, session: Session) -> tuple[Region, ...]:
         """Return the regions in which the model of a session fails."""
@@ -275,6 +297,10 @@ class Models:
             },
         )
         return self._gains.get(key, lambda: _predicted_gains(fitted, candidates, data))
+
+
+def _mean(fitted: FittedModel) -> float:
+    return fitted.error.mean
 
 
 def mean_error(test: Impacts, prediction: Prediction) -> Interval:

@@ -195,6 +195,7 @@ class SessionCallbacks:
             ([Output(_LAW, "options"), Output("bounds", "children")], [settled], self.compare),
             (Output(_TICKS, "options"), [settled, tab], self.missing),
             (Output("ladder", "children"), [settled, tab], self.ladder),
+            (Output("floor", "children"), [settled, tab], self.floor),
             (Output("regions", "children"), [settled, tab], self.regions),
         ]
         for outputs, inputs, function in followers:
@@ -323,11 +324,13 @@ class SessionCallbacks:
         return self._delayed(address, tab, options)
 
     def ladder(self, address: str, tab: str) -> Any:
-        """Show the ladder so far, above the noise floor."""
+        """Show the ladder so far."""
+        return self._delayed(address, tab, lambda one: content.ladder_bars(one, self.models.ladder(one)))
+
+    def floor(self, address: str, tab: str) -> Any:
+        """Show the noise floor below the ladder."""
         models = self.models
-        return self._delayed(
-            address, tab, lambda one: content.ladder_bars(one, models.ladder(one), models.noise_floor(one))
-        )
+        return self._delayed(address, tab, lambda one: content.floor_bar(models.ladder(one), models.noise_floor(one)))
 
     def regions(self, address: str, tab: str) -> Any:
         """Show the regions in which the model fails."""
