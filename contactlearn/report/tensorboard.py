@@ -45,7 +45,19 @@ _KINDS: Mapping[type, tuple[str, int]] = {
 }
 _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 _BINS = 30  # of a histogram
+_STEADY = 12  # times that a point of a curve is written: smoothing runs over points, and would bend one of few
 _FILES = itertools.count()
+_DESCRIPTIONS = {
+    r"\w+_error/model": "Held-out error of this run's model against its number of training impacts: lower is better.",
+    r"\w+_error/irb": "Ideal rigid-body bound: no impulse at the measured contact point has a lower held-out error.",
+    r"curve_.*": "Mean held-out error of a learned model, or of a bound, against the number of training impacts.",
+    r"transfer_.*": "Held-out error on another body against the number of its training impacts.",
+    r"ladder/.*": "Held-out error of the law, then with one more effect each, Gaussian processes, noise; see the card.",
+    r"limits/.*": "Error of the law alone, of Gaussian processes of the full state, and the ideal rigid-body bound.",
+    r"floor/.*": "Error of noise alone: no model of the state comes below it.",
+    r"fit/.*": "One training by its rounds: loss of the fit, and error and log density on held-out trials.",
+    r"interval/.*": "End of the 95 % interval of the value behind interval/.",
+}
 
 Charts = Mapping[str, Mapping[str, str | Sequence[str]]]
 """Tags of the charts of the custom scalars by category and title.
@@ -101,10 +113,20 @@ class Tracker:
         trained_on: number of training impacts of its model.
         charts: of the custom scalars.
         continued: what follows is logged beside what a former attempt logged.
+        shown: pattern of the tags that TensorBoard has; metrics.jsonl has all.
     """
 
-    def __init__(self, folder: Path, trained_on: int, charts: Charts = NO_CHARTS, *, continued: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        trained_on: int,
+        charts: Charts = NO_CHARTS,
+        *,
+        continued: bool = False,
+        shown: str = ".*",
+    ) -> None:
         self._folder, self._trained_on, self._charts, self._continued = folder, trained_on, charts, continued
+        self._shown = re.compile(shown)
 
     @cached_property
     def _file(self) -> _EventFile:
@@ -163,7 +185,7 @@ class Tracker:
             if event.coverage is not None and event.negative_log_density is not None:
                 values[f"curve_coverage/{event.model}"] = event.coverage
                 values[f"curve_negative_log_density/{event.model}"] = event.negative_log_density
-            self.scalars(values, event.trained_on)
+            self._log(values, event.trained_on, {"trained_on": event.trained_on}, times=_STEADY)
         elif isinstance(event, LimitsEstimated):
             limits = event.limits
             names = {"law": limits.base, "ceiling": limits.ceiling, "rigid_bound": limits.bound}
@@ -190,7 +212,7 @@ class Tracker:
     def series(self, tag: str, values: Iterable[float | Interval]) -> None:
         """Log a value for each rung of a ladder; its x axis is the rung."""
         for step, value in enumerate(values):
-            self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step})
+            self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step}, times=_STEADY)
 
     def histogram(self, tag: str, values: Float[Tensor, "..."], trained_on: int | None = None) -> None:
         """Log the distribution of values; TensorBoard draws those of several numbers of training impacts in a row."""
@@ -250,8 +272,10 @@ class Tracker:
         step: int,
         place: Mapping[str, int],
         names: Mapping[str, str] = MappingProxyType({}),
+        *,
+        times: int = 1,
     ) -> None:
-        """Log values at a step; their line in metrics.jsonl begins with its place."""
+        """Log values at a step, several times for TensorBoard; their line in metrics.jsonl begins with its place."""
         numbers = {}
         for tag, value in values.items():
             if isinstance(value, Interval):
@@ -259,14 +283,26 @@ class Tracker:
                 numbers |= {name: number for name, number in several if not math.isnan(number)}
             else:
                 numbers[tag] = value
-        shown = {tag: SummaryMetadata(display_name=name) for tag, name in names.items()}
-        written = [Summary.Value(tag=tag, simple_value=x, metadata=shown.get(tag)) for tag, x in numbers.items()]
-        self._add(Summary(value=written), step)
+        written = [
+            Summary.Value(
+                tag=tag,
+                simple_value=x,
+                metadata=SummaryMetadata(display_name=names.get(tag, ""), summary_description=_description(tag)),
+            )
+            for tag, x in numbers.items()
+            if self._shown.fullmatch(tag)
+        ]
+        for _ in range(times if written else 1):
+            self._add(Summary(value=written), step)
         with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")
 
     def _add(self, content: Summary, step: int) -> None:
         self._file.write(event_pb2.Event(summary=content, step=step))
+
+
+def _description(tag: str) -> str:
+    return next((text for pattern, text in _DESCRIPTIONS.items() if re.fullmatch(pattern, tag)), "")
 
 
 def _escaped(text: str) -> str:

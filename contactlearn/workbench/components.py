@@ -48,7 +48,13 @@ def figure(identity: str, caption: str) -> Component:
 def bars(errors: Iterable[tuple[str, Interval]], largest: float) -> Component:
     """Return a table of errors: name, number with interval, bar that ends at `largest`."""
     cells = [
-        html.Tr([html.Th(name, scope="row"), html.Td(brief_interval(x), className="value"), html.Td(bar(x, largest))])
+        html.Tr(
+            [
+                html.Th(name, scope="row"),
+                html.Td(brief_interval(x), className="value"),
+                html.Td(bar(x, largest), className="bar"),
+            ]
+        )
         for name, x in errors
     ]
     return html.Table(html.Tbody(cells), className="bars")

@@ -26,17 +26,9 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.results.types import BEST_POST_HOC, IRB, CurveCalibration, LearningCurve
+from contactlearn.results.types import BEST_POST_HOC, CurveCalibration, LearningCurve
 
 Bases = Mapping[str, Mapping[int, Law | ContactModel]]
-
-
-def charted(settings: EvaluateSettings) -> tuple[str, ...]:
-    """Return the names of the models and bounds that have a learning curve."""
-    if not settings.recipes:
-        return ()
-    joint = (fitting.augmented_name(settings.law.name, settings.effects),) if settings.effects else ()
-    return (*settings.laws, *joint, *settings.learnable, BEST_POST_HOC, IRB)
 
 
 def learning_study(

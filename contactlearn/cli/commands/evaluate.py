@@ -36,7 +36,7 @@ from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import model_labels, phrase
+from contactlearn.report.text import best_learned, model_labels, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
@@ -54,10 +54,11 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     row = _drawn_row(settings, data)
     size = len(data.pool) if settings.effects else data.train_size
     metric = metrics.headline_metric(settings.bounds.norm)
-    with record.tracker_of(run, size, metric, curves=curves.charted(settings)) as tracker:
+    with record.tracker_of(run, size, metric, curves=bool(settings.recipes)) as tracker:
         result = _evaluate(settings, run, data, row, tracker)
     labels = model_labels(result)
-    terminal.show_end(run.folder, phrase("evaluation_headline", labels, result.best, result.differences))
+    learnt = phrase("evaluation_headline", labels, result.best, result.differences), best_learned(result)
+    terminal.show_end(run.folder, " ".join(filter(None, learnt)))
     if not any(word.startswith("experiment=") for word in run.overrides):  # the name of another command's
         terminal.show_next([*invocation("diagnose"), *(word for word in run.overrides if word.startswith("data"))])
 
@@ -113,9 +114,6 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         drawn |= _judged_drawn(result, held_out)
     if learned:
         drawn |= _curves_drawn(result, learned, data.test, held_out.bounds[IRB])
-    for name, curve in learned.items():
-        for place, size in enumerate(curve.sizes):
-            tracker.histogram(f"curve_errors/{name}", curve.errors[result.metric][place], size)
     record.write_figures(tracker, run, drawn)
     write(run.folder, of_evaluation(result, held_out))
     return result
@@ -216,7 +214,7 @@ def _record(settings: EvaluateSettings, data: Split, held_out: HeldOut, result: 
             ),
             (size, {record.own_tags(result.metric)[0]: errors[result.model]}),
         ],
-        histograms=[(size, record.distributions(result.metric, data.test, held_out.predictions, result.model))],
+        histograms=[(size, record.residuals(data.test, held_out.predictions[result.model]))],
         law=result.law,
         effects=[effect.name for effect in result.effects],
         equations=(

@@ -11,7 +11,6 @@ from torch import Tensor
 from contactlearn import laws
 from contactlearn.cli.job import Run
 from contactlearn.data.tracks import Tracked
-from contactlearn.effects import catalogue
 from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import NORMS, Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
@@ -79,28 +78,28 @@ def own_tags(metric: str) -> tuple[str, str]:
     return f"{metric}/model", f"{metric}/{IRB}"
 
 
-def tracker_of(
-    run: Run, trained_on: int, metric: str, *, curves: Sequence[str] = (), charts: Charts = NO_CHARTS
-) -> Tracker:
+def tracker_of(run: Run, trained_on: int, metric: str, *, curves: bool = False, charts: Charts = NO_CHARTS) -> Tracker:
     """Open the record of a run with its charts, before anything is computed.
 
     Args:
         run: whose folder it is written to.
         trained_on: number of training trials of its model.
         metric: by which its models are compared.
-        curves: models that have a learning curve to chart.
+        curves: whether learned models have learning curves.
         charts: further charts by category.
     """
-    error = metrics.METRICS[metric].name
+    error, named = metrics.METRICS[metric].name, "|".join(laws.names())
     chosen: dict[str, str | Sequence[str]] = {
         f"Each run's model, and the IRB bound: {error}": [f"{tag}$" for tag in own_tags(metric)]
     }
+    learned = rf"curve_{metric}/(?!({named})$)"
     if curves:
-        tag, named = f"curve_{metric}/", "|".join(laws.names())
-        chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [f"{tag}(?!({named})$)"]
-        chosen[f"Laws, Best Post Hoc and IRB bound: {error}"] = [f"{tag}({named}|best_post_hoc|irb)$"]
-        chosen |= {f"{name}: {error} with 95 % interval": f"{tag}{name}" for name in curves}
-    return Tracker(run.folder, trained_on, {HELD_OUT_CHARTS: chosen, **charts})
+        chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [learned]
+    shown = (
+        rf"(interval/)?(\w+_error/model|ladder/{metric})(/low|/high)?|\w+_error/irb|{learned}.+|transfer_{metric}/.+"
+        rf"|fit/(loss|{metric}|negative_log_density)|limits/.+|floor/.+"
+    )
+    return Tracker(run.folder, trained_on, {HELD_OUT_CHARTS: chosen, **charts}, shown=shown)
 
 
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
@@ -151,11 +150,10 @@ def scalars(
     return values
 
 
-def distributions(metric: str, test: Impacts, predictions: Mapping[str, Prediction], model: str) -> dict[str, Tensor]:
-    """Return the errors of all models on the held-out trials, and the residuals of one of them, by tag."""
-    found = {f"errors/{metric}/{name}": metrics.METRICS[metric].error(test, one) for name, one in predictions.items()}
-    residual = test.v_post - predictions[model].v_post
-    return found | {f"residuals/{name}": x for name, x in zip(test.space.symbols, residual.T, strict=True)}
+def residuals(test: Impacts, prediction: Prediction) -> dict[str, Tensor]:
+    """Return the residuals of a model on the held-out trials, by tag."""
+    left = test.v_post - prediction.v_post
+    return {f"residuals/{name}": x for name, x in zip(test.space.symbols, left.T, strict=True)}
 
 
 def law_equation(fit: LawEstimate) -> str:
@@ -183,7 +181,6 @@ def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, rec
         "train_size": record.trained_on,
         "variant": run.config["variant"],
     }
-    values |= {f"effect_{name}": name in effects for name in dict.fromkeys((*catalogue(), *effects))}
     choices = {"command": ("train", "evaluate", "diagnose"), "law": (*laws.names(), _NONE)}
     shown = {}
     for metric in map(metrics.headline_metric, NORMS):

@@ -179,7 +179,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     predictions = trained.predict(test, settings.bounds.norm)
     prediction = predictions[trained.name]
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
-    distributions = record.distributions(result.metric, test, predictions, trained.name)
+    distributions = record.residuals(test, predictions[trained.name])
     drawn["predicted_against_measured"] = record.draw_predictions(test, prediction)
     if trained.surface is not None:
         drawn["cost_surface"] = trained.surface

@@ -13,7 +13,7 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text import model_labels, phrase, phrases, sentence, source_label
+from contactlearn.report.text import best_learned, model_labels, phrase, phrases, sentence, source_label
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
 
@@ -35,13 +35,14 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
     given = held_out.law_impulses(result)
     fitted, arrays = of_laws(given)
     sentences = _sentences(result, labels, closest, len(test))
+    learned = best_learned(result)
     arrays |= of_outcomes(test, torch.stack([predictions[name].v_post for name in names]), result.norm)
     return {
         "title": f"Evaluation on {source_label(test.source)}",
         "verdict": {
             "key": "evaluation",
             "headline": phrase("evaluation_headline", labels, result.best, result.differences),
-            "support": sentences[:1],
+            "support": [sentences[0], *([learned] if learned else [])],
             "sentences": sentences[1:],
         },
         "law": {"name": closest, "label": law_style(closest).label},
@@ -98,7 +99,7 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
         sentences.append(sentence(note))
     if (judged := result.trained.get(result.model)) is not None:
         sentences.append(sentence(phrase("judged_model", labels[result.model], judged)))
-    return sentences + (["Learned models are under Learning curves."] if result.learning_curves else [])
+    return sentences
 
 
 def _curves(result: Evaluation) -> list[dict[str, Any]]:

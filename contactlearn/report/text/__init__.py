@@ -39,6 +39,7 @@ from contactlearn.report.text.numbers import (
     share_of_whole as share_of_whole,
 )
 from contactlearn.report.text.sentences import (
+    best_learned as best_learned,
     conclusion as conclusion,
     confidence as confidence,
     correct_setting as correct_setting,

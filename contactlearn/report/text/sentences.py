@@ -44,6 +44,7 @@ from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
+from contactlearn.results.types import Evaluation
 from contactlearn.scatter import find_component
 
 _MOST_MODELS = 5  # in the list of plausible models
@@ -101,6 +102,15 @@ def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[
 def headline(found: Diagnosis) -> str:
     """Write the verdict in one sentence of at most 25 words; `grounds` has the rest."""
     return phrase("verdict", found)
+
+
+def best_learned(result: Evaluation) -> str:
+    """Name the best learned model of the learning curves and its error; empty where there is none."""
+    curves = {name: curve for name, curve in result.learning_curves.items() if curve.calibration is not None}
+    if not curves:
+        return ""
+    last = {names.model_label(name): curve.of(result.metric)[-1] for name, curve in curves.items()}
+    return phrase("best_learned", last, next(iter(curves.values())).sizes[-1])
 
 
 def grounds(found: Diagnosis) -> list[str]:
