@@ -66,7 +66,7 @@ def opened(browser, address):
     if not left:
         browser.get(address)
     until(browser, "document.documentElement.dataset.shown")
-    until(browser, "document.querySelectorAll('#ladder tr').length > 1")
+    until(browser, "document.querySelectorAll('#ladder tr').length > 0")
     return browser
 
 
