@@ -79,7 +79,7 @@ def comparison(table: "DataFrame") -> Figure:
     """Draw the table of `compare`: a bar for each model with its 95 % interval."""
     intervals = [Interval(*row) for row in table[["error", "low", "high"]].itertuples(index=False)]
     with style.look():
-        return figures.error_bars([str(name) for name in table.index], intervals, [True] * len(table))
+        return figures.error_bars([str(name) for name in table.index], intervals)
 
 
 def predictions(impacts: Impacts, prediction: Prediction) -> Figure:

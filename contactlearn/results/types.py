@@ -458,11 +458,12 @@ class Transfer:
 class DiagnosisRun:
     """A diagnosis as diagnosis.json holds it; its record of impacts and models lies beside the file.
 
-    `use` is the command that evaluates the diagnosed model on the same data.
+    `use` is the command that evaluates the diagnosed model on the same data, `headline` the verdict in one sentence.
     """
 
     kind: RunKind = RunKind.DIAGNOSIS
     format: int = FORMAT
     provenance: Provenance
     use: str
+    headline: str = ""
     diagnosis: Diagnosis

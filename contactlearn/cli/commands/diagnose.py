@@ -72,7 +72,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
         )
     command = _evaluation_command(settings, run, found)
     provenance = run.provenance(Blocks.of(impacts), devices.find("cpu"))
-    result = DiagnosisRun(provenance=provenance, use=command, diagnosis=found)
+    result = DiagnosisRun(provenance=provenance, use=command, headline=headline(found), diagnosis=found)
     if found.record is not None:
         found.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)

@@ -23,6 +23,7 @@ import torch
 from jaxtyping import Float, Real
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
@@ -53,6 +54,11 @@ from contactlearn.report.figures.impulse_space import scattered_impulses
 from contactlearn.report.text import base_label, effect_label, error, fix_spacing, percent, phrase, rung_label, sentence
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
+_INKS = {
+    RungKind.LAW: st.tint(_BLUE, 0.45), RungKind.EFFECT: st.tint(_BLUE, 0.45),
+    RungKind.PROCESSES: st.tint(_YELLOW, 0.6),
+}  # fmt: skip
+"""Colours of physics and of what is learned without a name; noise is grey."""
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
 _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
@@ -110,8 +116,8 @@ def drawn(found: Diagnosis) -> dict[str, Figure]:
 def ladder_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each rung with its 95 % interval; the IRB bound is a line."""
     names = [rung_label(rung, base_label(found)) for rung in found.ladder]
-    physical = [rung.kind in (RungKind.LAW, RungKind.EFFECT) for rung in found.ladder]
-    figure = error_bars(names, [rung.error for rung in found.ladder], physical)
+    colors = [_INKS.get(rung.kind, st.tint(st.DARK, 0.35)) for rung in found.ladder]
+    figure = error_bars(names, [rung.error for rung in found.ladder], colors)
     if found.budget is not None:
         style = st.law_style("irb")
         look: dict[str, Any] = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
@@ -125,7 +131,7 @@ def laws_figure(found: Diagnosis) -> Figure:
     """Draw the held-out error of each law without effects, the least first."""
     laws = sorted(found.laws, key=lambda one: one.error)
     errors = [Interval(one.error, one.error, one.error) for one in laws]
-    return error_bars([st.law_style(one.name).label for one in laws], errors, [True] * len(laws))
+    return error_bars([st.law_style(one.name).label for one in laws], errors)
 
 
 @st.look()
@@ -156,15 +162,15 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     return figure
 
 
-def error_bars(names: Sequence[str], errors: Sequence[Interval], physical: Sequence[bool]) -> Figure:
-    """Draw errors from top to bottom, each below its number and name; models without physics are grey."""
+def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _INKS[RungKind.LAW]) -> Figure:
+    """Draw errors from top to bottom, each below its number and name; a line behind strikes no name through."""
     figure = st.new_figure(st.PAGE, 0.7 + 0.38 * len(names))
     axes = st.name_axes(figure.subplots(), ERROR)
-    blue, grey, places = st.tint(st.CONTRAST[0], 0.45), st.tint(st.DARK, 0.2), range(len(names))
-    axes.barh(places, [x.mean for x in errors], color=[blue if one else grey for one in physical], height=0.42)
+    places, halo = range(len(names)), [withStroke(linewidth=3, foreground="white")]
+    axes.barh(places, [x.mean for x in errors], color=colors, height=0.42)
     axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
     for place, name in enumerate(names):
-        axes.text(0, place - 0.24, f"{error(errors[place].mean)}  {st.plain(name, 60)}", va="bottom")
+        axes.text(0, place - 0.24, f"{error(errors[place].mean)}  {st.plain(name, 60)}", va="bottom", path_effects=halo)
     axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(len(names) - 0.6, -0.8))
     axes.set_yticks([])
     return figure
