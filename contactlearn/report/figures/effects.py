@@ -57,7 +57,7 @@ def effect_curve(partial: Partial, title: str | None = None, *, remaining: bool 
     else:
         _plot(axes, x, measured, dots | {"label": "Trials", "gid": "measured"} | _GREY)
         _plot(axes, x, explained, dots | {"label": "Effect, by trial", "gid": "explained"} | _PINK)
-    _plot(axes, middle, means(groups, measured), mean | {"label": "Trials, mean of a twentieth", "gid": "mean"})
+    _plot(axes, middle, means(groups, measured), mean | {"label": "Mean of each 5 % of trials", "gid": "mean"})
     _plot(axes, middle, means(groups, explained), _EFFECT)
     if remaining:
         _plot(axes, middle, means(groups, measured - explained), _REST)
