@@ -207,7 +207,7 @@ def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
 
 def test_a_trained_law_of_ones_own_comes_back(package, tmp_path):
     printed = run("train.py", *TRAIN, *CHOSEN, f"hydra.run.dir={tmp_path / 'run'}")
-    assert "bumpy_floor" in printed
+    assert "Bumpy floor" in printed
     model = checkpoint.load(tmp_path / "run" / "model.pt")
     assert model.base.share == 0.5
 
