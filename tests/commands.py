@@ -53,7 +53,7 @@ def run(*arguments, cwd=ROOT, status=0, figures=False):
 def small_search():
     """Diagnoses search six effects, and a user's own, and compare two laws, for tests that are not about the search."""
 
-    def first(space):
+    def first(*_):
         own = (name for name, (kind, *_) in catalogue().items() if not kind.__module__.startswith("contactlearn."))
         return few(*EFFECTS, *own)
 

@@ -37,6 +37,8 @@ _CATALOGUES = {
         {
             "base",
             "checks",
+            "covariate_dependent_friction",
+            "covariate_dependent_restitution",
             "floor_functions",
             "formula",
             "functions",
@@ -194,7 +196,8 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
     if law is None:
         raise ContactLearnError(f"model={value}: its data were refused, so it has no model; see its report.html")
     found = [(key[1], word) for word in said if (key := _MODEL_WORD.match(word)) and key[1] not in typed]
-    if foreign := next((word for _, word in found if "_target_" in word and word not in own), None):
+    classes = (word for _, word in found if "_target_" in word and "._target_=contactlearn.effects." not in word)
+    if foreign := next((word for word in classes if word not in own), None):
         raise ContactLearnError(
             f"model={value}: a class of another package is only taken from the command line: add {foreign} to it, if "
             "you trust that class"

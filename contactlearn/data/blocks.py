@@ -108,7 +108,13 @@ def joined(parts: Sequence[Impacts]) -> Impacts:
         field: tuple(name for part in parts for name in getattr(part, field))
         for field in ("trial", "object", "recording")
     }
-    return parts[0].replace(**values, **names)
+    covariates = {
+        name: torch.cat([part.covariates[name] for part in parts])  # pyright: ignore[reportArgumentType, reportCallIssue]
+        if isinstance(one, Tensor)
+        else tuple(name_of for part in parts for name_of in part.covariates[name])
+        for name, one in parts[0].covariates.items()
+    }
+    return parts[0].replace(**values, **names, covariates=covariates)
 
 
 def _check_unique_trials(source: str, hashes: np.ndarray, read: Callable[[], Iterator[Impacts]]) -> None:

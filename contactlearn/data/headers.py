@@ -169,6 +169,8 @@ def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
         if quantity != "rotation" or space is PLANE:
             value, source = _unit(quantity, names, known)
             yield Setting(name=f"units.{quantity}", value=value, comment=f"{' or '.join(choices)}; {source}")
+    own = f", such as those of {', '.join(map(repr, known.others))}" if known.others else ""
+    yield Setting(name="covariates", value=[], comment=f"columns that outcomes may depend on{own}")
     yield Setting(name="correct", value=[], comment="corrections that the audit names, in this order")
 
 

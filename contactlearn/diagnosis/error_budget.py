@@ -124,7 +124,8 @@ def _neighbours(impacts: Impacts) -> tuple[Float[Tensor, "n k"], Tensor]:
         began = torch.cat([columns for name, columns in input_columns(impacts).items() if name != "order"], -1)
     else:
         known = of_state(State.of(impacts))
-        began = torch.stack([known[name] for name in _INPUTS], -1)
+        own = torch.stack([known[name] for name in _INPUTS], -1)
+        began = torch.cat((own, *impacts.covariate_columns.values()), -1)
     varies = began.std(0) > 1e-9 * began.abs().amax(0)
     began = ((began - began.mean(0)) / began.std(0))[:, varies]
     apart = torch.cdist(began, began).fill_diagonal_(torch.inf)

@@ -62,7 +62,7 @@ def diagnose(
         return replace(_refused(law, findings, thresholds), evidence=evidence)
     impacts = correct(impacts, audited.corrections, thresholds.audit)
     laws = options.laws or all_laws(impacts.space)
-    candidates = options.candidates or all_candidates(impacts.space)
+    candidates = options.candidates or all_candidates(impacts.space, impacts.covariates)
     if any(finding.name == "spin_not_measured" for finding in findings):
         candidates = without_spin(candidates, impacts)
     question = Question(

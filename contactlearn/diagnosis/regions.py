@@ -86,7 +86,7 @@ class Grid:
 def _cuts(variable: Variable, values: Float[Tensor, " m"]) -> Float[Tensor, " k"]:
     """Limits between cells of about equal number, ascending, rounded as they are written."""
     if variable.labels:
-        return torch.tensor((-0.5, 0.5), dtype=torch.float64)
+        return torch.arange(len(variable.labels) - 1, dtype=torch.float64) - 0.5
     cells = min(max(_CELLS, min(_OF_MANY, len(values) // _MANY)), len(values) // _FINEST)
     if cells < 2 or values.min() == values.max():
         return values[:0]

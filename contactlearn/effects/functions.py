@@ -6,6 +6,7 @@
     AroundBody, …       functions of the orientation θ, of period 2π
     AlongFloor          Legendre polynomials of the place x on the floor
     ByBody              one value for each object
+    OfCovariate         functions of a covariate: LinearInCovariate, CovariateCurve, ByGroup
 
 A function that a coefficient adds has a method `coefficient`, which `base.ChangesFriction` and
 `base.ChangesRestitution` apply to μ and to ε.  A family whose forms are arms states their range, `ARM`.
@@ -23,7 +24,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Parameter, parameter, require_positive, usual_parameter
 from contactlearn.effects.state import State, columns
@@ -320,14 +321,14 @@ class ByBody(Frozen):
 
     formula: ClassVar[str]
     differences: Tensor | tuple[()] = field(default=(), metadata={"parameter": None})
-    objects: tuple[str, ...] | None = None  # names; None: those of the measurements
+    objects: tuple[str | float, ...] | None = None  # names; None: those of the measurements
 
     def __post_init__(self) -> None:
         given = torch.as_tensor(self.differences, dtype=torch.float64)
         object.__setattr__(self, "differences", given if given.numel() else torch.zeros(len(self._others)).double())
 
     @property
-    def _others(self) -> tuple[str, ...]:
+    def _others(self) -> tuple[str | float, ...]:
         """Names of the objects with a difference."""
         return self.objects[1:] if self.objects and len(self.objects) <= MOST_OBJECTS else ()
 
@@ -335,7 +336,7 @@ class ByBody(Frozen):
     def parameters(self) -> tuple[Parameter, ...]:
         """A difference for each object after the first."""
         named = enumerate(self._others, 2)
-        return tuple(Parameter(f"d{k}", f"Δ({name})", "–", -0.5, 0.5) for k, name in named)
+        return tuple(Parameter(f"d{k}", f"Δ({_written(name)})", "–", -0.5, 0.5) for k, name in named)
 
     @property
     def values(self) -> tuple[Tensor, ...]:
@@ -348,7 +349,9 @@ class ByBody(Frozen):
         if self.objects is None:
             return self.formula
         count = len(self.objects)
-        return self.formula + (f", {self.objects[0]}" if self._others else f"; undetermined with {count} of them")
+        return self.formula + (
+            f", {_written(self.objects[0])}" if self._others else f"; undetermined with {count} of them"
+        )
 
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; without a value it stays as it is.
@@ -368,7 +371,131 @@ class ByBody(Frozen):
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         """Return the coefficient with the difference of each trial's object added, 0 for an unknown object."""
-        total = torch.zeros_like(state.mass)
+        return value + self.difference(torch.zeros_like(state.mass), state.body)
+
+    def difference(self, total: Float[Tensor, "... n"], codes: Tensor | None) -> Float[Tensor, "... n"]:
+        """Add the difference of each trial's object, by its number or `body_code` of its name."""
         for name, difference in zip(self._others, self.values, strict=True):
-            total = total + torch.where(state.body == body_code(name), difference, 0.0)
-        return value + total
+            code = body_code(name) if isinstance(name, str) else name
+            total = total + torch.where(codes == code, difference, 0.0)
+        return total
+
+
+def _written(name: str | float) -> str:
+    return name if isinstance(name, str) else f"{name:g}"
+
+
+# --- Covariates --------------------------------------------------------------------------------------------
+
+
+class OfCovariate(Frozen):
+    """A function of one covariate (`Impacts.covariates`), such as a temperature or an operator.
+
+    A state without covariates, such as that of a roll-out, has the coefficient of the law: that of the first group, or
+    of the middle of the measured range.
+    """
+
+    formula: ClassVar[str]
+    covariate: str = field(kw_only=True)
+
+    def measured(self, impacts: Impacts) -> Tensor | tuple[str, ...]:
+        """Return the covariate of each trial.
+
+        Raises:
+            DataError: the impacts do not have it.
+        """
+        if self.covariate not in impacts.covariates:
+            known = ", ".join(impacts.covariates) or "none"
+            raise DataError(
+                f"{impacts.source}: has no covariate {self.covariate!r}{suggest(self.covariate, impacts.covariates)}; "
+                f"it has {known}; data.covariates=[{self.covariate}] reads a column"
+            )
+        return impacts.covariates[self.covariate]
+
+    def _rises(self, parameters: tuple[Parameter, ...], knots: Knots | None) -> tuple[Parameter, ...]:
+        """Parameters with symbols that say over which values of the covariate each of them is the rise."""
+        if knots is None:
+            return parameters
+        letter = self.formula[0]
+        symbols = (f"Δ{letter}({self.covariate} {low:g} → {high:g})" for low, high in pairwise(knots))
+        return tuple(replace(one, symbol=symbol) for one, symbol in zip(parameters, symbols, strict=True))
+
+
+class LinearInCovariate(OfCovariate):
+    """c (u − ū)/Δu over the middle nine tenths, Δu about ū, of the measured values u: c is the change over it."""
+
+    c: Tensor | float = usual_parameter("c")
+    span: tuple[float, float] | None = None  # of u; None: that of nine tenths of the measurements
+
+    def taken_from(self, impacts: Impacts) -> Self:
+        """Return the function with its span taken from the impacts where it is open."""
+        values = torch.as_tensor(self.measured(impacts))
+        if self.span is not None:
+            return self
+        knots = _spread(values)
+        return replace(self, span=(knots[0], knots[-1]))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The change over the span, which its symbol says."""
+        return self._rises(super().parameters, self.span)  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownArgumentType]  (of `Effect`)
+
+    @property
+    def equation(self) -> str:
+        """The formula with the span once it is known."""
+        if self.span is None:
+            return self.formula
+        return f"{self.formula}, u = {self.covariate}, {self.span[0]:g} to {self.span[1]:g}"
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the function of the covariate added.
+
+        Raises:
+            ContactLearnError: the span is open.
+        """
+        if self.covariate not in state.covariates:
+            return value
+        if self.span is None or not self.span[0] < self.span[1]:
+            raise ContactLearnError(f"a span of {self.covariate} is [low, high], given or taken by prepare(impacts)")
+        low, high = self.span
+        return value + self.c * (state.covariates[self.covariate] - (low + high) / 2) / (high - low)
+
+
+class CovariateCurve(OfCovariate, Spline):
+    """s(u), a smooth curve over the measured values u."""
+
+    @property
+    def argument(self) -> Argument:  # pyright: ignore[reportIncompatibleVariableOverride]  (of this very effect)
+        """The covariate as the argument of a curve."""
+        return Argument(self.covariate, "–", lambda state: state.covariates[self.covariate])
+
+    def taken_from(self, impacts: Impacts) -> Self:
+        """Return the curve with its knots at quantiles of the covariate where they are open."""
+        self.measured(impacts)
+        return super().taken_from(impacts)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The rises from knot to knot, as their symbols say."""
+        return self._rises(super().parameters, self.knots)  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownArgumentType]  (of `Effect`)
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with s(u) added."""
+        return super().coefficient(state, value) if self.covariate in state.covariates else value
+
+
+class ByGroup(OfCovariate, ByBody):
+    """Differences Δ_j of the groups of a covariate after the first, named or few distinct numbers."""
+
+    def taken_from(self, impacts: Impacts) -> Self:
+        """Return the effect with the groups taken from the impacts where they are open."""
+        values = self.measured(impacts)
+        if self.objects is not None:
+            return self
+        return replace(self, objects=tuple(dict.fromkeys(values.tolist() if isinstance(values, Tensor) else values)))
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the difference of each trial's group added, 0 for an unknown group."""
+        if self.covariate not in state.covariates:
+            return value
+        return value + self.difference(torch.zeros_like(state.mass), state.covariates[self.covariate])

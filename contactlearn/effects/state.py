@@ -8,12 +8,14 @@ the place `state` change it, and it keeps the changes of frame, so that a veloci
     offset    centre of mass minus the tracked point, m; v_pre is the centre of mass's
 
 `stretch` is the factor on the body's nominal shape along its own axes, `corner` the radius of its corners in m.
-`body` is a number for the name of each trial's object (`mechanics.bodies`), which selects its shape.
+`body` is a number for the name of each trial's object (`mechanics.bodies`), which selects its shape, and `covariates`
+has the numbers of further quantities by name (`Impacts.covariate_codes`); a state that no table is behind has none.
 
 Once the law's coefficients are known they are in `mu` and `eps`.
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,16 +56,21 @@ class State:
     eps: Float[Tensor, "..."] | None = None
     corner: Tensor | float = 0.0
     body: Int[Tensor, "*#batch n"] | None = None
+    covariates: Mapping[str, Float[Tensor, "*#batch n"]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, impacts: Impacts, rows: Int[Tensor, "... n"] | slice = slice(None)) -> "State":
         """Return the measured state of all impacts, or of those at `rows` [..., n]."""
         mass, inertia, r, q, v_pre, order = (getattr(impacts, name)[rows] for name in _MEASURED)
-        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=impacts.body[rows])
+        covariates = {name: values[rows] for name, values in impacts.covariate_codes.items()}
+        return cls(mass, inertia, r, q, v_pre, order, impacts.shape, body=impacts.body[rows], covariates=covariates)
 
     def __getitem__(self, which: Tensor | slice | tuple[slice, slice]) -> "State":
         """Return the measured state of some of the trials, or of some of the leading axes."""
-        return self.replace(**{name: getattr(self, name)[which] for name in (*_MEASURED, "body")})
+        covariates = {name: values[which] for name, values in self.covariates.items()}
+        return self.replace(
+            **{name: getattr(self, name)[which] for name in (*_MEASURED, "body")}, covariates=covariates
+        )
 
     def replace(self, **changes: Any) -> "State":
         """Return a copy with some fields changed."""

@@ -14,13 +14,14 @@ in SI units, all on one device (`contactlearn.core.devices` moves them); validat
     order              [N]                 place in the sequence of measurements; 1, 2, 3 … if left out
     trial, object      tuples of N names
     recording          optional: names of the recordings of the trials; those of one are held out together
+    covariates         optional: other quantities by name, numbers [N] or N names, such as temperature and operator
     shape                              optional: that of all bodies, or by object (`contactlearn.mechanics.bodies`)
     apparatus                          optional: estimates of its parameters from other measurements
 
 (d, D) = (2, 3) in the plane and (3, 6) in space (`mechanics.space`); r says which it is.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
@@ -30,6 +31,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.fingerprint import Fingerprint
@@ -49,6 +51,13 @@ UNIT = 1e-3
 """Difference from 1 that the length of a quaternion may have, as numbers of a few digits do."""
 
 OPTIONAL = ("q_post", "time", "order")
+
+COVARIATE = "covariate_"
+"""Start of the names of columns of covariates."""
+Covariates = Mapping[str, Float[Tensor, "n"] | tuple[str, ...]]
+"""Quantities of each trial by name: numbers, or names of groups."""
+MOST_GROUPS = 10
+"""Groups of a covariate, at most, that are told apart."""
 
 ImpulseTarget = Literal["momentum", "least_squares", "contact"]
 IMPULSE_TARGETS: tuple[ImpulseTarget, ...] = get_args(ImpulseTarget)
@@ -87,6 +96,7 @@ class Impacts:
     object: tuple[str, ...] = ()
     shape: AnyShape | None = None
     recording: tuple[str, ...] = field(default=(), kw_only=True)
+    covariates: Covariates = field(default_factory=dict, kw_only=True)
     apparatus: Apparatus | None = field(default=None, kw_only=True)
     source: str = field(default="unnamed", kw_only=True)
     validate: bool = field(default=True, kw_only=True)
@@ -111,6 +121,7 @@ class Impacts:
             self._take("outcome_shift", (n, self.space.D))
         object.__setattr__(self, "trial", tuple(map(str, self.trial)) or tuple(str(i + 1) for i in range(n)))
         object.__setattr__(self, "object", tuple(map(str, self.object)) or ("body",) * n)
+        object.__setattr__(self, "covariates", {name: _covariate(one) for name, one in self.covariates.items()})
         self._validate()
 
     def _take(self, name: str, shape: tuple[int, ...]) -> None:
@@ -133,6 +144,14 @@ class Impacts:
                 raise DataError(f"{self.source}: {len(getattr(self, name))} {name} names for {n} impacts")
             if "" in getattr(self, name):
                 row = getattr(self, name).index("") + 1
+                raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
+        for name, values in self.covariates.items():
+            if len(values) != n:
+                raise DataError(f"{self.source}: {len(values)} values of the covariate {name} for {n} impacts")
+            if isinstance(values, Tensor):
+                self._refuse(~torch.isfinite(values), name, values, "must be a finite number")
+            elif "" in values:
+                row = values.index("") + 1
                 raise DataError(f"{self.source}: row {row}, column {name}: must have a name, got an empty one", row=row)
         object.__setattr__(self, "shape", complete_shapes(self.shape, self.object, self.source))
         for one in shapes_among(self.shape).values():
@@ -265,6 +284,8 @@ class Impacts:
         for name, names in self.space.covariances.items():
             if (value := getattr(self, name)) is not None:
                 columns |= zip(names, value.cpu()[:, *self.space.upper].T.numpy(), strict=True)
+        for name, values in self.covariates.items():
+            columns[f"{COVARIATE}{name}"] = values.cpu().numpy() if isinstance(values, Tensor) else values
         known = {} if self.apparatus is None else self.apparatus.to_columns()
         return DataFrame(columns | {name: [value] * len(self) for name, value in known.items()})
 
@@ -288,6 +309,10 @@ class Impacts:
                 values[name] = values[name][index]
         for name in ("trial", "object", "recording"):
             values[name] = tuple(values[name][i] for i in picked) if values[name] else ()
+        values["covariates"] = {
+            name: one[index] if isinstance(one, Tensor) else tuple(one[i] for i in picked)
+            for name, one in self.covariates.items()
+        }
         return Impacts(**values)
 
     def numbered(self, rows: Tensor | Sequence[int] | int | slice) -> Int[Tensor, "..."]:
@@ -323,6 +348,27 @@ class Impacts:
         """Number of each trial's recording, counted from 0; None where recordings are not named."""
         numbers = {name: number for number, name in enumerate(dict.fromkeys(self.recording))}
         return torch.tensor([numbers[name] for name in self.recording]) if self.recording else None
+
+    @cached_property
+    def covariate_codes(self) -> dict[str, Float[Tensor, "n"]]:
+        """Numbers [N] of each covariate; `body_code` of the names of groups."""
+        return {
+            name: one if isinstance(one, Tensor) else body_codes(one).to(self.mass)
+            for name, one in self.covariates.items()
+        }
+
+    @cached_property
+    def covariate_columns(self) -> dict[str, Float[Tensor, "n c"]]:
+        """Columns [N, c] of the covariates that vary: numbers, or an indicator of each group, of at most ten."""
+        found: dict[str, Tensor] = {}
+        for name, one in self.covariates.items():
+            _, number = self.covariate_codes[name].unique(return_inverse=True)
+            groups = int(number.max()) + 1
+            if isinstance(one, Tensor) and groups > 1:
+                found[name] = one[:, None]
+            elif 1 < groups <= MOST_GROUPS:
+                found[name] = one_hot(number).to(self.mass)
+        return found
 
     @property
     def space(self) -> Space:
@@ -398,6 +444,11 @@ class Impacts:
         for name in (*self.space.components, *self.space.covariances):
             if (value := getattr(self, name)) is not None:
                 digest.add_numbers(name, value)
+        for name, one in self.covariates.items():
+            if isinstance(one, Tensor):
+                digest.add_numbers(f"{COVARIATE}{name}", one)
+            else:
+                digest.add_texts(f"{COVARIATE}{name}", one)
         if self.apparatus is not None:
             digest.set_text("apparatus", repr(self.apparatus))
 
@@ -409,6 +460,13 @@ class Impacts:
         generator = torch.Generator().manual_seed(0) if generator is None else generator
         held_out = random_share(len(self), test, generator, self.source, self.groups)
         return self[~held_out], self[held_out]
+
+
+def _covariate(values: Any) -> Tensor | tuple[str, ...]:
+    """A covariate as numbers, or as names."""
+    if isinstance(values, Sequence) and all(isinstance(one, str) for one in values):
+        return tuple(values)
+    return torch.as_tensor(values, dtype=torch.float64).clone()
 
 
 def measured_impulse(impacts: Impacts, target: str = "momentum") -> Float[Tensor, "n d"]:

@@ -39,11 +39,14 @@ ROUNDING = 1e-10  # relative to 1 m/s and 10 rad/s: a few operations more or les
 DIFFERENCES = 1e-3  # of a difference with a step of 1e-6 of the range
 
 
+_COVARIATES = {"temperature": torch.linspace(10, 30, N), "operator": ("A", "B") * (N // 2)}
+
+
 @cache
 def _drops(shape: Shape | None) -> Impacts:
     """Make the drops of `EffectContract.impacts` once for all tests."""
     drops = synthetic.load(size=N, shape=shape, velocity_noise=0, spin_noise=0, seed=5)
-    drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)))
+    drops = drops.replace(object=tuple(("first", "second", "third")[k % 3] for k in range(N)), covariates=_COVARIATES)
     generator = torch.Generator().manual_seed(6)
     v = drops.v_pre * (0.5 + torch.rand(N, 1, generator=generator, dtype=torch.float64))
     v[::2, 0] *= -1
@@ -62,7 +65,10 @@ def _tosses() -> Impacts:
     inertia = mass[:, None] * box.gyration_squared()
     v = torch.randn(2, N, 6, generator=generator, dtype=torch.float64) * torch.tensor((1, 1, 1, 6, 6, 6))
     v[0, :, 2] -= 2
-    tosses = Impacts(mass, inertia, r, q, v[0], v[1], shape=box, object=("first", "second") * (N // 2), validate=False)
+    tosses = Impacts(
+        mass, inertia, r, q, v[0], v[1], shape=box, object=("first", "second") * (N // 2), covariates=_COVARIATES,
+        validate=False,
+    )  # fmt: skip
     return tosses[tosses.v_c[:, 2] < -0.1]
 
 

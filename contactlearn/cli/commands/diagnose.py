@@ -20,6 +20,7 @@ from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.result import Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
+from contactlearn.effects.functions import OfCovariate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report import terminal
 from contactlearn.report.events import progress, show_verdict
@@ -51,7 +52,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     with progress(run.folder, tracker, verbose=settings.verbose) as on_event:
         own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
-        every = all_candidates(impacts.space).items()
+        every = all_candidates(impacts.space, impacts.covariates).items()
         others = {key: effect for key, effect in every if type(effect) not in kinds}
         laws = tuple(law for law in settings.laws if impacts.space in law.spaces)
         found = pipeline.diagnose(
@@ -143,6 +144,8 @@ def _evaluation_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) 
         elif not _named(name):
             kind = type(fitted[name])
             words.append(f"+effect.{name}._target_={kind.__module__}.{kind.__name__}")
+            if isinstance(effect := fitted[name], OfCovariate):
+                words.append(f"+effect.{name}.covariate={effect.covariate}")
         elif form:
             words.append(f"effect.{name}.form={form}")
     return shlex.join([*words, "model=[]"])

@@ -14,6 +14,8 @@
     apparatus_gravity, …_error       optional        estimates of the apparatus (`mechanics.apparatus`), each with its
     apparatus_slope, … _error …                      standard error: m/s², 1/s, rad, rad, s; in every row the same
     order                            optional        place in the sequence of measurements; by default 1, 2, 3 …
+    covariate_temperature …          optional        further quantities of each trial, numbers or names of groups;
+                                                     `covariates` says which columns with other names are that
 
 World axes: x right, y up (the floor's normal), theta counter-clockwise.  Columns come in any order.  Names that say the
 same in other words, with units, are understood ("vx' [mm/s]", see `names`); others are mapped (`columns`), other units
@@ -45,6 +47,7 @@ from contactlearn.data.table.columns import (
     REQUIRED,
     NamedColumns,
     apparatus_of,
+    covariate_columns,
     name_columns,
 )
 from contactlearn.data.table.descriptions import phase_column, restated
@@ -61,7 +64,7 @@ from contactlearn.mechanics.bodies import (
     per_body,
     shapes_among,
 )
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import COVARIATE, Impacts
 from contactlearn.mechanics.shapes import Disc, Shape, require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -109,6 +112,7 @@ def load(
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | None = None,
+    covariates: Sequence[str] = (),
     *,
     validate: bool = True,
 ) -> Impacts:
@@ -122,13 +126,18 @@ def load(
             columns, such as "vx [mm/s]", or SI.
         mass: of all bodies in kg, for a table without that column.
         inertia: of all bodies in kg m², for a table without that column.
+        covariates: columns of quantities that outcomes may depend on, such as temperature or operator.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
 
     Raises:
         DataError: naming the rule, the row, the column, the value as written and a fix.
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
-    return read(path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, validate=validate).impacts
+    table = read(
+        path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, covariates=covariates,
+        validate=validate,
+    )  # fmt: skip
+    return table.impacts
 
 
 Impacts.from_frame = staticmethod(load)
@@ -142,6 +151,7 @@ def read(
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | None = None,
+    covariates: Sequence[str] = (),
     validate: bool = True,
     drop_incomplete: bool = False,
 ) -> Table:
@@ -158,6 +168,8 @@ def read(
             as in names of columns, or SI.  A unit in the name of a column goes first.
         mass: of all bodies in kg, for a table without that column.
         inertia: of all bodies in kg m², for a table without that column.
+        covariates: columns of quantities that outcomes may depend on, numbers or names of groups; a unit at the end of
+            a column's name may be left out.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
         drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
@@ -168,7 +180,7 @@ def read(
         UnknownNameError: a shape, column, quantity or unit that does not exist.
     """
     (table,) = read_blocks(
-        path, None, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia,
+        path, None, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, covariates=covariates,
         validate=validate, drop_incomplete=drop_incomplete,
     )  # fmt: skip
     return table
@@ -182,6 +194,7 @@ def read_blocks(
     validate: bool = True,
     mass: float | None = None,
     inertia: float | None = None,
+    covariates: Sequence[str] = (),
     units: Mapping[str, str | None] = STATED,
     columns: Mapping[str, str | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
@@ -194,8 +207,10 @@ def read_blocks(
     known_shape, known_units = make_shapes(shape), Units(units)
     stated = {"mass": mass, "inertia": inertia}
     numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
-    read, left, bodies = 0, False, dict[str, None]()
+    read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
     for cells in _sheets(path, rows):
+        own = covariate_columns(cells, covariates)
+        columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
         cells = restated(cells, known_units, columns, known_shape)
         shaped, turning = known_shape is not None, not _all_discs(known_shape)
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*numbers])
@@ -206,6 +221,7 @@ def read_blocks(
         if len(kept):
             left = True
             values |= {name: torch.full((len(kept),), x, dtype=torch.float64) for name, x in numbers.items()}
+            values["covariates"] = _covariates(kept, numeric)
             impacts = _impacts(kept, values, named, known_shape, validate=validate)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed, read_as=_read_as(named))
     source = _source(path)
@@ -227,7 +243,8 @@ def _source(path: "str | os.PathLike[str] | DataFrame") -> str:
 def _read_as(named: NamedColumns) -> tuple[str, ...]:
     """How a table was understood, with the columns that have other names than ours and their units."""
     renamed = {column: name for column, name in named.cells.written.items() if name != column}
-    words = (f"{column} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
+    ours = {column: column.replace(COVARIATE, "covariate ") for column in renamed}
+    words = (f"{ours[column]} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
     return (*named.cells.read_as, *(word.removesuffix(" in ") for word in words))
 
 
@@ -317,6 +334,17 @@ def _impacts(
         place = cells.place(error.row, error.column)
         below = error.shifted_by(cells.first)
         raise DataError(f"{below}{place}", row=below.row) from None
+
+
+def _covariates(cells: Sheet, numeric: dict[str, bool]) -> dict[str, Tensor | tuple[str, ...]]:
+    """The covariates of a named table; `numeric` remembers over blocks which of them are numbers."""
+    found: dict[str, Tensor | tuple[str, ...]] = {}
+    for column in (column for column in cells.header if column.startswith(COVARIATE)):
+        if numeric.setdefault(column, cells.is_numeric(column)):
+            found[column.removeprefix(COVARIATE)] = torch.from_numpy(cells.numbers(column, "its unit"))
+        else:
+            found[column.removeprefix(COVARIATE)] = cells.names(column)
+    return found
 
 
 def _numbered(cells: Sheet) -> dict[str, Any]:

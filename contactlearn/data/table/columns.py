@@ -32,7 +32,7 @@ from contactlearn.data.table.names import (
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
-from contactlearn.mechanics.impacts import OPTIONAL
+from contactlearn.mechanics.impacts import COVARIATE, OPTIONAL
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
 NEEDED = tuple(column for name in ("gravity", "delay") for column in PAIRS[name])
@@ -92,6 +92,41 @@ COMPUTED[PLANE] |= {"orientation": ("theta",), "spin": ("omega", "omega_post"), 
 A known shape replaces inertia and r.  The height follows of r, no orientation is that of a disc, a spin that was not
 measured of the moments, and bounces along the normal alone have no slip.
 """
+
+
+def covariate_columns(cells: Sheet, covariates: Sequence[str]) -> dict[str, str]:
+    """Return the columns that fill covariates, by our names, such as {"covariate_temperature": "temperature [°C]"}.
+
+    Args:
+        cells: the table under its own names.
+        covariates: names of columns, with or without the unit at their end.
+
+    Raises:
+        DataError: the table has no such column, or it is not clear which it is.
+    """
+    if isinstance(covariates, str) or not all(isinstance(one, str) for one in covariates):
+        raise DataError(f"data.covariates is a list of columns, such as [temperature, operator], got {covariates!r}")
+    found: dict[str, str] = {}
+    for name in covariates:
+        plain = [one for one in cells.header if name in (one, _without_unit(one))]
+        named = [name] if name in plain else plain or [one for one in cells.header if _word(one) == _word(name)]
+        if len(named) != 1:
+            seen = f"may be {' or '.join(map(repr, named))}" if named else f"is no column{suggest(name, cells.header)}"
+            raise DataError(
+                f"{cells.path}: data.covariates: {name!r} {seen}; it has {', '.join(map(repr, cells.header))}"
+            )
+        found[f"{COVARIATE}{_word(named[0])}"] = named[0]
+    return found
+
+
+def _without_unit(name: str) -> str:
+    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)
+
+
+def _word(name: str) -> str:
+    """A name as a word of letters, digits and _, without its unit."""
+    return re.sub(r"\W+", "_", _without_unit(name)).strip("_").lower()
+
 
 _SPINS = {"omega", "ω", "spin", "rotation", "angular", "rpm", "w", "rot", "dtheta"}
 _SPEEDS = {"v", "vx", "velocity", "speed", "vel", "tangential", "slip", "u", "dx", "horizontal"}
@@ -168,6 +203,7 @@ def name_columns(
     """
     space, known = recognised_columns(cells.header, [*(mapped or ())])
     every = columns_of(space)
+    every = (*every, *(one for one in (*cells.header, *(mapped or ())) if one.startswith(COVARIATE)))
     names = _checked(cells, mapped, every)
     taken = {name for name in names.values() if name is not None}
     if names:
@@ -215,7 +251,8 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
     named = {column: unit for column, name in ours.items() if (unit := unit_in(name, column, vocabulary))}
     for column, name in ours.items():
         written = re.search(r"[\[(]([^\])]+)[\])]\s*$", name)
-        if written and column not in named and written[1] != "-" and is_unit(written[1]):
+        other = column not in named and not column.startswith(COVARIATE)
+        if written and other and written[1] != "-" and is_unit(written[1]):
             raise DataError(
                 f"{cells.path}: column {name!r} cannot be {column}, whose unit is {units.text(column) or 'none'}"
             )

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.dialect import Numerals, is_missing
+from contactlearn.data.table.dialect import Numerals, is_missing, is_numeric
 
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
 Cells = list[Any] | np.ndarray
@@ -84,6 +84,11 @@ class Sheet:
         lines = None if self.lines is None else [self.lines[k] for k in left]
         columns = [cells[left] if isinstance(cells, np.ndarray) else [cells[k] for k in left] for cells in self.columns]
         return replace(self, columns=columns, lines=lines)
+
+    def is_numeric(self, column: str) -> bool:
+        """Whether at least half of the cells of a column that are not missing are numbers."""
+        cells = self.columns[self.header.index(column)]
+        return _plain_numbers(cells, self.numerals) is not None or is_numeric([*cells])
 
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""

@@ -6,6 +6,9 @@ those that act by a quantity that is the same in all trials: it is no measuremen
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from types import MappingProxyType
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -13,11 +16,12 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.effects import Effect, EffectId, State, catalogue, columns
+from contactlearn.effects import Effect, EffectId, State, catalogue, columns, find_effect
 from contactlearn.effects.checks import added
+from contactlearn.effects.functions import MOST_OBJECTS
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
-from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.impacts import Covariates, Impacts
 from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import resolve
 
@@ -28,9 +32,22 @@ _FAR = 0.5  # of a parameter's range, where a coefficient must be constant too i
 _NUDGE = 0.1  # of a parameter's range: the change of an effect at which its prediction is looked at
 
 
-def all_candidates(space: Space = PLANE) -> dict[EffectId, Effect]:
-    """Return every effect of the catalogue in each of its forms that exists in a space."""
-    return {kind.id: kind() for forms in catalogue().values() for kind in forms if space in kind.spaces}
+def all_candidates(space: Space = PLANE, covariates: Covariates = MappingProxyType({})) -> dict[EffectId, Effect]:
+    """Return every effect of the catalogue in each of its forms that exists in a space, and those of covariates.
+
+    Those are named after the covariate, such as `temperature_dependent_restitution:linear`.
+    """
+    found: dict[EffectId, Effect] = {
+        kind.id: kind() for forms in catalogue().values() for kind in forms if space in kind.spaces
+    }
+    for name, values in covariates.items():
+        few = 1 < len({*values.tolist()} if isinstance(values, Tensor) else {*values}) <= MOST_OBJECTS
+        forms = ["linear", "curve"] if isinstance(values, Tensor) else []
+        forms += ["group"] if few else []
+        for coefficient, form in product(("restitution", "friction"), forms):
+            kind: Any = find_effect(f"covariate_dependent_{coefficient}", form)
+            found[EffectId(f"{name}_dependent_{coefficient}", form)] = kind(covariate=name)
+    return found
 
 
 def all_laws(space: Space = PLANE) -> list[Law]:

@@ -125,9 +125,10 @@ def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:
         found = {"m": impacts.mass[:, None], "I": impacts.inertia, "orientation": torch.cat((r, down), -1)}
         found |= {name: known[name][:, None] for name in ("slip", "vn", "x", "floor_y", "order")}
         found |= {"spin": spin[:, :2], "twist": spin[:, 2:]}
-        return {name: columns for name, columns in found.items() if _varies(columns)}
+        return {name: columns for name, columns in found.items() if _varies(columns)} | impacts.covariate_columns
     theta = torch.stack((known["theta"].cos(), known["theta"].sin()), -1)
-    return {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+    found = {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+    return found | impacts.covariate_columns
 
 
 def _varies(columns: Float[Tensor, "n c"]) -> bool:

@@ -110,13 +110,13 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
     state, bodies = State.of(impacts), {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
     if impacts.space is SPACE:
-        parts = [value for name, value in of_state(state).items() if name != "order"]
+        parts = [one for name, one in of_state(state).items() if name not in ("order", *state.covariates)]
     else:
         circle = (f(k * state.theta) for f in (torch.sin, torch.cos) for k in (1, 2))
         parts = [state.v_n, state.v_t, state.v_t.abs(), state.omega, state.x, *circle]
     if 1 < len(bodies) <= _BODIES:
         parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
-    columns = torch.stack(parts, -1)
+    columns = torch.cat((torch.stack([*parts], -1), *impacts.covariate_columns.values()), -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
 
 

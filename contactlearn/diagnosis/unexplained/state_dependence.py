@@ -88,7 +88,10 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
         found[ORIENTATION] = axes
     if 1 < len(names) <= _BODIES:
         found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
-    return found
+    return found | {
+        name: columns if columns.shape[1] > 1 else (columns - columns.mean(0)) / columns.std(0)
+        for name, columns in impacts.covariate_columns.items()
+    }
 
 
 def screen_state_associations(
@@ -136,7 +139,7 @@ def screened_functions(
 
 def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[Tensor, "n k"], list[int]]:
     """Functions of a variable and their orders, rising."""
-    if name == BODY:
+    if _grouped(name, columns):
         return columns, [1] * columns.shape[1]
     if name == ANGLE:
         angle, orders = torch.atan2(columns[:, 1], columns[:, 0]), range(1, 1 + _ALONE // 2)
@@ -154,8 +157,13 @@ def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[
 
 def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple[Float[Tensor, "n l"], list[int]]:
     """Those of low orders."""
-    most = len(orders) if name == BODY else _TOGETHER.get(name, _FEW)
+    most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FEW)  # every body, or group
     return functions[:, :most], orders[:most]
+
+
+def _grouped(name: str, columns: Float[Tensor, "n c"]) -> bool:
+    """Whether columns are indicators of bodies, or of the groups of a covariate."""
+    return columns.shape[1] > 1 and name not in (ANGLE, ORIENTATION)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -143,10 +143,18 @@ def symbols(
 
 
 def of_state(state: State) -> dict[str, Tensor]:
-    """Every symbol that a state has by itself; in space those of `IN_SPACE`."""
+    """Every symbol that a state has by itself, in space those of `IN_SPACE`, and its covariates."""
     if state.space is SPACE:
-        return {name: symbol.of(state) for name, symbol in IN_SPACE.items() if symbol.of}
-    return symbols(state, (name for name, symbol in SYMBOLS.items() if symbol.of))
+        return {name: symbol.of(state) for name, symbol in IN_SPACE.items() if symbol.of} | {**state.covariates}
+    return symbols(state, (name for name, symbol in SYMBOLS.items() if symbol.of)) | {**state.covariates}
+
+
+def symbol_named(name: str) -> Symbol:
+    """Return the symbol of a name; any that is not ours is that of a covariate, and "object" is the body."""
+    if name == "object":
+        return Symbol("the body", "–", "name of the body")
+    known = IN_SPACE | KNOWN[SPACE] | SYMBOLS
+    return known.get(name) or Symbol(name, "–", f"covariate {name}")
 
 
 def at_place(place: str, spaces: Sequence[Space] = (PLANE,)) -> list[str]:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import wrapped
 from contactlearn.effects import Effect, State, columns
-from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
+from contactlearn.effects.formula.symbols import of_state, symbol_named
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import matvec
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -81,9 +81,10 @@ def partial_residuals(model: ContactModel, impacts: Impacts, name: str) -> Parti
 
 def state_quantities(state: State) -> dict[str, tuple[str, str, Float[Tensor, "n"]]]:
     """Letter, unit and values of what an effect may depend on, by symbol; in space only the place knows the axes."""
-    known, named = of_state(state), IN_SPACE if state.space is SPACE else SYMBOLS
+    known = of_state(state)
     if state.space is PLANE:
         known["theta"] = wrapped(known["theta"])
+    named = {name: symbol_named(name) for name in known}
     return {name: (named[name].letter, named[name].unit, values) for name, values in known.items()}
 
 

@@ -5,6 +5,7 @@ r_x/ρ, |r_x|/ρ               lever arm in radii of gyration
 direction, |v_t|, |v_t|/|v_n|, incidence   of the slip; incidence is the angle of v_c against the normal
 |v_n|, ω, |ω|                approach speed and spin
 x, order                     where on the floor, and when
+covariates                   of the table, by their names
 mode                         the fate of the slip as the model predicts it: it continues, stops or reverses
 """
 
@@ -31,7 +32,7 @@ _STUCK = 0.01  # of the speed of the contact point: slip after impact up to whic
 class Variable:
     """A quantity of each trial in SI units; one of unit ° is in rad, modulo `period` in rad, and written in degrees.
 
-    With `labels` the values −1, 0 and 1 are the three labels.
+    With `labels` the values −1, 0, 1 … are the labels.
     """
 
     name: str
@@ -49,7 +50,7 @@ class Variable:
     def window_text(self, low: float, high: float) -> str:
         """Write the window [low, high) in words: |θ − 90°| < 20° (mod 180°), |v_t| < 0.3 m/s, 0.1 ≤ x < 0.2 m."""
         if self.labels:
-            return self.labels[(low > -1) + (low > 0)]
+            return self.labels[int(max(low, -1.5) + 1.5)]
         low, high = self.scale * low, self.scale * high
         unit = self.unit if self.unit == "°" else f" {self.unit}".rstrip(" –")
         if self.period:
@@ -91,6 +92,7 @@ def variables(impacts: Impacts, prediction: Prediction) -> list[Variable]:
         Variable("spin_rate", "|ω|", "rad/s", state.omega.abs()),
         Variable("location", "x", "m", state.x),
         Variable("order", "order", "–", state.order),
+        *_of_covariates(impacts),
     ]
 
 
@@ -120,7 +122,22 @@ def _in_space(state: State, impacts: Impacts, prediction: Prediction) -> list[Va
         Variable("location", "x", "m", state.x),
         Variable("location_y", "y", "m", state.q[:, 1]),
         Variable("order", "order", "–", state.order),
+        *_of_covariates(impacts),
     ]
+
+
+def _of_covariates(impacts: Impacts) -> list[Variable]:
+    """Numbers, and groups by their names."""
+    found: list[Variable] = []
+    for name, columns in impacts.covariate_columns.items():
+        one = impacts.covariates[name]
+        if isinstance(one, Tensor):
+            found.append(Variable(name, name, "–", one))
+        else:
+            number = columns.argmax(-1)
+            labels = tuple(f"{name} {one[int((number == k).nonzero()[0, 0])]}" for k in range(columns.shape[1]))
+            found.append(Variable(name, name, "–", number.to(columns) - 1, labels=labels))
+    return found
 
 
 def symmetry(shape: AnyShape | None) -> int:

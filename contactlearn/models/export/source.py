@@ -209,6 +209,7 @@ def source_code(model: ContactModel, to: str, rows: Impacts) -> str:
     """
     if to not in LANGUAGES:
         raise UnknownNameError("language", to, LANGUAGES)
+    rows = rows.replace(covariates={})  # which a state has none of
     traced = trace(model, rows.shape, rows.space, scatter=True)
     generator = torch.Generator().manual_seed(0)
     drawn = [(one, one.draw((len(rows),), rows.space, generator)) for one in model.scatter.values()]

@@ -42,12 +42,12 @@ from contactlearn.diagnosis.result import (
     wrench_columns,
 )
 from contactlearn.effects import State
-from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS, of_state
+from contactlearn.effects.formula.symbols import of_state, symbol_named
 from contactlearn.inference.evaluation.impulse_space import ScatterCloud
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, binned, share_explained
 from contactlearn.inference.evaluation.variables import Variable
-from contactlearn.mechanics.space import PLANE, SPACE
+from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import scattered_impulses
@@ -325,7 +325,7 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     the symbol along which its means differ most.  The outermost percent of the trials on each side is left out.
     """
     impacts, space = record.impacts, record.impacts.space
-    known, named = of_state(State.of(impacts)), IN_SPACE if space is SPACE else SYMBOLS
+    known = of_state(State.of(impacts))
     if space is PLANE:
         known["theta"] = wrapped(known["theta"])
     residual = record.residual() * st.MILLI
@@ -349,7 +349,7 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
         _draw_row(line, test, QUANTITIES[space]["wrench"][k], residual[:, k], [known[symbol] for symbol in symbols])
     for axes, symbol in zip(panels[-1], symbols, strict=True):
         part = f", {percent(shares[symbol])} of the prediction" if symbol in shares else ""
-        axes.set_xlabel(f"{named[symbol].letter} ({named[symbol].unit}){part}")
+        axes.set_xlabel(f"{symbol_named(symbol).letter} ({symbol_named(symbol).unit}){part}")
     legend_below(figure, panels[0, 0])
     return figure
 

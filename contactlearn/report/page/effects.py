@@ -15,7 +15,7 @@ from contactlearn.diagnosis.result import (
     Remainder,
     Rival,
 )
-from contactlearn.effects.formula.symbols import IN_SPACE, SYMBOLS
+from contactlearn.effects.formula.symbols import symbol_named
 from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Partial
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
@@ -157,8 +157,8 @@ def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, 
         ],
         "variables": [
             {
-                "name": (SYMBOLS | IN_SPACE)[one.symbol].letter,
-                "description": (SYMBOLS | IN_SPACE)[one.symbol].description,
+                "name": symbol_named(one.symbol).letter,
+                "description": symbol_named(one.symbol).description,
                 "share": digits(one.share, 3),
             }
             for one in left.variables

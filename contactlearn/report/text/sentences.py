@@ -38,10 +38,9 @@ from contactlearn.diagnosis.result import (
     Verdict,
 )
 from contactlearn.effects import EffectId, catalogue
-from contactlearn.effects.formula.symbols import IN_SPACE, KNOWN
+from contactlearn.effects.formula.symbols import symbol_named
 from contactlearn.effects.functions import Argument
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
 from contactlearn.results.types import Evaluation
@@ -245,9 +244,8 @@ def formula_overrides(found: Formula) -> str:
 
 
 def _symbol(name: str) -> str:
-    """Write the letter of a variable; the only one without a symbol is the body."""
-    known = IN_SPACE | KNOWN[SPACE] | KNOWN[PLANE]
-    return known[name].letter if name in known else "the body"
+    """Write the letter of a variable."""
+    return symbol_named(name).letter
 
 
 def _error_after(found: Diagnosis) -> Interval:

@@ -1,0 +1,40 @@
+"""Bodies rebound differently at another temperature, by another operator, from another batch."""
+
+from contactlearn.effects.base import ChangesRestitution, Effect
+from contactlearn.effects.functions import ByGroup, CovariateCurve, LinearInCovariate
+from contactlearn.mechanics.space import BOTH
+
+
+class CovariateDependentRestitution(ChangesRestitution, Effect):
+    """ε depends on a covariate of the table, a quantity u of each trial that is not of the contact.
+
+        linear   ε + c (u − ū)/Δu
+        curve    ε + s(u), see `functions.Spline`
+        group    ε + Δ(group), of named groups or few distinct numbers
+
+    It is not a change in time, which a covariate that drifts would show too (`parameter_drift`).
+    """
+
+    spaces = BOTH
+    source = "temperature, humidity, material, operator"
+
+
+class RestitutionLinearInCovariate(LinearInCovariate, CovariateDependentRestitution):
+    """ε → ε + c (u − ū)/Δu.  It does not bend (`RestitutionCovariateCurve`)."""
+
+    form = "linear"
+    formula = "ε ← ε + c (u − ū)/Δu"
+
+
+class RestitutionCovariateCurve(CovariateCurve, CovariateDependentRestitution):
+    """ε → ε + s(u).  It is no straight line (`RestitutionLinearInCovariate`)."""
+
+    form = "curve"
+    formula = "ε ← ε + s(u), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+
+
+class RestitutionByGroup(ByGroup, CovariateDependentRestitution):
+    """ε → ε + Δ(group).  It is no dependence on the body (`body_dependent_restitution`)."""
+
+    form = "group"
+    formula = "ε ← ε + Δ(group), 0 for the first group"
