@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 from refusals import refused
+from scipy.io import savemat
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data.recordings.frame import matrices
+from contactlearn.data.headers import propose
+from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
@@ -251,9 +254,12 @@ def test_tum(tmp_path):
     path.write_text("# nothing\n")
     with pytest.raises(DataError, match="holds no frames"):
         list(read(path, Layout()))
-    for content, message in (("0 1 2 3\n", "frame 1 has 4 words,"), ("it hit the wall at 3 s !\n", "float: 'it'")):
+    for content, message in (
+        ("0 1 2 3\n", "is no TUM text, as which \\.txt is read: frame 1 has 4 words,"),
+        ("it hit the wall at 3 s !\n", "has no column 'x'"),
+    ):
         path.write_text(content)
-        with pytest.raises(DataError, match=f"is no TUM text, as which \\.txt is read: .*{message}"):
+        with pytest.raises(DataError, match=message):
             list(read(path, Layout()))
 
 
@@ -426,3 +432,235 @@ def test_recordings_of_a_spreadsheet(tmp_path, unit, factor):
     (found,) = read(tmp_path / "take.csv", Layout(time=unit))
     np.testing.assert_allclose(found.time, frames.time, atol=1e-12)
     np.testing.assert_allclose(found.position, frames[["x", "y"]])
+
+
+# --- Exports, turns, arrays ------------------------------------------------------------------------
+
+PLACES = np.array(((0.05, 0.0, 0.0), (0.0, 0.04, 0.01), (-0.03, 0.0, 0.02), (0.0, -0.05, -0.01)))
+NAMES = ("box_a", "box_b", "box_c", "box_d")
+
+
+def whole() -> Recording:
+    """A recording in space without lost frames, scalar first."""
+    one = SPACE[1]
+    seen = one.seen
+    assert one.quaternion is not None
+    frames = {"position": one.position[seen], "quaternion": one.quaternion[seen]}
+    return Recording(name="a", source="a", time=np.arange(seen.sum()) / 250, order="wxyz", **frames)
+
+
+def marked(one: Recording) -> np.ndarray:
+    """Markers [T, 4, 3] of a body."""
+    assert one.quaternion is not None
+    return one.position[:, None] + (matrices(one.quaternion, "wxyz") @ PLACES.T).transpose(0, 2, 1)
+
+
+def text(rows, separator: str) -> str:
+    return "".join(separator.join(f"{cell:.9g}" for cell in row) + "\n" for row in rows)
+
+
+def exported(kind: str, folder: Path) -> Path:
+    """A file as the software writes it, in mm."""
+    one = whole()
+    frames, n = 1000 * marked(one).reshape(len(one), -1), len(one)
+    number, R = np.arange(1, n + 1), matrices(one.quaternion, "wxyz")
+    if kind.startswith("qualisys"):
+        key = "BODY_NAMES\tbox" if kind == "qualisys bodies" else "MARKER_NAMES\t" + "\t".join(NAMES)
+        head = f"NO_OF_FRAMES\t{n}\nNO_OF_CAMERAS\t8\nFREQUENCY\t250\nTIME_STAMP\t2024-04-15, 10:39:38\n{key}\n"
+        if kind == "qualisys bodies":
+            rotation = "\t".join(f"Rot[{k}]" for k in range(9))
+            head += f"X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t{rotation}\n"
+            turned = R.transpose(0, 2, 1).reshape(n, 9)
+            frames = np.column_stack((1000 * one.position, np.zeros((n, 4)), turned))
+        else:
+            head += "TRAJECTORY_TYPES\t" + "\t".join(["Measured"] * 4) + "\n"
+        if kind == "qualisys timed":
+            frames = np.column_stack((number, one.time, frames))
+        content, name = head + text(frames, "\t"), "take.tsv"
+    elif kind == "vicon":
+        above = ",," + ",".join(f"box:{one},," for one in NAMES)
+        units = ",," + ",".join(["mm"] * 12)
+        rows = np.column_stack((number, 0 * number, frames))
+        head = f"Trajectories\n250\n{above}\nFrame,Sub Frame,{','.join(['X,Y,Z'] * 4)}\n{units}\n"
+        content, name = head + text(rows, ",") + "\nModel Outputs\n250\n", "take.csv"
+    elif kind == "vicon objects":
+        head = "Objects\n250\n,,Global Angle (Quaternion) box:box,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n"
+        head += ",,,,,,mm,mm,mm\n"
+        rows = np.column_stack((number, 0 * number, np.roll(one.quaternion, -1, axis=1), 1000 * one.position))
+        content, name = head + text(rows, ","), "take.csv"
+    else:
+        raise AssertionError(kind)
+    path = folder / name
+    path.write_text(content)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["qualisys", "qualisys timed", "qualisys bodies", "vicon", "vicon objects"])
+def test_exports_of_space(kind, tmp_path):
+    """Read without any setting: place, turns, unit and times."""
+    (found,), wanted = read(exported(kind, tmp_path), Layout()), whole()
+    np.testing.assert_allclose(found.time, found.time[0] + wanted.time, atol=1e-9)
+    assert found.unit == "mm"
+    assert found.quaternion is not None
+    assert wanted.quaternion is not None
+    order = found.order or "rows"
+    R, true = matrices(found.quaternion, order), matrices(wanted.quaternion, "wxyz")
+    np.testing.assert_allclose(R @ R[0].T, true @ true[0].T, atol=1e-6)
+    if found.markers is None:
+        np.testing.assert_allclose(found.position, 1000 * wanted.position, atol=1e-5)
+    assert propose(tmp_path / ("take.tsv" if "qualisys" in kind else "take.csv")).source == "tracks"
+
+
+@pytest.mark.parametrize("kind", ["tracker", "tracker commas", "deeplabcut", "sleap"])
+def test_exports_of_the_plane(kind, tmp_path):
+    """A point that a camera follows; below a likelihood it is lost."""
+    t = np.arange(40) / 100
+    x, y = 2 * t, 1 + 3 * t - 4.9 * t**2
+    if kind.startswith("tracker"):
+        rows = text(np.column_stack((t, x, y)), "\t")
+        content, name = "mass A\t\t\nt\tx\ty\n" + (rows.replace(".", ",") if "commas" in kind else rows), "ball.txt"
+    elif kind == "deeplabcut":
+        head = "scorer,net,net,net\nbodyparts,ball,ball,ball\ncoords,x,y,likelihood\n"
+        rows = np.column_stack((np.arange(40), x, y, np.where(np.arange(40) == 7, 0.1, 0.99)))
+        content, name = head + text(rows, ","), "ballDLC.csv"
+    else:
+        head = "track,frame_idx,instance.score,ball.x,ball.y,ball.score\n"
+        rows = text(np.column_stack((np.arange(40), 0 * t + 0.9, x, y, np.where(np.arange(40) == 7, 0.1, 0.99))), ",")
+        content, name = head + "".join(f"track_0,{row}\n" for row in rows.splitlines()), "ball.csv"
+    path = tmp_path / name
+    path.write_text(content)
+    assert propose(path).source == "tracks"
+    if not kind.startswith("tracker"):
+        with pytest.raises(DataError, match=r"state data\.rate"):
+            list(read(path, Layout()))
+    (found,) = read(path, Layout(rate=None if kind.startswith("tracker") else 100))
+    np.testing.assert_allclose(found.time - found.time[0], t, atol=1e-9)
+    lost = np.arange(40) == (-1 if kind.startswith("tracker") else 7)
+    np.testing.assert_array_equal(found.seen, ~lost)
+    np.testing.assert_allclose(found.position[~lost], np.column_stack((x, y))[~lost], atol=1e-8)
+
+
+def test_bodies_of_an_export_are_asked(tmp_path):
+    path = exported("vicon objects", tmp_path)
+    lines = path.read_text().splitlines()
+    two = [f"{line},{','.join(line.split(',')[2:])}".replace("box:box,", "box:box,", 1) for line in lines[2:]]
+    two[0] = ",,box:box,,,,,,,ball:ball,,,,,,"
+    path.write_text("\n".join([*lines[:2], *two]) + "\n")
+    with pytest.raises(DataError, match=r"has the bodies box, ball; state data\.body=box or data\.body=ball"):
+        list(read(path, Layout()))
+    (found,) = read(path, Layout(body="ball"))
+    np.testing.assert_allclose(found.position, 1000 * whole().position, atol=1e-5)
+
+
+@pytest.mark.parametrize("order", ["xyz", "zyx", "zxy"])
+def test_the_order_of_turns_is_among_the_steady_ones(order, tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    one = whole()
+    spin, q0 = np.array((3.0, -7.0, 5.0)), Rotation.from_rotvec((0.3, 0.2, -0.5))
+    turned = Rotation.from_rotvec(one.time[:, None] * spin) * q0
+    angles = turned.as_euler(order, degrees=True)[:, [order.index(axis) for axis in "xyz"]]
+    frame = pd.DataFrame(angles, columns=["roll [deg]", "pitch [deg]", "yaw [deg]"])
+    frame = frame.assign(time=one.time, **dict(zip("xyz", one.position.T, strict=True)))
+    frame.to_csv(tmp_path / "box.csv", index=False)
+    (found,) = read(tmp_path / "box.csv", Layout())
+    assert found.quaternion is not None
+    assert order in orders_of([found])
+    assert len(orders_of([found])) <= 2
+    np.testing.assert_allclose(matrices(found.quaternion, order), turned.as_matrix(), atol=1e-8)
+    entries = pd.DataFrame(turned.as_matrix().reshape(-1, 9), columns=[f"r{i}{j}" for i in "123" for j in "123"])
+    frame[["time", "x", "y", "z"]].join(entries).to_csv(tmp_path / "matrix.csv", index=False)
+    (found,) = read(tmp_path / "matrix.csv", Layout())
+    assert found.quaternion is not None
+    np.testing.assert_allclose(matrices(found.quaternion, "rows"), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["npz", "npy", "pt", "mat", "h5", "iam.h5"])
+def test_arrays_of_tosses(kind, tmp_path):
+    """Poses with velocities after them, several tosses; never objects."""
+    one = whole()
+    pose = np.column_stack((one.position, one.quaternion, np.zeros((len(one), 6))))
+    path = tmp_path / f"tosses.{kind}"
+    if kind == "npz":
+        np.savez(path, time=one.time, position=one.position, quaternion=one.quaternion)
+    elif kind == "npy":
+        np.save(path, np.stack((pose, pose)))
+    elif kind == "pt":
+        torch.save([torch.tensor(pose), torch.tensor(pose)], path)
+    elif kind == "mat":
+        R = matrices(one.quaternion, "wxyz").transpose(0, 2, 1).reshape(-1, 9).T
+        bodies = {"Name": "box", "Positions": 1000 * one.position.T[None], "Rotations": R[None]}
+        savemat(path, {"take": {"FrameRate": 250.0, "RigidBodies": bodies, "Trajectories": 0.0}})
+    else:
+        h5py = pytest.importorskip("h5py")
+        H = np.zeros((len(one), 4, 4))
+        H[:, :3, :3], H[:, :3, 3], H[:, 3, 3] = matrices(one.quaternion, "wxyz"), one.position, 1
+        with h5py.File(path, "w") as file:
+            if kind == "h5":
+                for name in ("position", "quaternion", "time"):
+                    file[f"toss/{name}"] = getattr(one, name)
+            else:
+                for body in ("Box5", "Board"):
+                    file[f"Rec_1/SENSOR_MEASUREMENT/Mocap/{body}/transforms/ds"] = H.transpose(1, 2, 0)
+    if kind == "iam.h5":
+        with pytest.raises(DataError, match=r"has 2 bodies in 'Rec_1'; state data\.body=Board or data\.body=Box5"):
+            list(read(path, Layout(rate=250)))
+    found = [*read(path, Layout(rate=250 if kind != "mat" else None, body="Box5" if kind == "iam.h5" else None))]
+    assert len(found) == (2 if kind in ("npy", "pt") else 1)
+    for one_found in found:
+        assert isinstance(one_found, Recording)
+        R = matrices(one_found.quaternion, "rows" if one_found.quaternion.shape[1] == 9 else "wxyz")
+        np.testing.assert_allclose(R, matrices(one.quaternion, "wxyz"), atol=1e-9)
+        np.testing.assert_allclose(one_found.position, one.position * (1000 if kind == "mat" else 1), atol=1e-9)
+
+
+def test_objects_of_arrays_are_refused(tmp_path):
+    np.save(tmp_path / "bad.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    torch.save({"a": Path("x")}, tmp_path / "bad.pt")
+    for name in ("bad.npy", "bad.pt"):
+        with pytest.raises(DataError, match=r"bad\..* cannot be read"):
+            list(read(tmp_path / name, Layout()))
+    np.save(tmp_path / "flat.npy", np.zeros((5, 3)))
+    with pytest.raises(DataError, match=r"holds no position.*an array \(5, 3\)"):
+        list(read(tmp_path / "flat.npy", Layout()))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "factor"), [(1000.0, 1), (1e6, 1), (None, 1)], ids=["milliseconds", "microseconds", "nanoseconds"]
+)
+def test_times_without_a_unit(stamps, factor, tmp_path):
+    """Frames half a second apart show no flight; numbers of 2024 since 1970 are what they are."""
+    one = FLAT[0]
+    t = np.arange(len(one)) / 240
+    written = (1.7e18 + 1e9 * t).astype(np.int64) if stamps is None else np.round(stamps * t, 2)
+    frame = pd.DataFrame({"time": written, "x": one.position[:, 0], "y": one.position[:, 1], "theta": one.angle})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (found,) = read(tmp_path / "a.csv", Layout())
+    np.testing.assert_allclose(found.time - found.time[0], t, atol=2e-5)
+
+
+def test_dropped_frames_that_stamps_hide(tmp_path):
+    one = FLAT[0]
+    number = np.delete(np.arange(len(one) + 2), [20, 21])
+    frame = pd.DataFrame(
+        {"time": np.arange(len(one)) / 240, "frame": number, "x": one.position[:, 0], "y": one.position[:, 1]}
+    ).assign(theta=one.angle)
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (found,) = read(tmp_path / "a.csv", Layout())
+    np.testing.assert_allclose(found.time, number / 240, atol=1e-9)
+
+
+def test_states_of_lerobot(tmp_path):
+    one = FLAT[0]
+    state = [[*row] for row in np.column_stack((one.position, one.angle))]
+    n = len(one)
+    frame = pd.DataFrame({"observation.state": state, "timestamp": np.arange(n) / 240, "episode_index": [0] * n})
+    frame.to_parquet(tmp_path / "file-000.parquet")
+    columns = Layout(
+        time="timestamp", recording="episode_index", angle="observation.state.2",
+        position=["observation.state.0", "observation.state.1"],
+    )  # fmt: skip
+    (found,) = read(tmp_path / "file-000.parquet", columns)
+    np.testing.assert_allclose(found.position, one.position)
+    with pytest.raises(DataError, match=r"it has timestamp, episode_index, observation\.state\.0"):
+        list(read(tmp_path / "file-000.parquet", Layout()))

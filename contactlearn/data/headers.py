@@ -13,8 +13,9 @@ from typing import Any
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
-from contactlearn.data.recordings.readers import is_motive, recording_files
-from contactlearn.data.recordings.readers.columns import bodies_in_names
+from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
+from contactlearn.data.recordings.readers.columns import bodies_in_names, orientation_columns
+from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.table.columns import (
     COMPUTED,
     columns_of,
@@ -82,6 +83,8 @@ def propose(path: Path) -> FileContents:
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
     if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
         return FileContents(source="tracks", settings=(*_body(path),))
+    if first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
+        return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = table.preview(first)
     space, impacts = recognised_columns(cells.header)
     frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
@@ -107,11 +110,16 @@ def _is_recording(path: Path) -> bool:
     """Whether a file of text is one of Motive, or of TUM: eight numbers a line, and no header."""
     if path.suffix.lower() == ".csv":
         return is_motive(path)
-    if path.suffix.lower() != ".txt":
-        return False
-    with path.open(encoding="utf-8", errors="replace") as file:
-        words = next((line.split() for line in file if line.strip() and not line.startswith("#")), [])
-    return len(words) == 8 and all(re.fullmatch(r"[-+]?[\d.]+(?:e[-+]?\d+)?", word, re.IGNORECASE) for word in words)
+    return path.suffix.lower() == ".txt" and leading_numbers(path) == TUM_COLUMNS
+
+
+def _of_export(path: Path, export: Export) -> Iterator[Setting]:
+    """The settings of an export of a tracker that its header leaves open."""
+    yield from _body(path, [*export.points.values()], export.bodies if len(export.bodies) > 1 else ())
+    if export.rate is None and "time" not in export.names:
+        yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
+    if export.unit is None:
+        yield Setting(name="unit", value=None, comment=f"{', '.join(UNITS)}, or the size of a pixel in m; null: found")
 
 
 def _frame_units() -> Vocabulary:
@@ -217,6 +225,10 @@ def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     elif len(turns) == 4 and len(axes) == 3:
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         columns["quaternion"] = ([names[turn] for turn in turns], turns, "w first")
+    elif len(axes) == 3 and len(turned := orientation_columns(known.others)) in (3, 9):
+        columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
+        about = "turns about x, y and z" if len(turned) == 3 else "row by row"
+        columns["euler" if len(turned) == 3 else "matrix"] = ([*turned], [], about)
     else:
         position = [names[axis] for axis in axes] if len(axes) == 2 else OPEN
         columns["position"] = (position, ["x", "y"], "the two in the plane of motion, in the unit of length")

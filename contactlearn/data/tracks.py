@@ -31,7 +31,6 @@ from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.conventions import (
     ANGLES,
-    ORDERS,
     SENSES,
     Conventions,
     Gravity,
@@ -41,7 +40,7 @@ from contactlearn.data.recordings.conventions import (
 )
 from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
-from contactlearn.data.recordings.frame import Clue, Frame
+from contactlearn.data.recordings.frame import Clue, Frame, orders_of
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
@@ -69,6 +68,7 @@ from contactlearn.mechanics.rigid_body import matvec, moment, rotation
 from contactlearn.mechanics.shapes import Disc, Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
+_ORIENTATIONS = ("euler", "matrix")  # other descriptions of an orientation, in place of a quaternion
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
@@ -186,9 +186,12 @@ def track_options(
         DataError: a value out of its range.
         UnknownNameError: a column or convention that does not exist.
     """
-    for name in columns or {}:
-        if name not in _COLUMNS:
-            raise UnknownNameError("entry of data.columns", name, _COLUMNS)
+    columns = dict(columns or {})
+    for name in columns:
+        if name not in (*_COLUMNS, *_ORIENTATIONS):
+            raise UnknownNameError("entry of data.columns", name, (*_COLUMNS, *_ORIENTATIONS))
+    for name in _ORIENTATIONS:
+        columns |= {"quaternion": columns.pop(name)} if name in columns else {}
     return TrackOptions(
         conventions=Conventions(
             unit=unit,
@@ -198,7 +201,7 @@ def track_options(
             sense=sense,
             drag=None if drag is None else finite_number("drag", drag, 0),
         ),
-        layout=Layout(**(columns or {}), rate=rate, body=body),
+        layout=Layout(**columns, rate=rate, body=body),
         flight=FlightOptions(
             fewest=None if fewest is None else whole("fewest", fewest, 5),
             contact_time=finite_number("contact_time", contact_time, 0, 0.1),
@@ -394,7 +397,9 @@ def _find_angles(
     setting, named = (
         ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
     )
-    known = [*ORDERS] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
+    known = (
+        [*orders_of(recordings)] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
+    )
     units = [named] if named else known
     searches: dict[str | None, tuple[Frame, FlightModel, Searched]] = {}
 
@@ -455,7 +460,7 @@ def _without_angles(
             f"{source}: no orientation was measured: it is missing, or the same in every frame; contact points of a "
             f"{type(shape).__name__.lower()} depend on it; name its columns (data.columns), or state a disc or a ball"
         )
-    conventions = replace(stated, angle="rad", order=stated.order or "wxyz", sense="as_read")
+    conventions = replace(stated, angle="rad", order=stated.order or orders_of(recordings)[0], sense="as_read")
     frame, model, searched = _searched(
         recordings, find_gravity(recordings, stated.drag), conventions, options, turning=False
     )

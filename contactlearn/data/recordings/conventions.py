@@ -17,6 +17,7 @@ upright.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -34,7 +35,7 @@ from contactlearn.data.recordings.flights import (
     window_blocks,
     windows,
 )
-from contactlearn.data.recordings.frame import Clue, Frame, body_axes, rotation_axis
+from contactlearn.data.recordings.frame import ORDERS, Clue, Frame, body_axes, orders_of, rotation_axis
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -236,7 +237,6 @@ def _velocities(time: Float[Array, " t"], position: Float[Array, "t d"], frames:
 
 UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
 """Units of length in a metre."""
-ORDERS = ("wxyz", "xyzw")
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 SENSES = {"as_read": 1, "mirrored": -1}
@@ -257,7 +257,7 @@ class Conventions:
     Args:
         unit: of length, one of `UNITS`, or its size in m, such as that of a pixel.
         up: the file's axis that points up, one of `AXES`.
-        order: of a quaternion's components, one of `ORDERS`.
+        order: of a quaternion's components, or of turns about x, y and z, one of `frame.ORDERS`.
         angle: unit of an angle in the plane, one of `ANGLES`.
         sense: `as_read` if rotations belong to the file's axes, `mirrored` if they turn the other way.
         drag: linear drag of the air in 1/s.
@@ -271,7 +271,13 @@ class Conventions:
     drag: float | None = None
 
     def __post_init__(self) -> None:
-        known = {"unit": UNITS, "up": AXES, "order": ORDERS, "angle": ANGLES, "sense": SENSES}
+        known = {
+            "unit": UNITS,
+            "up": AXES,
+            "order": [*chain.from_iterable(ORDERS.values())],
+            "angle": ANGLES,
+            "sense": SENSES,
+        }
         for name, names in known.items():
             value = getattr(self, name)
             if name == "unit" and is_number(value) and value > 0:
@@ -477,8 +483,8 @@ def _in_space(first: Recording, up: Array, scale: float, order: str | None) -> F
         )
     if order is None:
         raise DataError(
-            f"{first.source}: which component of the quaternions is w is not seen; state data.order=wxyz or "
-            "data.order=xyzw"
+            f"{first.source}: the order of orientations is not seen; state "
+            f"{' or '.join(f'data.order={name}' for name in ORDERS[first.quaternion.shape[1]])}"
         )
     level = np.eye(3)[int(np.argmax(np.abs(up) < _HALF))]
     right = (level - (level @ up) * up) / np.linalg.norm(level - (level @ up) * up)
@@ -492,7 +498,8 @@ def _spatial(
     source = recordings[0].source
     scatter = _scatter(recordings, up)
     across, flat = _across(scatter, up)
-    axes_of = {name: rotation_axis(recordings, name) for name in ORDERS}
+    orders = orders_of(recordings)
+    axes_of = {name: rotation_axis(recordings, name) for name in dict.fromkeys((*orders, *filter(None, [order])))}
     off: dict[str, float] = {}
     for name, (axis, _) in axes_of.items():
         level = axis - (axis @ up) * up
@@ -500,19 +507,19 @@ def _spatial(
         against = 0.0 if crosses else abs(axis @ across) if flat <= _MAX_FLATNESS else float(np.linalg.norm(level))
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
-    fits = [name for name in ORDERS if off[name] <= limits.aligned]
+    fits = [name for name in axes_of if off[name] <= limits.aligned]
+    if orders not in (ORDERS[4], ()):
+        fits = fits[:1]  # turns about one axis are the same in several orders
     if order is not None and order not in fits and fits and turned > limits.aligned:
         raise DataError(
             f"{source}: bodies turn {np.degrees(off[order]):.3g}° off the normal of the plane that they move in with "
             f"data.order={order}, and {np.degrees(off[fits[0]]):.2g}° with {fits[0]}"
         )
     if order is None and (len(fits) != 1 or turned <= limits.aligned):
-        why = (
-            "bodies barely turn in" if turned <= limits.aligned else "both orders fit" if fits else "neither order fits"
-        )
+        why = "bodies barely turn in" if turned <= limits.aligned else "both orders fit" if fits else "no order fits"
         raise DataError(
-            f"{source}: which component of the quaternions is w is not seen: {why} the plane of motion; "
-            "state data.order=wxyz or data.order=xyzw"
+            f"{source}: the order of orientations (which component of a quaternion is w) is not seen: {why} the plane "
+            f"of motion; state {' or '.join(f'data.order={name}' for name in axes_of)}"
         )
     chosen = order or fits[0]
     normal = across if flat <= _MAX_FLATNESS else axes_of[chosen][0]

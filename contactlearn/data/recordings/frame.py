@@ -1,6 +1,7 @@
 """The way from a recording in a file's units and axes to a track, with the evidence for it: conventions of the file.
 
-A quaternion turns the body's axes into the file's, whatever their sense; `order` says where its scalar is.
+An orientation turns the body's axes into the file's, whatever their sense: a quaternion, whose `order` says where the
+scalar is; turns in rad about the file's x, y and z, whose `order` says which comes first; or a matrix, row by row.
 """
 
 from collections.abc import Sequence
@@ -20,10 +21,57 @@ _LENGTH_TOLERANCE = 1e-3  # by which the length of a quaternion may differ from 
 _FRAME_STRIDE = 8  # frames between two orientations that are compared
 
 
-def matrices(quaternion: Float[Array, "t 4"], order: str) -> Float[Array, "t 3 3"]:
-    """Rotation matrices of quaternions of any length."""
-    scalar_first = quaternion if order == "wxyz" else np.roll(quaternion, 1, axis=1)
-    return rotation(torch.from_numpy(np.ascontiguousarray(scalar_first))).numpy()
+ORDERS: dict[int, tuple[str, ...]] = {
+    4: ("wxyz", "xyzw"),
+    3: ("xyz", "zyx", "xzy", "yxz", "yzx", "zxy"),
+    9: ("rows",),
+}
+"""Readings of an orientation by the number of its columns: a quaternion, turns about x, y and z, a matrix."""
+_REGULAR = 2.0  # times the least change of the spin, up to which turns are read in an order
+
+
+def scalar_first(columns: Float[Array, "t c"], order: str) -> Float[Array, "t 4"]:
+    """Quaternions, scalar first, of orientations as a file has them; those of 4 columns may have any length."""
+    if len(order) == 4 and order != "rows":
+        return columns if order == "wxyz" else np.roll(columns, 1, axis=1)
+    seen = np.isfinite(columns).all(1)
+    if order == "rows":
+        R = columns[seen].reshape(-1, 3, 3)
+        turned = Rotation.from_matrix(R) if len(R) else Rotation.identity(0)
+    else:
+        turned = Rotation.from_euler(order, columns[seen][:, ["xyz".index(axis) for axis in order]])
+    found = np.full((len(columns), 4), np.nan)
+    found[seen] = turned.as_quat(scalar_first=True)
+    return found
+
+
+def orders_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """The readings of orientations; of turns about x, y and z those in which bodies spin most steadily."""
+    first = recordings[0].quaternion
+    orders = ORDERS[4 if first is None else first.shape[1]]
+    if len(orders) < 3:
+        return orders
+    changes = {order: _unsteadiness(recordings, order) for order in orders}
+    return tuple(
+        order for order in sorted(orders, key=changes.__getitem__) if changes[order] <= _REGULAR * min(changes.values())
+    )[:2]
+
+
+def _unsteadiness(recordings: Sequence[Recording], order: str) -> float:
+    """Median change of the turn from one step of frames to the next, in rad."""
+    found = list[Array]()
+    for recording in recordings:
+        assert recording.quaternion is not None
+        R = matrices(recording.quaternion[recording.seen], order)[:: _FRAME_STRIDE // 2]
+        turn = Rotation.from_matrix(R[1:] @ R[:-1].transpose(0, 2, 1)).as_rotvec() if len(R) > 2 else np.zeros((0, 3))
+        found.append(np.linalg.norm(np.diff(turn, axis=0), axis=1))
+    every = np.concatenate(found)
+    return float(np.median(every)) if len(every) else 0.0
+
+
+def matrices(quaternion: Float[Array, "t c"], order: str) -> Float[Array, "t 3 3"]:
+    """Rotation matrices of orientations as a file has them; quaternions may have any length."""
+    return rotation(torch.from_numpy(np.ascontiguousarray(scalar_first(quaternion, order)))).numpy()
 
 
 def rotation_axis(recordings: Sequence[Recording], order: str) -> tuple[Float[Array, "3"], float]:
@@ -56,7 +104,7 @@ def body_axes(recordings: Sequence[Recording], order: str, normal: Float[Array, 
 
 
 def planar_angle(
-    quaternion: Float[Array, "t 4"], order: str, axes: Float[Array, "3 3"], pointer: Float[Array, "3"]
+    quaternion: Float[Array, "t c"], order: str, axes: Float[Array, "3 3"], pointer: Float[Array, "3"]
 ) -> Float[Array, " t"]:
     """Angle in rad of an axis of the body in the plane, from right to up."""
     seen = matrices(quaternion, order) @ pointer
@@ -64,7 +112,7 @@ def planar_angle(
 
 
 def tilt(
-    quaternion: Float[Array, "t 4"], order: str, axes: Float[Array, "3 3"], normal: Float[Array, "3"]
+    quaternion: Float[Array, "t c"], order: str, axes: Float[Array, "3 3"], normal: Float[Array, "3"]
 ) -> Float[Array, " t"]:
     """Angle in rad between the normal of the plane and that direction in the body."""
     return np.arccos(np.clip(matrices(quaternion, order) @ normal @ axes[2], -1, 1))
@@ -141,13 +189,13 @@ class Frame:
     def _turned(self, recording: Recording) -> Float[Array, "t 4"]:
         """Unit quaternions from the body's axes to the world's."""
         assert recording.quaternion is not None
-        length = np.linalg.norm(recording.quaternion, axis=1)
+        q = scalar_first(recording.quaternion, self.order)
+        length = np.linalg.norm(q, axis=1)
         if (bad := np.flatnonzero(recording.seen & (np.abs(length - 1) > _LENGTH_TOLERANCE))).size:
             raise DataError(
                 f"{recording.source}: {recording.name}: frame {bad[0] + 1}: a quaternion must be of length 1, got "
                 f"{length[bad[0]]:g}; are its columns mixed up (data.columns.quaternion)?"
             )
-        q = recording.quaternion if self.order == "wxyz" else np.roll(recording.quaternion, 1, axis=1)
         q = np.where(recording.seen[:, None], q / np.maximum(length, 0.5)[:, None], np.nan)
         world = Rotation.from_matrix(self.axes).as_quat(scalar_first=True)
         return product(world, q if self.sense > 0 else conjugate(q))

@@ -32,7 +32,8 @@ class Recording:
         time: of the frames in s.
         position: of the tracked point in the file's unit of length and axes.
         angle: in the plane, for positions in a plane, in the file's unit.
-        quaternion: in the file's order of components, for positions in space.
+        quaternion: in the file's order of components, for positions in space; or the orientation as turns [T, 3] in rad
+            about x, y and z, or as a matrix [T, 9] row by row (`frame.ORDERS`).
         unit: of length, where the format says so.
         order: of the quaternion's components, where the format or the names of its columns say so.
         markers: mean places [m, d] in the body about the tracked point, where the pose is found from markers.
@@ -46,7 +47,7 @@ class Recording:
     time: Float[Array, " t"]
     position: Float[Array, "t d"]
     angle: Float[Array, " t"] | None = None
-    quaternion: Float[Array, "t 4"] | None = None
+    quaternion: Float[Array, "t c"] | None = None
     unit: str | None = None
     order: str | None = None
     markers: Float[Array, "m d"] | None = None
@@ -61,7 +62,8 @@ class Recording:
             raise DataError(
                 f"{self.source}: {self.name}: has {frames} frames; at least {NEEDED.frames_of_recording} are needed"
             )
-        wanted = {"position": (frames, len(self.position[0])), "angle": (frames,), "quaternion": (frames, 4)}
+        parts = 4 if self.quaternion is None or len(self.quaternion[0]) not in (3, 9) else len(self.quaternion[0])
+        wanted = {"position": (frames, len(self.position[0])), "angle": (frames,), "quaternion": (frames, parts)}
         for name, shape in wanted.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
@@ -89,10 +91,12 @@ class Recording:
 
     @property
     def seen(self) -> Bool[Mask, " t"]:
-        """Frames in which every coordinate is a number and not senselessly large, and a quaternion not all zeros."""
+        """Frames in which every coordinate is a number and not senselessly large, and quaternion or matrix not zero."""
         values = np.column_stack((self.position, self.rotation))
         seen = np.logical_and.reduce(np.abs(values) < _SENSELESS, axis=-1)  # false where it is not a number
-        return seen if self.quaternion is None else seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
+        if self.quaternion is None or self.quaternion.shape[1] == 3:
+            return seen
+        return seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

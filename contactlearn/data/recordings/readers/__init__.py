@@ -1,6 +1,8 @@
 """Readers of recordings: one small module a format, each with one function `read(path, layout)`.
 
     columns   CSV and Parquet: a column each, or a long file with a column that names the recordings
+    exports   headers of Qualisys, Vicon, Tracker, DeepLabCut and SLEAP, which columns reads
+    arrays    arrays of NumPy and PyTorch, never objects
     motive    CSV exports of OptiTrack Motive
     tum       TUM text: time, position, quaternion
     hdf5      HDF5: a group a recording            extra contactlearn[tracks]
@@ -11,6 +13,7 @@ A reader yields one recording after the other, so that a long file is never in m
 file that is not as it must be is yielded as its error.
 """
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -41,12 +44,14 @@ class Layout:
         rate: frames a second, for files without a column of times; one that contradicts this column is an error.
         position: of x and y, or of x, y and z.
         angle: of the angle in the plane; None if none was measured, as of a ball.
-        quaternion: of its four components; the order is read off names that end in w, x, y and z.
+        quaternion: of its four components; the order is read off names that end in w, x, y and z.  Three are turns
+            about x, y and z, nine a matrix, row by row.
         recording: of the recording's name, in a file with several; None if there is one a file.
         markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
         body: of the rigid body, topic or group, where a file has several.
         places: of the markers in the body about its centre of mass, in the file's unit, where they are known: poses are
             then those of this body.
+        unit: of length, where the file's format says so.
     """
 
     time: str | None = "time"
@@ -58,6 +63,7 @@ class Layout:
     markers: Sequence[Sequence[str]] = field(default=())
     body: str | None = None
     places: Sequence[Sequence[float]] = field(default=())
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("position", "quaternion"):
@@ -65,8 +71,11 @@ class Layout:
         object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
         if self.rate is not None and not 0 < self.rate < np.inf:
             raise DataError(f"data.rate must be a positive number of frames a second, got {self.rate}")
-        if len(self.quaternion) != 4:
-            raise DataError(f"data.columns.quaternion must name four columns, got {self.quaternion}")
+        if len(self.quaternion) not in (3, 4, 9):
+            raise DataError(
+                "data.columns.quaternion must name four columns, or in its place euler three, about x, y and z, or "
+                f"matrix nine, row by row; got {self.quaternion}"
+            )
 
     def times(self, frames: int, source: str) -> Array:
         """Times of frames by the frame rate.
@@ -123,9 +132,11 @@ class Layout:
 
 _MODULES = {
     ".csv": "columns",
+    ".tsv": "columns",
     ".parquet": "columns",
     ".txt": "tum",
     ".tum": "tum",
+    **dict.fromkeys((".npz", ".npy", ".pt", ".mat"), "arrays"),
     ".h5": "hdf5",
     ".hdf5": "hdf5",
     ".c3d": "c3d",
@@ -136,6 +147,8 @@ _MODULES = {
 SUFFIXES = tuple(_MODULES)
 """Of the files that can be read."""
 _MOTIVE = "Format Version"
+TUM_COLUMNS = 8
+"""Numbers in a line of TUM text."""
 
 
 def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataError]:
@@ -151,6 +164,8 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
     try:
         if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
+        if path.suffix.lower() == ".txt" and not leading_numbers(path):
+            name = "columns"
         module = import_module(f"contactlearn.data.recordings.readers.{name}")
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("contactlearn"):
@@ -184,6 +199,13 @@ def recording_files(path: Path) -> list[Path]:
     if not files:
         raise DataError(f"{path}: holds no recordings; a recording is one of {', '.join(SUFFIXES)}")
     return files
+
+
+def leading_numbers(path: Path) -> int:
+    """Count the numbers in the first line of a text that is no comment; 0 if it has other words."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        words = next((line.split() for line in file if line.strip() and not line.startswith("#")), [])
+    return len(words) * all(re.fullmatch(r"[-+]?[\d.]+(?:e[-+]?\d+)?", word, re.IGNORECASE) for word in words)
 
 
 def is_motive(path: Path) -> bool:

@@ -1,16 +1,18 @@
 """CSV and Parquet: a row a frame, columns named in the layout.
 
     time; x, y, theta                     in a plane
-    time; x, y, z; qw, qx, qy, qz         in space
+    time; x, y, z; qw, qx, qy, qz         in space; or roll, pitch, yaw, or nine columns of a matrix
     recording                             in a file with several recordings, each of them in one piece
 
-An empty cell is a coordinate that the tracker lost.
+An empty cell is a coordinate that the tracker lost.  Exports with other lines above their frames are in `exports`.
 """
 
 import re
 from collections.abc import Iterator, Sequence
-from itertools import chain, product
+from dataclasses import replace
+from itertools import chain, islice, product, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,20 +22,24 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import Layout
+from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
 from contactlearn.data.recordings.track import Recording
 
-FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frames")
+FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
+_SNIFFED = 50  # lines in which the decimal mark is looked for
 MOST_FRAMES = 2_000_000
 """Of a recording: more than half an hour at 1000 frames a second, and a gigabyte or two of memory."""
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     """Yield the recordings of a CSV or Parquet file, or the error of one."""
+    export = None if path.suffix.lower() == ".parquet" else export_of(path)
+    layout = layout if export is None else export.layout(path, layout)
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
-    for part in _parts(path):
+    for part in _parts(path, export):
         part = _of_body(path, part, layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
@@ -68,28 +74,55 @@ def _pieces(part: pd.DataFrame, names: str | None) -> Iterator[pd.DataFrame]:
             yield piece
 
 
-def _parts(path: Path) -> Iterator[pd.DataFrame]:
+def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
     if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(path, pre_buffer=False) as file:
             for batch in file.iter_batches(_ROWS):
-                yield batch.to_pandas()
+                yield _flat(batch.to_pandas())
         return
     with path.open("rb") as file:
         if not file.read(1):
             raise DataError(f"{path}: the file is empty; its first line names the columns")
     with pd.read_csv(
-        path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path)
+        path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path, export)
     ) as reader:
-        yield from reader
+        yield from reader if export is None else map(export.cleaned, reader)
 
 
-def _dialect(path: Path) -> dict[str, str]:
-    """Separator and decimal mark of a text: those of a spreadsheet where a semicolon or a tab parts the header."""
+def _flat(frames: pd.DataFrame) -> pd.DataFrame:
+    """Frames in which a column of lists, as LeRobot writes states, has a column each, such as `observation.state.0`."""
+    for name in [name for name in frames.columns if isinstance(frames[name].iloc[0], list | np.ndarray)]:
+        values = np.stack(frames.pop(name).to_list())
+        if values.ndim == 2:
+            frames = frames.join(
+                pd.DataFrame(values, frames.index, [f"{name}.{k}" for k in range(values.shape[1])])  # pyright: ignore[reportArgumentType]
+            )
+    return frames
+
+
+def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
+    """Separator and decimal mark of a text, those of a spreadsheet where a semicolon or a tab parts the header.
+
+    Comments above the header are passed over; the frames of an export end with its first blank line.
+    """
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        header, frame = file.readline(), file.readline()
-    separator = next((mark for mark in ";\t" if mark in header), ",")
-    decimal = "," if separator != "," and re.search(r"\d,\d", frame) else "."
-    return {"sep": separator, "decimal": decimal}
+        if export is not None:
+            frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
+            more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0
+            separator, own = export.separator, {"header": None, "names": export.names, "index_col": False}
+            own |= {"skiprows": export.above, "nrows": len(frames) + more}
+        else:
+            above = [*takewhile(lambda line: line.startswith(COMMENT), file)]
+            file.seek(0)
+            header, *frames = [*islice(file, len(above), len(above) + _SNIFFED), "", ""]
+            if not header.strip():
+                raise DataError(f"{path}: holds no frames")
+            separator, own = next((mark for mark in ";\t" if mark in header), ","), {"skiprows": len(above)}
+    return {
+        "sep": separator,
+        "decimal": "," if separator != "," and any(re.search(r"\d,\d", line) for line in frames) else ".",
+        **own,
+    }
 
 
 def _whole(path: Path, pieces: list[pd.DataFrame], rows: int, layout: Layout, seen: set[str]) -> Recording | DataError:
@@ -116,23 +149,24 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     if len(table) == 0:
         raise DataError(f"{path}: holds no frames")
     place = f"{path}: {name}" if layout.recording in table.columns else str(path)
-    table = _rows_of_body(place, table, layout)
+    table, layout = _rows_of_body(place, table, layout), _with_orientation(table, layout)
     time = _times(path, place, table, layout)
     if layout.markers:
         markers = np.stack([_columns(place, table, names) for names in layout.markers], 1)
-        return pose_of_markers(markers, time, layout.places, name=name, source=str(path))
+        return pose_of_markers(markers, time, layout.places, name=name, source=str(path), unit=layout.unit)
     spatial = layout.position[2:] and layout.position[2] in table.columns
     position = _columns(place, table, layout.position if spatial else layout.position[:2])
     if spatial:
-        quaternion = _columns(place, table, layout.quaternion)
+        quaternion = _orientations(place, table, layout.quaternion)
         return Recording(
-            name=name, source=str(path), time=time, position=position, quaternion=quaternion, order=layout.order
-        )
+            name=name, source=str(path), time=time, position=position, quaternion=quaternion, unit=layout.unit,
+            order=layout.order,
+        )  # fmt: skip
     if layout.angle is None or layout.angle not in table.columns:
         angle = np.zeros(len(table))  # not measured: see `_no_angle`
     else:
         angle = _column(place, table, layout.angle)
-    return Recording(name=name, source=str(path), time=time, position=position, angle=angle)
+    return Recording(name=name, source=str(path), time=time, position=position, angle=angle, unit=layout.unit)
 
 
 def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
@@ -176,12 +210,13 @@ def _rows_of_body(place: str, table: pd.DataFrame, layout: Layout) -> pd.DataFra
     Raises:
         DataError: it is not stated which body.
     """
-    if layout.time is None or layout.time not in table.columns:
+    clock = next((name for name in (layout.time, *FRAME_NUMBERS) if name in table.columns), None)
+    if clock is None:
         return table
-    time = pd.Series(_stamps(place, table, layout.time), index=table.index)
+    time = pd.Series(_stamps(place, table, clock), index=table.index)
     if len(time) < 2 or (time.diff().iloc[1:] > 0).all():
         return table
-    used = {layout.time, layout.recording, layout.angle, *layout.position, *layout.quaternion}
+    used = {clock, layout.time, layout.recording, layout.angle, *layout.position, *layout.quaternion}
     for column in (name for name in table.columns if name not in used):
         steps = time.groupby(table[column].astype(str)).diff().dropna()
         bodies = [*pd.unique(table[column].astype(str))]
@@ -205,9 +240,12 @@ def _chosen(place: str, bodies: Sequence[str], layout: Layout, where: str) -> st
 
 def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array:
     """Times in s: a column of them, of dates with times, or of frame numbers and the frame rate."""
-    if layout.time is not None and layout.time in table.columns:
-        return layout.checked(_stamps(place, table, layout.time), place)
     number = next((name for name in FRAME_NUMBERS if name in table.columns), None)
+    if layout.time is not None and layout.time in table.columns:
+        stamps = _stamps(place, table, layout.time)
+        if number is not None and layout.time not in FRAME_NUMBERS:
+            stamps = _with_dropped(stamps, _column(place, table, number))
+        return layout.checked(stamps, place)
     if number is None or layout.time is None:
         return layout.times(len(table), str(path))
     return layout.checked(_column(place, table, number), place)
@@ -217,7 +255,8 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     """A column of times, in the unit that its name states; dates with times are counted in s from the first of them."""
     stated = re.search(r"[\W_](ms|[uµμ]s|min|h)\W*$", name)
     if pd.api.types.is_numeric_dtype(table[name]):
-        return _column(place, table, name) * (_SECONDS[stated[1]] if stated else 1.0)
+        times = _column(place, table, name)
+        return times * _SECONDS[stated[1]] if stated else _in_seconds(times)
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
     if pd.to_numeric(table[name], errors="coerce").notna().any() or stamps.isna().all():
         return _column(place, table, name)  # numbers, with some text
@@ -229,9 +268,36 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     return ((stamps - stamps.iloc[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=np.float64)
 
 
+def _in_seconds(times: Array) -> Array:
+    """Times of no stated unit in s: since 1970 in ms, µs or ns by their size, or ms and µs where s leave no flight."""
+    if len(times) < 2 or not np.isfinite(times).all():
+        return times
+    for least, factor in _SINCE_1970.items():
+        if times[0] > least:
+            return (times - times[0]) * factor
+    step = float(np.median(np.diff(times)))
+    if step == 1 and (times == np.round(times)).all():
+        return times  # frame numbers
+    return times * next((factor for least, factor in _FAR_APART.items() if step > least), 1.0)
+
+
+_SINCE_1970 = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}  # s, of a time in ns, µs and ms that is greater
+_FAR_APART = {500.0: 1e-6, 0.5: 1e-3}  # s, of a time between frames that is greater: no flight lasts several such
+
+
+def _with_dropped(stamps: Array, number: Array) -> Array:
+    """Time stamps that count rows are those of the frame numbers, where these leave out frames that were dropped."""
+    ahead, steps = np.diff(number), np.diff(stamps)
+    regular = len(steps) > 1 and (np.abs(steps / np.median(steps) - 1) < 0.5).all()
+    if not regular or not (ahead >= 1).all() or (ahead == ahead[0]).all():
+        return stamps
+    return stamps[0] + (number - number[0]) * float(np.median(steps)) / float(np.median(ahead))
+
+
 def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     """Refuse a file that lacks columns, before any of its recordings is refused for it."""
     spatial = layout.position[2:] and layout.position[2] in table.columns
+    layout = _with_orientation(table, layout)
     angle = () if layout.angle is None or _no_angle(table, layout) else (layout.angle,)
     poses = (*layout.position, *layout.quaternion) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
@@ -243,6 +309,41 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
             )
     if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
         layout.times(0, str(path))
+
+
+def _with_orientation(table: pd.DataFrame, layout: Layout) -> Layout:
+    """The layout with turns or a matrix in place of a quaternion that the table has not."""
+    missing = {*layout.quaternion}.isdisjoint(map(str, table.columns))
+    other = orientation_columns([*map(str, table.columns)]) if missing else ()
+    return replace(layout, quaternion=other) if other else layout
+
+
+_TURNS = (
+    ("roll", "pitch", "yaw"),
+    *(tuple(f"{name}{axis}" for axis in "xyz") for name in ("r", "rot", "euler", "angle")),
+)
+_ENTRY = re.compile(r"(?:r|m|rot|mat|rotation|matrix)(\d)(\d?)")
+_DEGREES = 2 * np.pi + 0.1  # of a turn, above which it is in degrees
+
+
+def orientation_columns(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of turns about x, y and z, or of a matrix row by row, by their names; none without them."""
+    bare = {re.sub(r"[\W_]+", "", re.sub(r"[\[(](?!\d)[^\])]*[\])]\s*$", "", name)).lower(): name for name in header}
+    bare = {re.sub(r"(?:deg|degrees|rad)$", "", word): name for word, name in bare.items()}
+    for names in _TURNS:
+        if {*names} <= {*bare}:
+            return tuple(bare[name] for name in names)
+    entries = sorted((match.groups(), name) for word, name in bare.items() if (match := _ENTRY.fullmatch(word)))
+    return tuple(name for _, name in entries) if len(entries) == 9 else ()
+
+
+def _orientations(place: str, table: pd.DataFrame, names: Sequence[str]) -> Array:
+    """Quaternions, matrices, or turns in rad; in degrees where a name says so, or one is above a whole turn."""
+    values = _columns(place, table, names)
+    if len(names) != 3:
+        return values
+    degrees = any(re.search(r"deg|°", name) for name in names) or np.nanmax(np.abs(values), initial=0.0) > _DEGREES
+    return np.radians(values) if degrees else values
 
 
 def _no_angle(table: pd.DataFrame, layout: Layout) -> bool:

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.readers import LARGEST, Layout
+from contactlearn.data.recordings.readers import LARGEST, TUM_COLUMNS, Layout
 from contactlearn.data.recordings.track import Recording
-
-_COLUMNS = 8
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
@@ -20,10 +18,10 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
     with path.open(encoding="utf-8") as lines:
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     for number, row in enumerate(rows, 1):
-        if len(row) != _COLUMNS:
+        if len(row) != TUM_COLUMNS:
             raise DataError(
                 f"{path}: is no TUM text, as which {path.suffix} is read: frame {number} has {len(row)} words, "
-                f"not the {_COLUMNS} numbers t x y z qx qy qz qw"
+                f"not the {TUM_COLUMNS} numbers t x y z qx qy qz qw"
             )
     try:
         frames = [[*map(float, row)] for row in rows]

@@ -1,0 +1,217 @@
+"""Text of trackers that begins with lines of its own: where the frames begin, and what their columns are.
+
+    Qualisys TSV     keys with values, then MARKER_NAMES, or BODY_NAMES with position and matrix; mm, FREQUENCY
+    Vicon CSV        Trajectories or Objects, a rate, names, axes and units; a section of several ends with a blank line
+    Tracker (OSP)    names of tracks, t, x, y; with decimal points or commas
+    DeepLabCut       scorer, bodyparts, coords: pixels
+    SLEAP            track, frame_idx, a point's x, y and score in each three columns
+
+A point whose likelihood or score is below 0.6 is lost, and so is a marker at 0, 0, 0.
+Sources: the exporters' documentation, and files in public repositories.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.readers import Layout
+
+COMMENT = ("#", "%", "//")
+_HEADER = 60  # lines among which the frames begin
+_LIKELY = 0.6  # below which DeepLabCut takes a point for lost by default
+_AXES = ("x", "y", "z")
+_BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
+Rows = list[list[str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """How the frames of a text stand in it.
+
+    Args:
+        names: of the columns.
+        above: lines above the frames.
+        separator: of cells.
+        rate: frames a second, where the header says so.
+        unit: of length, likewise.
+        points: columns of each point, which are markers of one body where there are several.
+        bodies: columns of position and orientation of each rigid body.
+        likelihoods: column by the name of a point.
+    """
+
+    names: Sequence[str]
+    above: int
+    separator: str = ","
+    rate: float | None = None
+    unit: str | None = None
+    points: dict[str, list[str]] = field(default_factory=dict)
+    bodies: dict[str, tuple[list[str], list[str]]] = field(default_factory=dict)
+    likelihoods: dict[str, str] = field(default_factory=dict)
+
+    def layout(self, path: Path, stated: Layout) -> Layout:
+        """Return a layout with the columns of the body.
+
+        Raises:
+            DataError: it is not stated which of several bodies, or the stated one is not there.
+        """
+        stated = replace(stated, rate=stated.rate or self.rate, unit=self.unit)
+        if self.bodies:
+            if stated.body not in self.bodies and (stated.body is not None or len(self.bodies) > 1):
+                choices = " or ".join(f"data.body={name}" for name in self.bodies)
+                raise DataError(f"{path}: has the bodies {', '.join(self.bodies)}; state {choices}")
+            position, turned = self.bodies[stated.body or next(iter(self.bodies))]
+            return replace(stated, position=position, quaternion=turned, body=None)
+        if stated.markers or {*stated.position[:2]} <= {*self.names}:
+            return stated
+        own = {name: columns for name, columns in self.points.items() if name.startswith(stated.body or "")}
+        if not own:
+            raise DataError(f"{path}: has no point that begins with {stated.body!r}; it has {', '.join(self.points)}")
+        if len(own) == 1:
+            return replace(stated, position=next(iter(own.values())), angle=None, body=None)
+        return replace(stated, markers=[*own.values()], body=None)
+
+    def cleaned(self, frames: pd.DataFrame) -> pd.DataFrame:
+        """Return frames in which lost points are empty."""
+        for name, columns in self.points.items():
+            points = frames[columns].apply(pd.to_numeric, errors="coerce")
+            lost = (points == 0).all(axis=1) if len(columns) == 3 else pd.Series(False, index=frames.index)
+            if name in self.likelihoods:
+                lost |= pd.to_numeric(frames[self.likelihoods[name]], errors="coerce") < _LIKELY
+            frames[columns] = points.mask(lost, np.nan, axis=0)
+        return frames
+
+
+def export_of(path: Path) -> Export | None:
+    """Return how an export stands in a text file, or nothing if its first line names its columns."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        lines = [line.rstrip("\r\n") for line in islice(file, _HEADER)]
+    separator = next((mark for mark in "\t;" if any(mark in line for line in lines)), ",")
+    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
+    rows = [row or [""] for row in rows]
+    for read in _LAYOUTS:
+        if len(rows) > 3 and (found := read(rows)):
+            return replace(found, separator=separator)
+    return None
+
+
+def _qualisys(rows: Rows) -> Export | None:
+    if not rows[0][0].startswith("NO_OF_"):
+        return None
+    about = {row[0]: row[1:] for row in rows if row[0].isupper() and len(row) > 1}
+    first = next((k for k, row in enumerate(rows) if k and row[0] not in about and _numeric(row)), None)
+    if first is None:
+        return None
+    width, rate = len([*_trimmed(rows[first])]), float(about["FREQUENCY"][0].replace(",", "."))
+    if markers := [*_trimmed(about.get("MARKER_NAMES", []))]:
+        points = {name: [f"{name} {axis}" for axis in _AXES] for name in markers}
+        names = [column for columns in points.values() for column in columns]
+        names = [*(("frame", "time")[: width - len(names)]), *names]
+        return Export(names=_padded(names, rows[first]), above=first, rate=rate, unit="mm", points=points)
+    bodies, header = [*_trimmed(about.get("BODY_NAMES", []))], rows[first - 1]
+    starts = [k for k, cell in enumerate(header) if cell == "X"]
+    if not bodies or len(starts) != len(bodies):
+        return None
+    named = [cell for cell in header if not (cell in bodies and len(header) > len(rows[first]))]
+    starts = [k for k, cell in enumerate(named) if cell == "X"]
+    names, found = [f"{cell or 'column'} {k}" for k, cell in enumerate(named)], dict[str, tuple[list[str], list[str]]]()
+    for body, start in zip(bodies, starts, strict=True):
+        matrix = named.index("Rot[0]", start)
+        found[body] = (names[start : start + 3], [names[matrix + k] for k in _BY_ROWS])
+    return Export(names=_padded(names, rows[first]), above=first, rate=rate, unit="mm", bodies=found)
+
+
+def _vicon(rows: Rows) -> Export | None:
+    titles = [k for k, row in enumerate(rows) if row[0] in ("Trajectories", "Objects")]
+    start = next((k for k in titles if rows[k][0] == "Objects"), titles[0] if titles else None)
+    if start is None:
+        return None
+    header = next((k for k, row in enumerate(rows) if k > start and row[0] == "Frame"), None)
+    if header is None:
+        return None
+    axes, units = rows[header], rows[header + 1]
+    names, group = list[str](), ""
+    for k, axis in enumerate(axes):
+        group = rows[header - 1][k] if k < len(rows[header - 1]) and rows[header - 1][k] else group
+        names.append(f"{group} {axis}" if k > 1 else axis.lower())
+    groups = dict.fromkeys(name.rpartition(" ")[0] for name in names[2:] if name.rpartition(" ")[0])
+    points, bodies = dict[str, list[str]](), dict[str, tuple[list[str], list[str]]]()
+    for one in groups:
+        plain, (_, _, short) = [f"{one} {axis}" for axis in "XYZ"], one.rpartition(":")
+        place, turns = ([f"{one} {kind}{axis}" for axis in letters] for kind, letters in (("T", "XYZ"), ("R", "XYZW")))
+        if {*place, *turns[:3]} <= {*names}:
+            bodies[short.rpartition(" ")[2]] = (place, [name for name in turns if name in names])
+        elif {*plain} <= {*names}:
+            points[short] = plain
+    if not points and not bodies:
+        return None
+    rate = next((float(row[0]) for row in rows[start + 1 : header] if _numeric(row[:1])), None)
+    above = header + (1 if _numeric(units[:1]) else 2)
+    unit = next((unit for unit in units if unit in ("mm", "m", "cm")), None)
+    names = _padded(names, rows[above])
+    return Export(names=names, above=above, rate=rate, unit=unit, points=points, bodies=bodies)
+
+
+def _tracker(rows: Rows) -> Export | None:
+    above = next((k for k, row in enumerate(rows[:4]) if row[0] in ("t", "frame", "step") and "x" in row), None)
+    if not above or not _numeric(rows[above + 1][:1]) or not any(rows[above - 1]):
+        return None
+    names, track, seen = list[str](), "", dict[str, None]()
+    for k, cell in enumerate(rows[above]):
+        titled = rows[above - 1][k] if k < len(rows[above - 1]) else ""
+        track = titled.lstrip("#%/ ") or track
+        seen |= {track: None} if cell == "x" else {}
+        names.append("time" if cell == "t" and "time" not in names else f"{track} {cell}")
+    axes = [axis for axis in ("x", "y", "z") if axis in rows[above]]
+    return Export(
+        names=_padded(names, rows[above + 1]),
+        above=above + 1,
+        points={name: [f"{name} {axis}" for axis in axes] for name in seen},
+    )
+
+
+def _deeplabcut(rows: Rows) -> Export | None:
+    titles = {row[0]: row for row in rows[:4]}
+    if not {"scorer", "bodyparts", "coords"} <= {*titles}:
+        return None
+    animals = titles.get("individuals", [""] * len(titles["coords"]))
+    labels = [f"{animal} {part}".strip() for animal, part in zip(animals, titles["bodyparts"], strict=False)]
+    names = ["frame", *(f"{one} {axis}" for one, axis in zip(labels[1:], titles["coords"][1:], strict=True))]
+    points = {one: [f"{one} {axis}" for axis in _AXES if f"{one} {axis}" in names] for one in dict.fromkeys(labels[1:])}
+    likely = {one: name for one in points if (name := f"{one} likelihood") in names}
+    return Export(names=names, above=[row[0] for row in rows].index("coords") + 1, points=points, likelihoods=likely)
+
+
+def _sleap(rows: Rows) -> Export | None:
+    header = rows[0]
+    points = {name[:-2]: [name, f"{name[:-2]}.y"] for name in header if name.endswith(".x")}
+    if "frame_idx" not in header or not points:
+        return None
+    likely = {name: f"{name}.score" for name in points if f"{name}.score" in header}
+    names = ["frame" if name == "frame_idx" else name for name in header]
+    return Export(names=names, above=1, points=points, likelihoods=likely)
+
+
+_LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (_qualisys, _vicon, _deeplabcut, _sleap, _tracker)
+
+
+def _numeric(cells: Sequence[str]) -> bool:
+    """Whether cells are numbers or empty, and some are numbers."""
+    present = [cell for cell in cells if cell]
+    return bool(present) and all(re.fullmatch(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|nan", c, re.I) for c in present)
+
+
+def _trimmed(cells: Sequence[str]) -> list[str]:
+    """Cells without empty ones at the end."""
+    return [*cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]]
+
+
+def _padded(names: Sequence[str], row: Sequence[str]) -> list[str]:
+    """Names of all cells of a row, of which the last ones may be empty."""
+    return [*names, *(f"column {k}" for k in range(len(names), len(row)))]
