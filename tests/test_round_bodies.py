@@ -110,3 +110,46 @@ def test_an_angle_that_was_not_measured_shows_no_centre_and_no_spin(tmp_path, ch
     square = {"kind": "polygon", "vertices": [[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]]}
     with pytest.raises(DataError, match="no orientation was measured"):
         find(path, MASS, square)
+
+
+# --- In space, and on a racket ---------------------------------------------------------------------
+
+
+def bounces(rise: float, up: int = 1) -> pd.DataFrame:
+    """Balls without turns in space on a floor that rises at a velocity; falls in vacuum between its contacts."""
+    rng, frames = np.random.default_rng(3), list[pd.DataFrame]()
+    clock = np.arange(0, 1.2, 1 / 240)
+    for k in range(12):
+        p, v, start = np.array((0.0, 0.0, 0.6 + rng.uniform(-0.1, 0.1))), rng.uniform((0.3, -0.5, -1), (1, 0.5, 0)), 0.0
+        seen = np.empty((0, 3))
+        while len(seen) < len(clock):
+            gap, closing = p[2] - 0.033 - rise * start, v[2] - rise
+            lasts = (closing + np.sqrt(closing**2 + 2 * 9.81 * gap)) / 9.81
+            t = clock[(clock >= start) & (clock < start + lasts)] - start
+            seen = np.vstack((seen, p + t[:, None] * v - np.outer(t**2, (0, 0, 9.81 / 2))))
+            start, p = start + lasts, p + lasts * v - np.array((0, 0, 9.81 / 2)) * lasts**2
+            v = np.array((0.8 * v[0], 0.8 * v[1], rise - 0.75 * (v[2] - 9.81 * lasts - rise)))
+            if lasts < 0.05:
+                break
+        seen = seen[: len(clock)] + rng.normal(0, 2e-4, seen[: len(clock)].shape)
+        frame = pd.DataFrame(seen * (1, 1, up), columns=[*"xyz"])
+        frames.append(frame.assign(time=clock[: len(seen)], recording=f"take {k}"))
+    return pd.concat(frames)
+
+
+@pytest.mark.parametrize("up", [1, -1])
+def test_a_ball_in_space_whose_turns_nobody_measured(up, tmp_path):
+    bounces(0.0, up).to_csv(tmp_path / "balls.csv", index=False)
+    found = find(tmp_path / "balls.csv", mass=0.058, shape={"kind": "sphere", "radius": 0.033})
+    assert len(found.impacts) >= 20
+    ratio = (-found.impacts.v_post[:, 2] / found.impacts.v_pre[:, 2]).median().item()
+    assert ratio == pytest.approx(0.75, abs=0.01)
+    assert (found.impacts.v_pre_cov[:, 3, 3].sqrt() > 1).all()  # rad/s: of a ball that may roll
+    with pytest.raises(DataError, match="no orientation was measured"):
+        find(tmp_path / "balls.csv", mass=0.058, shape={"kind": "cuboid", "half": [0.03, 0.03, 0.03]})
+
+
+def test_a_racket_that_rises_is_said(tmp_path):
+    bounces(0.35).to_csv(tmp_path / "balls.csv", index=False)
+    with pytest.raises(DataError, match=r"contacts rise by 0\.35 ± .* m/s within recordings.*as a racket does"):
+        find(tmp_path / "balls.csv", mass=0.058, shape={"kind": "sphere", "radius": 0.033})

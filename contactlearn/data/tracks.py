@@ -18,6 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,7 @@ _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
 _LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
+_MOVING = 0.02  # of the velocity of approach, that of a floor which moves
 _SURE = 5.0  # standard errors of a slope that is allowed for
 _MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
 _ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
@@ -258,6 +260,7 @@ def find_impacts(
     _check_contacts(path, found)
     limits = options.thresholds
     floor = find_floor(found.contacts, known, found.rests, lean=model.lean, limits=limits)
+    _check_still(path, found.contacts, known)
     contacts, refusals = off_the_floor(found.contacts, known, floor, limits, longest=options.flight.contact_time)
     found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
     _check_contacts(path, found)
@@ -426,13 +429,16 @@ def _find_angles(
                 f"{source}: the impacts contradict {_settings(setting, named, stated.sense)}: {_evidence(shape)} "
                 f"{leaves}, and {every[closing]:.2g} with {_settings(setting, *closing)}"
             )
-    if others and not least <= limit * by_reading[others[0]]:
-        raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
+    evidence = _evidence(shape)
+    if others and not least <= limit * (second := by_reading[others[0]]):
+        if not least <= options.thresholds.likely * second < math.inf:
+            raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
+        evidence = f"{evidence} not clearly less than {second:.2g} with {', '.join(filter(None, others[0]))},"
     clue = Clue(
         convention="angles",
         value=", ".join(name for name in best if name),
         stated=not others,
-        quantity=_evidence(shape),
+        quantity=evidence,
         number=least,
         unit="–",
     )
@@ -642,6 +648,41 @@ def _typical(residual: Array, size: Array, noise: Array) -> float:
     order = np.argsort(share)
     summed = np.cumsum(weight[order])
     return float(share[order][min(int(np.searchsorted(summed, summed[-1] / 2)), len(share) - 1)])
+
+
+def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) -> None:
+    """Refuse contacts with something that moves along its normal, such as a racket: their heights change with time.
+
+    From contact to contact of a recording heights change by the slope times the way, and by that velocity times the
+    time.
+
+    Raises:
+        DataError: with the velocity.
+    """
+    pose = np.stack([contact.pose for contact in contacts])
+    d = 2 if pose.shape[1] == 3 else 3
+    point = contact_point(shape, torch.from_numpy(orientation(pose))).numpy() + pose[:, :d]
+    whole = np.column_stack((point[:, :-1], [contact.time for contact in contacts], point[:, -1]))
+    follows = np.array([one.recording == other.recording for one, other in pairwise(contacts)], bool)
+    change = np.diff(whole, axis=0)[follows]
+    if len(change) < NEEDED.contacts_of_reading:
+        return
+    A, b = change[:, :-1], change[:, -1]
+    weight, found, scale = np.ones(len(b)), np.zeros(A.shape[1]), 0.0
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        found, *_ = np.linalg.lstsq(A * root[:, None], b * root, rcond=None)
+        off = np.abs(b - A @ found)
+        scale = max(MAD_SCALE * float(np.median(off)), _ROUNDING)
+        weight = 1 / (1 + (off / (3 * scale)) ** 2)
+    error = scale * np.sqrt(np.linalg.pinv((A * weight[:, None]).T @ A)[-1, -1])
+    velocity, fall = float(found[-1]), float(np.median([-contact.v_pre[d - 1] for contact in contacts]))
+    if abs(velocity) > max(_SURE * error, _MOVING * fall):
+        raise DataError(
+            f"{path}: contacts {'rise' if velocity > 0 else 'sink'} by {abs(velocity):.3g} ± {error:.1g} m/s within "
+            "recordings: that surface moves, as a racket does; take its position off that of the body, or "
+            "write a table of impacts with its velocities (racket_vx, racket_vy)"
+        )
 
 
 def _check_handedness(

@@ -42,6 +42,8 @@ class TrackThresholds:
     frames, without which no order of the quaternion is found (row tracks.aligned)."""
     reading: float = 0.3
     """Residual of the moment balance with the best reading of angles, relative to any other (row tracks.reading)."""
+    likely: float = 0.6
+    """The same, up to which the best reading is taken and the next one named; the audit's balance then decides."""
     off_sigmas: float = 8.0
     """Height of a contact above the floor in robust standard deviations (row tracks.off_sigmas)."""
     off_least: float = 1e-3

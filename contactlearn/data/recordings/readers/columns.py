@@ -157,7 +157,8 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     spatial = layout.position[2:] and layout.position[2] in table.columns
     position = _columns(place, table, layout.position if spatial else layout.position[:2])
     if spatial:
-        quaternion = _orientations(place, table, layout.quaternion)
+        measured = not {*layout.quaternion}.isdisjoint(map(str, table.columns))
+        quaternion = _orientations(place, table, layout.quaternion) if measured else np.tile(_UNTURNED, (len(table), 1))
         return Recording(
             name=name, source=str(path), time=time, position=position, quaternion=quaternion, unit=layout.unit,
             order=layout.order,
@@ -299,7 +300,9 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     spatial = layout.position[2:] and layout.position[2] in table.columns
     layout = _with_orientation(table, layout)
     angle = () if layout.angle is None or _no_angle(table, layout) else (layout.angle,)
-    poses = (*layout.position, *layout.quaternion) if spatial else (*layout.position[:2], *angle)
+    measured = not {*layout.quaternion}.isdisjoint(map(str, table.columns)) or not _no_angle(table, layout)
+    turned = layout.quaternion if measured else ()
+    poses = (*layout.position, *turned) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
         if name not in table.columns:
             known = [str(column) for column in table.columns]
@@ -323,6 +326,7 @@ _TURNS = (
     *(tuple(f"{name}{axis}" for axis in "xyz") for name in ("r", "rot", "euler", "angle")),
 )
 _ENTRY = re.compile(r"(?:r|m|rot|mat|rotation|matrix)(\d)(\d?)")
+_UNTURNED = (1.0, 0.0, 0.0, 0.0)  # of a ball, nobody measured its turns: see `_no_angle`
 _DEGREES = 2 * np.pi + 0.1  # of a turn, above which it is in degrees
 
 
