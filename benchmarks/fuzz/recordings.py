@@ -15,6 +15,8 @@ from contactlearn.data.recordings.track import Recording
 from fuzz.target import Target, file
 
 SUFFIXES = (".csv", ".parquet", ".tum", ".csv", ".h5", ".c3d", ".mcap", ".bag")
+MORE = (".tsv", ".txt", ".npz", ".npy", ".pt", ".mat", ".tsv", ".txt")
+"""Where the bit of 32 is set."""
 LAYOUTS = (
     Layout(),
     Layout(rate=100.0, recording=None, body="drop"),
@@ -26,7 +28,7 @@ LAYOUTS = (
 def read(content: bytes) -> None:
     """Read every recording of a file, and look for the frame of those that are sound."""
     how = content[0] if content else 0
-    with file(content[1:], SUFFIXES[how & 7]) as path:
+    with file(content[1:], (MORE if how & 32 else SUFFIXES)[how & 7]) as path:
         found = [*read_recordings(path, LAYOUTS[how >> 3 & 3])]
     sound = [one for one in found if isinstance(one, Recording)]
     assert all(isinstance(one, Recording | DataError) for one in found)
@@ -48,7 +50,28 @@ def seeds() -> list[bytes]:
         out = io.BytesIO()
         table.to_parquet(out, index=False)
         found.append(b"\x01" + out.getvalue())
-    return [*found, b"\x02# poses\n" + tum.encode(), b"\x03" + _motive(time).encode(), *_extra(flight)]
+    return [*found, b"\x02# poses\n" + tum.encode(), b"\x03" + _motive(time).encode(), *_exports(time), *_extra(flight)]
+
+
+def _exports(time: np.ndarray) -> list[bytes]:
+    """Headers of trackers, and arrays."""
+    points = "".join(f"{t}\t1\t0\t{t}\t1\t1\t0\t2\t{t}\n" for t in time)
+    qualisys = f"NO_OF_FRAMES\t12\nFREQUENCY\t100\nMARKER_NAMES\ta\tb\tc\nTRAJECTORY_TYPES\tM\tM\tM\n{points}"
+    vicon = "Objects\n100\n,,box:box,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
+    vicon += "".join(f"{k},0,0,0,0,1,{t},1,0\n" for k, t in enumerate(time)) + "\nDevices\n"
+    deeplabcut = "scorer,net,net,net\nbodyparts,ball,ball,ball\ncoords,x,y,likelihood\n"
+    deeplabcut += "".join(f"{k},{t},1,0.9\n" for k, t in enumerate(time))
+    sleap = "track,frame_idx,instance.score,a.x,a.y,a.score\n"
+    sleap += "".join(f"t0,{k},1,{t},1,0.9\n" for k, t in enumerate(time))
+    tracker = "mass A\t\t\nt\tx\ty\n" + "".join(f"{t}\t{t}\t1\n".replace(".", ",") for t in time)
+    texts = ((32, qualisys), (0, vicon), (0, deeplabcut), (0, sleap), (33, tracker))
+    found = [bytes([how]) + text.encode() for how, text in texts]
+    pose = np.column_stack((time, 0 * time, 1 - time, 1 + 0 * time, np.zeros((12, 9))))
+    for how, write in ((35, np.save), (34, np.savez)):
+        out = io.BytesIO()
+        write(out, pose)
+        found.append(bytes([how]) + out.getvalue())
+    return found
 
 
 def _motive(time: np.ndarray) -> str:
@@ -80,6 +103,25 @@ COLUMNS = ["time", "recording", "theta", "qw", "qx", "qy", "qz", "Frame", "Rigid
 TARGET = Target(
     read,
     seeds,
-    words=[*COLUMNS, "Format Version", "nan", "inf", "1e308", "-1e308", '"', "\r\n", ",", "#", "\x00", "PAR1"],
+    words=[
+        *COLUMNS,
+        "Format Version",
+        "nan",
+        "inf",
+        "1e308",
+        "-1e308",
+        '"',
+        "\r\n",
+        ",",
+        "#",
+        "\x00",
+        "PAR1",
+        "NO_OF_FRAMES",
+        "Objects",
+        "scorer",
+        "bodyparts",
+        "coords",
+        "frame_idx",
+    ],
     watched=["rosbags"],
 )

@@ -14,7 +14,7 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
-from contactlearn.data.recordings.readers.columns import bodies_in_names, orientation_columns
+from contactlearn.data.recordings.readers.columns import bodies_in_names, column_names, orientation_columns
 from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.table.columns import (
     COMPUTED,
@@ -61,6 +61,13 @@ class Setting:
     comment: str
 
 
+_UNNAMED = (
+    Setting(name="rate", value=None, comment="frames a second, for files without times"),
+    Setting(name="body", value=None, comment="rigid body, topic or group, where a file holds several"),
+)
+"""Settings of files whose columns have no names to look at."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FileContents:
     """The name of the source, `table` or `tracks`, its settings in order, the unused columns, and how it was read."""
@@ -82,7 +89,7 @@ def propose(path: Path) -> FileContents:
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
     if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
-        return FileContents(source="tracks", settings=(*_body(path),))
+        return FileContents(source="tracks", settings=(*_body(path), *_UNNAMED))
     if first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = table.preview(first)
@@ -99,11 +106,30 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
         return FileContents(source="tracks", settings=(*_body(path, markers, bodies), *_layout(frames, markers)))
+    names = column_names(first) if first.suffix.lower() == ".parquet" else cells.header
+    if frames.names.keys() & {"time", "recording"} and frames.others:
+        return FileContents(
+            source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=cells.read_as
+        )
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
-        f"{', '.join(map(repr, cells.header))}"
+        f"{', '.join(map(repr, cells.header))}; those of a recording are named by data=tracks "
+        "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
+    """The settings of a recording whose times or names of recordings are known, and not its columns of poses."""
+    for name in ("time", "recording"):
+        if known.names.get(name, name) != name:
+            yield Setting(
+                name=f"columns.{name}", value=known.names[name], comment="s" if name == "time" else "its name"
+            )
+    others = ", ".join(name for name in names if name not in known.names.values())
+    yield Setting(name="columns.position", value=OPEN, comment=f"[x, y] or [x, y, z] among {others}")
+    yield Setting(name="columns.quaternion", value=None, comment="four columns, for positions in space")
+    yield Setting(name="columns.angle", value=None, comment="in the plane of motion; null of a ball without it")
 
 
 def _is_recording(path: Path) -> bool:

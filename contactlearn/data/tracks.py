@@ -188,7 +188,8 @@ def track_options(
         DataError: a value out of its range.
         UnknownNameError: a column or convention that does not exist.
     """
-    columns = dict(columns or {})
+    unset = (*_ORIENTATIONS, "position", "quaternion", "markers")
+    columns = {name: one for name, one in (columns or {}).items() if one is not None or name not in unset}
     for name in columns:
         if name not in (*_COLUMNS, *_ORIENTATIONS):
             raise UnknownNameError("entry of data.columns", name, (*_COLUMNS, *_ORIENTATIONS))

@@ -28,7 +28,7 @@ _ALIASES = {
     "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
     "spin": "omega", "ω": "omega", "w": "omega", "angularv": "omega", "vangular": "omega", "thetadot": "omega",
     "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time", "timestamp": "time",
-    **dict.fromkeys(("drop", "take", "toss", "trial"), "recording"),
+    **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
     **{name: f"w{axis}" for axis in "xyz" for name in (
         f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"
     )},

@@ -195,6 +195,7 @@ def recording_files(path: Path) -> list[Path]:
     if not path.is_dir():
         raise DataError(f"{path}: no such file or folder; check the path (relative to {Path.cwd()})")
     files = sorted(file for file in path.rglob("*") if file.is_file() and file.suffix.lower() in SUFFIXES)
+    files = [file for file in files if not file.name.lower().startswith(("readme", "license"))]
     files = [file for file in files if not any(part.startswith(".") for part in file.relative_to(path).parts)]
     if not files:
         raise DataError(f"{path}: holds no recordings; a recording is one of {', '.join(SUFFIXES)}")

@@ -89,6 +89,12 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
         yield from reader if export is None else map(export.cleaned, reader)
 
 
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a Parquet file, lists as a column each."""
+    with parquet.ParquetFile(path, pre_buffer=False) as file:
+        return [*map(str, _flat(next(file.iter_batches(1)).to_pandas()).columns)]
+
+
 def _flat(frames: pd.DataFrame) -> pd.DataFrame:
     """Frames in which a column of lists, as LeRobot writes states, has a column each, such as `observation.state.0`."""
     for name in [name for name in frames.columns if isinstance(frames[name].iloc[0], list | np.ndarray)]:
