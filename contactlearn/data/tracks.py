@@ -74,7 +74,8 @@ _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
 _LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
-_MOVING = 0.02  # of the velocity of approach, that of a floor which moves
+_MOVING = 0.1  # of the velocity of approach, that of a surface which moves
+_MOVING_ROUND = 0.02  # the same of round bodies, whose contact heights no zero of θ and no outline change
 _SURE = 5.0  # standard errors of a slope that is allowed for
 _MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
 _ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
@@ -678,7 +679,8 @@ def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) 
         weight = 1 / (1 + (off / (3 * scale)) ** 2)
     error = scale * np.sqrt(np.linalg.pinv((A * weight[:, None]).T @ A)[-1, -1])
     velocity, fall = float(found[-1]), float(np.median([-contact.v_pre[d - 1] for contact in contacts]))
-    if abs(velocity) > max(_SURE * error, _MOVING * fall):
+    least = _MOVING_ROUND if isinstance(shape, Disc | Sphere) else _MOVING
+    if abs(velocity) > max(_SURE * error, least * fall):
         raise DataError(
             f"{path}: contacts {'rise' if velocity > 0 else 'sink'} by {abs(velocity):.3g} ± {error:.1g} m/s within "
             "recordings: that surface moves, as a racket does; take its position off that of the body, or "
