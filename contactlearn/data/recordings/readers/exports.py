@@ -143,7 +143,7 @@ def _vicon(rows: Rows) -> Export | None:
     groups = dict.fromkeys(name.rpartition(" ")[0] for name in names[2:] if name.rpartition(" ")[0])
     points, bodies = dict[str, list[str]](), dict[str, tuple[list[str], list[str]]]()
     for one in groups:
-        plain, (_, _, short) = [f"{one} {axis}" for axis in "XYZ"], one.rpartition(":")
+        plain, short = [f"{one} {axis}" for axis in "XYZ"], one.split(":")[-1]
         place, turns = ([f"{one} {kind}{axis}" for axis in letters] for kind, letters in (("T", "XYZ"), ("R", "XYZW")))
         if {*place, *turns[:3]} <= {*names}:
             bodies[short.rpartition(" ")[2]] = (place, [name for name in turns if name in names])
