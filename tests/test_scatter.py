@@ -21,6 +21,7 @@ from contactlearn.diagnosis.unexplained.contact_scatter import contact_scatter, 
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
 from contactlearn.effects import State
 from contactlearn.effects.surface_tilt import SurfaceTiltSeen
+from contactlearn.inference.evaluation.impulse_space import ScatterCloud
 from contactlearn.inference.evaluation.metrics import negative_log_density, squared_distance
 from contactlearn.inference.identification.joint import FitOptions, fit
 from contactlearn.inference.identification.scatter import fit_scatter
@@ -31,6 +32,7 @@ from contactlearn.mechanics.shapes import Disc, Polygon
 from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.report.figures.diagnosis import drawn
+from contactlearn.report.figures.impulse_space import scattered_impulses
 from contactlearn.report.text import grounds, headline
 from contactlearn.scatter import (
     COMPONENTS,
@@ -435,3 +437,20 @@ def test_deviations_that_follow_something_stay_unknown(structure):
 def test_nothing_scatters_where_data_are_exact_or_few():
     for drops in (synthetic.load(60, velocity_noise=0, spin_noise=0), synthetic.load(30)):
         assert contact_scatter(drops, fit(drops, LAW).model, FitOptions(), Thresholds()) is None
+
+
+def test_a_cloud_of_bounces_along_the_normal():
+    """The noise of what is the same in all trials has no variance, and the impulses have no width."""
+    n = 60
+    fall, still = 1 + torch.linspace(0, 2, n, dtype=torch.float64), torch.zeros(n, dtype=torch.float64)
+    drops = synthetic.load(size=n, shape=Disc(0.03), seed=3)
+    drops = drops.replace(
+        v_pre=torch.stack((still, -fall, still), -1), v_post=torch.stack((still, 0.6 * fall, still), -1),
+        r=torch.tensor((0.0, -0.03), dtype=torch.float64).expand(n, 2),
+    )  # fmt: skip
+    law = laws.find("whittaker").at(0.2, 0.6)
+    scatter = {"restitution": Restitution(sigma=0.03)}
+    model = ContactModel(law, scatter=scatter, noise=torch.diag(torch.tensor((0.0, 1e-4, 0.0), dtype=torch.float64)))
+    clouds = ScatterCloud.along(model, drops)
+    assert all(cloud.drawn.isfinite().all() for cloud in clouds)
+    assert scattered_impulses(clouds).axes

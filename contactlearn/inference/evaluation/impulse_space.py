@@ -226,7 +226,9 @@ class ScatterCloud:
         drawn = model.scattered(some, generator, _CLOUD).v_post
         if model.noise is not None:
             unit = torch.randn(drawn.shape, dtype=torch.float64, generator=generator)
-            drawn = drawn + rigid_body.matvec(some.slip_axes @ torch.linalg.cholesky(model.noise), unit)
+            variances, axes = torch.linalg.eigh(model.noise)  # 0 of what is the same in all trials, as in bounces
+            root = axes * variances.clamp_min(0).sqrt()
+            drawn = drawn + rigid_body.matvec(some.slip_axes @ root, unit)
         root, centre = torch.linalg.cholesky(W).mT, -rigid_body.matvec(rigid_body.effective_inertia(W), v_c)
         radius = (-(centre * v_c).sum(-1)).sqrt()
         carry = torch.linalg.inv(root[:1]) @ root * (radius[0] / radius)[:, None, None]
