@@ -1,4 +1,4 @@
-# make demo       the main job on built-in synthetic drops, no download of data
+# make demo       a diagnosis of simulated drops with hidden physics, no download of data
 # make quick      the inner loop: tests of what changed since the last commit
 # make test       style, types, the test suite, and a fresh install without the lock file
 # make test-all   with the tests that take a minute or longer
@@ -16,7 +16,8 @@ export CONTACTLEARN_DATA
 .PHONY: demo quick browser style test test-all bench docs versions release clean
 
 demo: .venv/installed
-	@$(PY) evaluate.py
+	@$(PY) diagnose.py data=mystery data.seed=7
+	@echo "next:    open the report above in a browser; $(PY) -m contactlearn reveal outputs/mystery/seed_7 prints what was really hidden"
 
 quick: .venv/ready
 	$(PY) -m ruff check -q .

@@ -6,6 +6,9 @@ one ends the build.  Nothing is loaded from elsewhere: no web fonts, no scripts 
 
 import gc
 import re
+import shutil
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,14 @@ project = "contactlearn"
 copyright = "the contactlearn authors, MIT licence"
 version = release = contactlearn.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+]
 root_doc = "docs/index"
 include_patterns = [
     "docs/**/*.md",
@@ -33,9 +43,17 @@ include_patterns = [
 include_patterns += ["CONTRIBUTING.md", "CHANGELOG.md"]
 exclude_patterns = [".*", "outputs", "multirun", "site"]
 
-templates_path = ["_templates"]  # a page for each module below those that docs/api.md names
+templates_path = [
+    str(Path(__file__).parent / "_templates")
+]  # a page for each module below those that docs/api.md names
 
-myst_heading_anchors = 3
+myst_heading_anchors = 4
+myst_enable_extensions = ["deflist", "dollarmath"]
+# MathJax comes from a package, so that equations are typeset from a disk too.
+(MATHJAX,) = (path for path in map(Path, sys.path) if (path / "sphinx-mathjax-offline" / "static").is_dir())
+MATHJAX = MATHJAX / "sphinx-mathjax-offline" / "static" / "mathjax" / "tex-svg.js"
+mathjax_path = "tex-svg.js"
+copybutton_exclude = ".linenos, .gp, .c1"  # comments behind a command are not copied
 suppress_warnings = ["misc.highlighting_failure"]  # a `console` block is a shell with comments
 
 autodoc_member_order = "bysource"
@@ -50,6 +68,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_search_summary = False  # summaries are fetched, which no browser does from a disk
+html_search_scorer = str(Path(__file__).parent / "_static" / "scorer.js")  # guides before modules
 html_theme_options = {"navigation_with_keys": True}
 
 TABULAR = re.compile(r"^ {4}|^\S.*? {3,}\S")  # a line of code, or of columns set apart by blanks
@@ -78,30 +97,33 @@ def as_restructured_text(app: Any, what: str, name: str, target: Any, options: A
     lines[:] = result
 
 
-def formulas(of: Effect) -> str:
-    """The row of one form of an effect in the table of docs/effects.md."""
-    ranges: dict[str, list[str]] = {}
-    for p in of.every_parameter():
-        unit = ("" if p.unit == "–" else f" {p.unit}") + (" (in space)" if p not in of.parameters else "")
-        ranges.setdefault(f"[{p.low:g}, {p.high:g}]{unit}", []).append(p.symbol)
-    parameters = "; ".join(f"{', '.join(symbols)} in {range_}" for range_, symbols in ranges.items())
-    name = f"`{of.name}`" if of.form is None else f"`{of.name}`, `form={of.form}`"
-    where = " and ".join(space.name for space in of.spaces)
-    cells = (name, of.place, where, of.formula, parameters or "one for each further object", of.source)
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def forms_of(kinds: Sequence[type[Effect]]) -> str:
+    """The forms of a family as a table: formula, parameters with their ranges, source."""
+    rows = []
+    for of in kinds:
+        effect, ranges = of(), list[str]()
+        for p in of.every_parameter():
+            unit = ("" if p.unit == "–" else f" {p.unit}") + ("" if p in effect.parameters else ", in space")
+            ranges.append(f"{p.symbol} in [{p.low:g}, {p.high:g}]{unit}")
+        where = " and ".join(space.name for space in of.spaces)
+        cells = (f"`{of.form or of.name}`", effect.formula, "<br>".join(ranges) or "one for each further body", where)
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    head = f"| form | what it does | parameters | bodies in |\n|{' --- |' * 4}\n"
+    needs = " It needs the body's shape." if kinds[0].needs_shape else ""
+    return f"{head}{chr(10).join(rows)}\n\n*Source*: {kinds[0].source}.{needs}"
 
 
-def with_formulas(app: Any, name: str, source: list[str]) -> None:
-    """The table of all effects with their formulas, made from the classes."""
-    head = f"| effect | place | bodies in | what it does | parameters | source |\n|{' --- |' * 6}\n"
+def with_forms(app: Any, name: str, source: list[str]) -> None:
+    """The cards of docs/effects.md with formulas, parameters and sources of the classes."""
     if name == "docs/effects":
-        rows = "\n".join(formulas(kind()) for forms in catalogue().values() for kind in forms)
-        source[0] = source[0].replace("<!-- formulas of the catalogue -->", head + rows)
+        for family, kinds in catalogue().items():
+            source[0] = source[0].replace(f"<!-- forms of {family} -->", forms_of(kinds))
 
 
 def as_index(app: Any, error: Exception | None) -> None:
-    """The site opens at its root."""
+    """The site opens at its root, and has its MathJax."""
     if error is None and app.builder.name == "html":
+        shutil.copyfile(MATHJAX, Path(app.outdir, "_static", MATHJAX.name))
         page = '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url=docs/index.html">'
         Path(app.outdir, "index.html").write_text(page, encoding="utf-8")
 
@@ -109,5 +131,5 @@ def as_index(app: Any, error: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Connect them to Sphinx, the first before napoleon reads the sections of a docstring."""
     app.connect("autodoc-process-docstring", as_restructured_text, priority=400)
-    app.connect("source-read", with_formulas)
+    app.connect("source-read", with_forms)
     app.connect("build-finished", as_index)

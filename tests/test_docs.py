@@ -17,6 +17,7 @@ from contactlearn.cli.command_line import one_of_each
 from contactlearn.cli.config_files import choice_settings, choices
 from contactlearn.cli.hydra_main import compose
 from contactlearn.effects import catalogue
+from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.symbols import KNOWN, SYMBOLS
 from contactlearn.mechanics.space import SPACE
 from contactlearn.results import folder
@@ -24,6 +25,7 @@ from contactlearn.results import folder
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")])
 HELP = sorted(ROOT.glob("configs/hydra/help/*.yaml"))
+QUOTES = runpy.run_path(str(ROOT / "tools" / "quotes.py"))
 SCRIPTS = sorted(path for path in ROOT.glob("benchmarks/*/*.py") if path.name != "__init__.py")
 
 
@@ -96,14 +98,24 @@ def test_the_page_of_the_front_door_lists_every_name():
     assert all(f"`{name}`" in text for name in ("Diagnosis", "Fit", "Recipe"))
 
 
-def test_the_readme_says_what_the_case_study_measured():
-    """The ladder of the case study."""
+def test_errors_in_the_readme_are_those_of_the_case_studies():
+    """Each percentage of an error in its table is the two digits of an error of the study that the row links."""
     text = (ROOT / "README.md").read_text("utf-8")
-    rows = re.findall(r"^\| .*\d\.\d{3} \[.*$", text, re.MULTILINE)
-    study = (ROOT / "docs" / "case-study-bounces.md").read_text("utf-8")
-    assert rows
-    for row in rows:
-        assert re.search(r"\d\.\d{3} \[\d\.\d{3}, \d\.\d{3}\]", row)[0] in study
+    rows = re.findall(
+        r"^\| \[.*?\]\((docs/case-study\S*?\.md)\).*?\| (\d\S*) %.*? \| \*\*(\S+) %\*\*", text, re.MULTILINE
+    )
+    assert len(rows) == 3
+    for study, *errors in rows:
+        measured = re.findall(r"0\.\d{3}", (ROOT / study).read_text("utf-8"))
+        for error in errors:
+            assert error in {f"{100 * float(one):.{len(error.partition('.')[2])}f}" for one in measured}, (study, error)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("document", QUOTES["documents"](), ids=lambda document: document.name)
+def test_quotations_are_what_the_program_prints(document):
+    """If not: `python tools/quotes.py DOCUMENT`."""
+    assert QUOTES["renewed"](document) == document.read_text("utf-8")
 
 
 @pytest.mark.parametrize(("script", "words"), list(_commands()))
@@ -128,6 +140,20 @@ def test_links_lead_somewhere(document):
         assert (document.parent / target).exists(), target
 
 
+def test_messages_of_the_troubleshooting_page_are_those_of_the_program():
+    """Each fragment in its first column stands in a string of the package."""
+    files = (path for kind in ("py", "j2", "js") for path in (ROOT / "contactlearn").rglob(f"*.{kind}"))
+    package = re.sub(r'"\s*\n\s*f?"', "", " ".join(path.read_text("utf-8") for path in files))
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    ours, _, shell = text.partition("## From the shell")
+    messages = [
+        part for cell in re.findall(r"^\| (.*?) \|", ours, re.MULTILINE) for part in re.findall(r"`(.*?)`", cell)
+    ]
+    assert len(messages) > 12
+    assert shell
+    assert [message for message in messages if message not in package] == []
+
+
 def test_every_setting_is_explained():
     """Each value in the shipped configurations has a comment; hydra's own part is Hydra's to explain."""
     for path in [*ROOT.glob("configs/*.yaml"), *ROOT.glob("configs/data/*.yaml"), *ROOT.glob("configs/model/*.yaml")]:
@@ -137,27 +163,34 @@ def test_every_setting_is_explained():
                 assert "#" in line, f"{path.name}: {line}"
 
 
-def test_the_document_lists_the_whole_catalogue():
-    """Every effect and form; on the site with its formula and the ranges of its parameters; and every symbol."""
+def test_every_effect_has_a_card():
+    """A heading below its place, a drawing, its neighbours; on the site the formula and ranges of every form."""
     text = (ROOT / "docs" / "effects.md").read_text("utf-8")
     site = [text]
-    runpy.run_path(str(ROOT / "docs" / "conf.py"))["with_formulas"](None, "docs/effects", site)
-    rows = site[0].replace("\\|", "|").splitlines()
-    for kind in (kind for forms in catalogue().values() for kind in forms):
-        (family,) = [
-            row for row in text.splitlines() if row.startswith("| `") and f"`{kind.name}`" in row.split(" | ")[0]
-        ]
-        assert kind.form is None or re.search(
-            rf"`{kind.form}`|`{kind.form.split('_')[0]}_…`|`…_{kind.form.split('_')[-1]}`", family
-        )
-        assert f"| {kind.place} |" in family
-        name = f"| `{kind.name}` |" if kind.form is None else f"| `{kind.name}`, `form={kind.form}` |"
-        *_, row = [row for row in rows if row.startswith(name)]
-        assert kind.formula in row
-        assert kind.source in row
-        for p in kind().parameters[:1]:
-            assert f"{p.symbol}" in row
-            assert f"[{p.low:g}, {p.high:g}]" in row
+    runpy.run_path(str(ROOT / "docs" / "conf.py"))["with_forms"](None, "docs/effects", site)
+    assert "<!-- forms of" not in site[0]
+    places = re.split(r"^### `(\w+)`: .*$", site[0], flags=re.MULTILINE)
+    cards = {}
+    for place, part in zip(places[1::2], places[2::2], strict=True):
+        for name, card in zip(*[iter(re.split(r"^#### (\w+)$", part, flags=re.MULTILINE)[1:])] * 2, strict=True):
+            cards[name] = place, card.replace("\\|", "|")
+    assert list(cards) == [name for place in OUTPUTS for name, (kind, *_) in catalogue().items() if kind.place == place]
+    for name, kinds in catalogue().items():
+        place, card = cards[name]
+        assert place == kinds[0].place
+        assert f"(pictures/effects/{name}.svg)" in card
+        assert "*Not to be confused with*" in card
+        assert f"*Source*: {kinds[0].source}" in card
+        for kind in kinds:
+            assert f"| `{kind.form or kind.name}` | {kind.formula} |" in card
+            for p in kind().parameters:
+                assert f"{p.symbol} in [{p.low:g}, {p.high:g}]" in card
+    for name in re.findall(r"\*(\w+_\w+)\*", text):
+        assert name in cards, name
+
+
+def test_symbols_of_a_line_of_mathematics_are_listed():
+    text = (ROOT / "docs" / "effects.md").read_text("utf-8")
     for name, symbol in SYMBOLS.items():
         assert f"| `{name}` | {symbol.unit} | {symbol.description} |" in text
     assert all(f"`{name}`" in text for name, symbol in KNOWN[SPACE].items() if symbol.of)

@@ -19,7 +19,8 @@ pytest.importorskip("sphinx", reason="the site is built with the extra docs: pip
 
 
 FEW = {
-    "index.md": "# Pages\n\n```{toctree}\nlaws\ncontracts\n```\n",
+    "index.md": "# Pages\n\n$$ v^+ = v + M^{-1} P $$\n\n```{toctree}\nlaws\ncontracts\nmodules\n```\n",
+    "modules.md": "# Modules\n\n```{eval-rst}\n.. autosummary::\n   :toctree: api\n\n   contactlearn.scatter\n```\n",
     "laws.md": "# Laws\n\n```{eval-rst}\n.. automodule:: contactlearn.laws\n   :members:\n```\n",
     "contracts.md": "# Contracts\n\nSee [laws](laws.md) and [their head](laws.md#laws).\n",
 }
@@ -102,6 +103,20 @@ def test_every_public_name_is_in_the_reference(site):
             value = getattr(room, name)
             if inspect.isclass(value) or inspect.isfunction(value):
                 assert f"{value.__module__}.{value.__qualname__}" in listed, name
+
+
+def test_a_page_of_a_module_has_signatures(site):
+    """Our template makes it, in place of a bare list of names."""
+    text = re.sub(r"<.*?>", "", (site / "docs" / "api" / "contactlearn.scatter.html").read_text("utf-8"))
+    assert re.search(r"class contactlearn\.scatter\.\S*Component\(", text)
+    assert "Parameters" in text
+
+
+def test_equations_are_typeset_from_a_disk(site, browser):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.get((site / "docs" / "index.html").as_uri())
+    WebDriverWait(browser, 60).until(lambda b: b.execute_script("return document.querySelector('mjx-container svg')"))
 
 
 def test_the_search_works_from_a_disk(site, browser):

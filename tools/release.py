@@ -13,6 +13,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+OWNED = ("pyproject.toml", "README.md", "CITATION.cff", "paper.md")
 SMALL = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20")
 
 
@@ -44,6 +45,10 @@ def check_words(version):
     )
     unreleased = re.search(r"^## Unreleased\n(.*?)^## ", changes, re.MULTILINE | re.DOTALL)
     step(not (unreleased and unreleased[1].strip()), "nothing is unreleased", f"move it below '## {version}'")
+    left = [name for name in OWNED if re.search(r"OWNER|the contactlearn authors", (ROOT / name).read_text("utf-8"))]
+    step(
+        not left, "authors and addresses are filled in", f"a person must fill in owner and authors in {', '.join(left)}"
+    )
     tags = said("git", "tag", "--list", f"v{version}"), said("git", "tag", "--points-at", "HEAD").split()
     step(
         not tags[0] or tags[0] in tags[1],
