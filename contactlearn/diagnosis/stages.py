@@ -14,7 +14,7 @@
     budget       noise of instrument and contact, and the shares of the law's error
     choices      every subset of the effects, fitted, for the reader to compare
 
-All errors are the held-out mass error.  `result` holds the types; docs/diagnosis.md is the schema of diagnosis.json.
+All errors are the held-out mass error.  `result` holds the types; docs/results.md is the schema of diagnosis.json.
 """
 
 from collections.abc import Container, Mapping, Sequence

@@ -16,8 +16,7 @@ from contactlearn.mechanics.space import BOTH
 class SurfaceTilt(Effect):
     """The contact frame is turned by φ against the world's axes.
 
-        computed    r, v, θ → R(−φ) r, R(−φ) v, θ − φ, and r moves to the body's lowest point above the tilted floor,
-                    for it was computed above a level one
+        computed    r, v, θ → R(−φ) r, R(−φ) v, θ − φ, and r moves to the body's lowest point above the tilted floor
         seen        r, v, θ → R(−φ) r, R(−φ) v, θ − φ: the contact point is where it was measured
 
     In space the normal also leans along y, by ψ: the contact frame is turned about (ψ, −φ, 0).

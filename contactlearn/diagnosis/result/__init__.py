@@ -1,6 +1,6 @@
 """The result of a diagnosis: everything that is decided, measured and shown, as frozen types.
 
-    Diagnosis       the whole, written as diagnosis.json (docs/diagnosis.md) and read back equal
+    Diagnosis       the whole, written as diagnosis.json (docs/results.md) and read back equal
     MissingEffect   an effect of the model that was missing: errors, parameters, regions, rivals
     ErrorBudget     the error of the law in shares of noise, effects and the rest
     Experiment      drops that separate the effects from their rivals
