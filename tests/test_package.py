@@ -82,6 +82,7 @@ def test_the_sdist_gives_the_same_wheel(packages, tmp_path):
     (wheel,) = packages.glob("*.whl")
     assert names(again) == names(wheel)
     assert {"tests", "examples", "requirements.lock", "Makefile"} <= {path.name for path in source.iterdir()}
+    assert not [*source.glob("benchmarks/blind/data/**/*.parquet")]
 
 
 def test_installed_commands_need_no_checkout(installed, tmp_path):
@@ -96,6 +97,13 @@ def test_installed_commands_need_no_checkout(installed, tmp_path):
     small = ("data.size=60", "train.size=20", "train.repetitions=2", "bootstrap=20", "model=analytical")
     done(sys.executable, installed / "bin" / "contactlearn", "train", "-m", *small, "seed=3", cwd=tmp_path, **alone)
     assert len(list(tmp_path.glob("multirun/*/*/*/results.json"))) == 1
+
+
+def test_windows_is_refused_in_a_sentence():
+    words = "import sys\nsys.platform = 'win32'\nimport contactlearn"
+    ended = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert "ImportError: contactlearn does not run on Windows itself" in ended.stderr
 
 
 def test_the_lock_has_what_the_tests_need_and_no_more():
