@@ -5,12 +5,14 @@
     python examples/pages.py FOLDER                      a Markdown page with PNG figures of each, at its usual size
     python examples/pages.py FOLDER transfer --trials=60 of one, with its settings
 
-The docstring and the comments that begin a line are the prose.
+The docstring and the comments that begin a line are the prose.  Each page has a notebook beside it, which needs nothing
+but contactlearn.
 """
 
 import argparse
 import contextlib
 import io
+import json
 import re
 import sys
 import types
@@ -25,6 +27,21 @@ NAMES = (
     "paper_figures", "find_hidden_effect", "own_csv", "tracks_to_effect", "own_effect_and_law", "two_bodies",
     "transfer", "next_experiment", "planned_drops",
 )  # fmt: skip
+_ALONE = """# In Colab: !pip install contactlearn
+from pathlib import Path
+from types import SimpleNamespace
+
+import torch
+
+torch.set_num_threads(1)
+
+
+def settings(**defaults):
+    return SimpleNamespace(**defaults, out=Path("."))
+
+
+def show(figure, path):
+    display(figure)"""
 _FIGURE = re.compile(r"^figure  .*?([^/\n]+\.png)\n", re.MULTILINE)
 
 
@@ -73,6 +90,29 @@ def page(script, folder, *words):
     return text
 
 
+def notebook(script):
+    """An example as a notebook: the same prose and code, and in place of this module what it takes from it."""
+    head, *cells = _cells(script.read_text("utf-8"))
+    title, _, rest = head.partition("\n")
+    own = (HERE / f"{name}.py" for name in ("cable_torque", "smooth_floor") if f"\nfrom {name} " in cells[0][2])
+    parts = [("markdown", f"# {title.rstrip('.')}\n{rest}"), ("code", _ALONE)]
+    parts += [("code", path.read_text("utf-8")) for path in own]
+    for _, prose, code in cells:
+        parts += [("markdown", prose)] if prose else []
+        parts.append(
+            ("code", re.sub(r"^from (pages|cable_torque|smooth_floor) import .*\n", "", code, flags=re.MULTILINE))
+        )
+    made = [
+        {"cell_type": kind, "id": f"cell-{k}", "metadata": {}, "source": text.strip()}
+        | ({"outputs": [], "execution_count": None} if kind == "code" else {})
+        for k, (kind, text) in enumerate(parts)
+    ]
+    about = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    return json.dumps(
+        {"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}, ensure_ascii=False, indent=1
+    )
+
+
 def _cells(source):
     """The docstring, then for each block of code its first line, the comment before it, and the block."""
     _, doc, body = source.split('"""', 2)
@@ -96,5 +136,6 @@ if __name__ == "__main__":
     for name in wanted:
         folder = Path(target) / name
         folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.ipynb").write_text(notebook(HERE / f"{name}.py") + "\n", encoding="utf-8")
         page(HERE / f"{name}.py", folder, *(word for word in rest if word.startswith("--")))
         print(folder / f"{name}.md")

@@ -2,8 +2,10 @@
 
 import ast
 import gc
+import json
 import re
 import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -75,6 +77,28 @@ def test_the_page_of_the_site_has_the_code_of_the_example(name, pages):
     _, *cells = pages._cells((EXAMPLES / f"{name}.py").read_text("utf-8"))
     assert re.findall(r"```python\n((?:.|\n)*?)\n```", text) == [code.strip() for _, _, code in cells]
     assert all((EXAMPLES / "as_pages" / name / figure).is_file() for figure in re.findall(r"\((\w+\.png)\)", text))
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_the_notebook_is_that_of_the_example(name, pages):
+    """If not: `python examples/pages.py examples/as_pages NAME`."""
+    text = (EXAMPLES / "as_pages" / name / f"{name}.ipynb").read_text("utf-8")
+    assert text.rstrip() == pages.notebook(EXAMPLES / f"{name}.py")
+
+
+@pytest.mark.parametrize("name", ["two_bodies", "own_csv"])
+def test_a_notebook_runs_where_nothing_else_is(name, tmp_path, monkeypatch):
+    """Its cells, one after the other, at small sizes."""
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads((EXAMPLES / "as_pages" / name / f"{name}.ipynb").read_text("utf-8"))["cells"]
+    shown, module = [], types.ModuleType(name)
+    module.display = shown.append
+    monkeypatch.setitem(sys.modules, name, module)
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile(re.sub(r"trials=\d+", "trials=60", cell["source"]), name, "exec"), module.__dict__)
+    assert shown
+    module.__dict__.clear()
 
 
 def test_examples_import_contactlearn_alone():

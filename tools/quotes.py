@@ -45,7 +45,7 @@ def printed(command, folder):
         words = [sys.executable, *(str(ROOT / word) if word.endswith(".py") else word for word in words[1:])]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "COLUMNS": "100"}
     done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    return done.stdout + done.stderr
+    return (done.stdout + done.stderr).replace(f"{ROOT}/", "")
 
 
 def quotation(output, ends):
