@@ -54,7 +54,7 @@ myst_enable_extensions = ["deflist", "dollarmath"]
 MATHJAX = MATHJAX / "sphinx-mathjax-offline" / "static" / "mathjax" / "tex-svg.js"
 mathjax_path = "tex-svg.js"
 copybutton_exclude = ".linenos, .gp, .c1"  # comments behind a command are not copied
-suppress_warnings = ["misc.highlighting_failure", "ref.python"]  # a `console` block is a shell with comments; names are short
+suppress_warnings = ["misc.highlighting_failure", "ref.python"]  # a `console` block is a shell with comments
 
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
