@@ -19,6 +19,7 @@ All errors are the held-out mass error.  `result` holds the types; docs/results.
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 
@@ -375,12 +376,16 @@ def compare_effects(
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorDecomposition:
-    """The remainder of the full model, formulas for it, its contact's scatter, and the error budget."""
+    """The remainder of the full model, formulas for it, its contact's scatter, and the error budget.
+
+    `judged` is the budget of the verdict: scatter of which a part follows something is no noise there.
+    """
 
     learned: LearnedRemainder
     formulas: tuple[Formula, ...]
     scatter: ScatterEstimate | None
     budget: ErrorBudget
+    judged: ErrorBudget
 
 
 def decompose_error(
@@ -404,21 +409,21 @@ def decompose_error(
         predicted=learned.v_post if remainder.large else None,
     )
     scatter = contact_scatter(impacts, fit.model, question.options, thresholds)
-    instrument = None
-    if scatter is not None and scatter.result.random:
-        instrument = scatter.instrument
-        if scatter.floor.mean > floor.error.mean:
-            floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
-    budget = error_budget(
+    divided = partial(
+        error_budget,
         search.limits,
         base=rungs.rungs[0].error,
         named=rungs.rungs[-1].error,
         flexible=held_out_interval(learned.error, generator),
-        floor=floor,
-        instrument=instrument,
         with_candidates=search.error_with_candidates,
     )
-    return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget)
+    judged = budget = divided(floor=floor)
+    if scatter is not None and scatter.result.seen:
+        if scatter.floor.mean > floor.error.mean:
+            floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
+        budget = divided(floor=floor, instrument=scatter.instrument)
+        judged = budget if scatter.result.random else judged
+    return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget, judged=judged)
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -443,7 +448,7 @@ def _result(
     if (found := decomposition.scatter) is not None:
         model = replace(model, scatter=found.model.scatter, noise=found.model.noise)
     physics = verdict(
-        budget,
+        decomposition.judged,
         named=bool(missing),
         predictable=remainder.unknown,
         better_law=clearly_better(laws, budget.named.mean, thresholds) is not None,

@@ -15,7 +15,9 @@ PyTorch three to ten times as long as a product.
 Sources: Keller 1986; Batlle 1996; Bhatt & Koechling 1995; Stronge 2000.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -26,6 +28,7 @@ from contactlearn.laws.contact import Impulse, Pair, SpatialContact, dot, opposi
 
 STEPS = 5
 """Midpoint steps of a phase."""
+_steps = ContextVar("steps", default=STEPS)
 _LEAST, _MOST = 1e-100, 1e40  # N s: a shorter step is none, and a longer one has no end
 _NONE = 1e-200  # (m/s)²: a slip is none below it
 _FLAT = 0.3  # of W_nn: a slower rise of v_n shortens steps no further, but for the last
@@ -70,6 +73,16 @@ class Slide(NamedTuple):
         )
 
 
+@contextmanager
+def finer(steps: int) -> Generator[None]:
+    """Follow every path in so many steps, eight times as many for a sixtieth of the error."""
+    before = _steps.set(steps)
+    try:
+        yield
+    finally:
+        _steps.reset(before)
+
+
 Left = Callable[[Slide, Tensor], Tensor]
 """Normal impulse until a phase ends from a point of the path, if v_n rises at a rate (1/kg) > 0 per impulse."""
 
@@ -98,8 +111,8 @@ def after_work(total: Tensor) -> Left:
 class Hodograph:
     """The path of a contact; it does not depend on ε."""
 
-    def __init__(self, contact: SpatialContact, mu: Tensor, steps: int = STEPS):
-        self.contact, self.mu, self.steps = contact, mu, steps
+    def __init__(self, contact: SpatialContact, mu: Tensor, steps: int | None = None):
+        self.contact, self.mu, self.steps = contact, mu, steps or _steps.get()
         w_11, w_12, w_22, w_1n, w_2n, _, _, _ = contact
         det = torch.addcmul(w_11 * w_22, w_12, w_12, value=-1)
         self._inverse = w_22 / det, -w_12 / det, w_11 / det

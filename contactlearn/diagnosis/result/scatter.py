@@ -33,11 +33,13 @@ class ScatterComponent:
         deviation: name, symbol, unit, standard deviation and its standard error.
         relative: standard deviation over the coefficient that deviates; None where that is no coefficient.
         share: of the law's error, its part of `ErrorShares.scatter` by its variance of the outcome.
+        follows: share of its variance that follows something known of the impacts, at most, and is no scatter.
     """
 
     deviation: StandardDeviation
     relative: float | None
     share: float
+    follows: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +67,11 @@ class ContactScatter:
     converged: bool
 
     @property
+    def seen(self) -> bool:
+        """Whether contact or recorded pose differ from impact to impact."""
+        return bool(self.components) or any(one.name not in INSTRUMENT for one in self.instrument)
+
+    @property
     def random(self) -> bool:
-        """Whether contact or recorded pose scatter, and nothing that is known of the impacts explains it."""
-        recorded = any(one.name not in INSTRUMENT for one in self.instrument)
-        return (bool(self.components) or recorded) and not self.dependences
+        """Whether they do, and nothing that is known of the impacts explains it."""
+        return self.seen and not self.dependences

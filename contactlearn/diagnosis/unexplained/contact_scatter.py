@@ -3,9 +3,12 @@
 The estimate takes all trials: its mixture holds gross outliers, and the robust fit of the law would leave out four
 percent of the trials of a normal that scatters, and a tenth of its standard deviation with them.  The floor is the mean
 mass error of outcomes that are drawn with the deviations of the contact and the noise of the instrument; it is 0.92 to
-1.02 times the error of planted worlds (benchmarks/accuracy/scattered_impacts.py).  What has structure makes no floor.
+1.02 times the error of planted worlds (benchmarks/accuracy/scattered_impacts.py).  The part of a variance that follows
+something known of the impacts makes no floor.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -23,6 +26,7 @@ from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_
 from contactlearn.inference.evaluation.partial_residuals import share_explained, state_quantities
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.scatter import MIN_TRIALS, Scatter, fit_scatter
+from contactlearn.laws.hodograph import STEPS, finer
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
@@ -56,19 +60,23 @@ def contact_scatter(
     error = mass_error(some, model.base_prediction(some))
     if error.median() <= _EXACT:
         return None
+    some = some.replace(v_post=some.v_post - _error_of_steps(some, model), validate=False)
     try:
         scatter = fit_scatter(some, model)
     except ContactLearnError:  # of states so alike that they determine nothing
         return None
     dependences = screen_deviations(scatter, some, thresholds)
-    instrument, floor, sizes = _drawn(some, scatter)
+    follows = {name: _following(name, dependences) for name in scatter.names}
+    instrument, floor, sizes = _drawn(some, scatter, follows)
     by_name = {one.name: one for one in scatter.deviations}
     coefficients = dict(zip("με", (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
     components: list[ScatterComponent] = []
     for name, size in sizes.items():
         coefficient = coefficients.get(scatter.model.scatter[name].symbol)
         relative = by_name[name].value / coefficient if coefficient else None
-        components.append(ScatterComponent(deviation=by_name[name], relative=relative, share=size))
+        components.append(
+            ScatterComponent(deviation=by_name[name], relative=relative, share=size, follows=follows[name])
+        )
     result = ContactScatter(
         components=tuple(sorted(components, key=lambda one: -one.share)),
         instrument=tuple(one for one in scatter.deviations if one.name not in scatter.names),
@@ -98,6 +106,9 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
     some = known[impacts.order.argsort(stable=True)[-_TRIALS:]]
     if len(some) < MIN_TRIALS or mass_error(some, model.base_prediction(some)).median() <= _EXACT:
         return None
+    shift = _error_of_steps(impacts, model)
+    exact = known.replace(v_post=known.v_post - shift, validate=False)
+    some = exact[impacts.order.argsort(stable=True)[-_TRIALS:]]
     try:
         scatter = fit_scatter(some, model, quick=True)
     except ContactLearnError:
@@ -106,7 +117,14 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
         return None
     covariance = scatter.covariance(known)
     covariance = covariance + _LEAST * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
-    return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts))
+    return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts) + shift)
+
+
+def _error_of_steps(impacts: Impacts, model: ContactModel) -> Float[Tensor, "n D"]:
+    """What the few steps of a law in space leave out of v_post; beside little noise it would pass for scatter."""
+    with finer(8 * STEPS):
+        fine = model.base_prediction(impacts).v_post
+    return fine - model.base_prediction(impacts).v_post
 
 
 def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:
@@ -127,14 +145,27 @@ def _noise(impacts: Impacts, scatter: Scatter) -> Float[Tensor, "D D"]:
     return max(1.0, scatter.inflation) * turned.mean(0)
 
 
-def _drawn(impacts: Impacts, scatter: Scatter) -> tuple[Interval, Interval, dict[str, float]]:
+def _following(component: str, dependences: tuple[DeviationDependence, ...]) -> float:
+    """Share of a component's variance that follows something: the sum of what each variable explains, or all of it."""
+    return min(1.0, sum(1.0 if one.share is None else one.share for one in dependences if one.component == component))
+
+
+def _drawn(
+    impacts: Impacts, scatter: Scatter, follows: Mapping[str, float]
+) -> tuple[Interval, Interval, dict[str, float]]:
     """Mean mass error by the instrument alone and with the scatter, and shares of the components in its variance.
 
-    Random numbers of its own leave those of the other stages as they are.
+    What follows something, a share of each component's variance, is left out.  Random numbers of its own leave those of
+    the other stages as they are.
     """
     generator, expected = torch.Generator().manual_seed(0), scatter.model.base_prediction(impacts)
     values, vectors = torch.linalg.eigh(scatter.instrument(impacts))
     root = vectors * values.clamp_min(0).sqrt()[:, None]
+    random = {
+        name: replace(component, sigma=component.sigma * math.sqrt(1 - follows[name]))
+        for name, component in scatter.model.scatter.items()
+    }
+    model = replace(scatter.model, scatter=random)
 
     def error(outcome: Float[Tensor, "n D"]) -> Float[Tensor, " n"]:
         return mass_error(impacts.replace(v_post=outcome, validate=False), expected)
@@ -144,10 +175,9 @@ def _drawn(impacts: Impacts, scatter: Scatter) -> tuple[Interval, Interval, dict
         unit = torch.randn(*impacts.v_pre.shape, 1, dtype=torch.float64, generator=generator)
         noise = (root @ unit)[..., 0]
         alone.append(error(expected.v_post + noise))
-        both.append(error(scatter.model.scattered(impacts, generator).v_post + noise))
+        both.append(error(model.scattered(impacts, generator).v_post + noise))
     sizes = {
-        name: _mass_square(impacts, replace(scatter.model, scatter={name: component}))
-        for name, component in scatter.model.scatter.items()
+        name: _mass_square(impacts, replace(model, scatter={name: component})) for name, component in random.items()
     }
     whole = sum(sizes.values()) or 1.0
     intervals = [bootstrap(torch.stack(part).mean(0), generator, _RESAMPLES) for part in (alone, both)]
