@@ -74,7 +74,7 @@ class Slide(NamedTuple):
 
 
 @contextmanager
-def finer(steps: int) -> Generator[None]:
+def followed_in(steps: int) -> Generator[None]:
     """Follow every path in so many steps, eight times as many for a sixtieth of the error."""
     before = _steps.set(steps)
     try:

@@ -33,7 +33,8 @@ class ScatterComponent:
         deviation: name, symbol, unit, standard deviation and its standard error.
         relative: standard deviation over the coefficient that deviates; None where that is no coefficient.
         share: of the law's error, its part of `ErrorShares.scatter` by its variance of the outcome.
-        follows: share of its variance that follows something known of the impacts, at most, and is no scatter.
+        follows: share of its variance that follows something known of the impacts, and is no scatter; all of it where
+            what it follows is not known well enough to take it away.
     """
 
     deviation: StandardDeviation
@@ -68,10 +69,11 @@ class ContactScatter:
 
     @property
     def seen(self) -> bool:
-        """Whether contact or recorded pose differ from impact to impact."""
-        return bool(self.components) or any(one.name not in INSTRUMENT for one in self.instrument)
+        """Whether contact or recorded pose differ from impact to impact by more than what follows something."""
+        recorded = any(one.name not in INSTRUMENT for one in self.instrument)
+        return recorded or any(one.follows < 1 for one in self.components)
 
     @property
     def random(self) -> bool:
-        """Whether they do, and nothing that is known of the impacts explains it."""
+        """Whether they do, and nothing that is known of the impacts explains any of it."""
         return self.seen and not self.dependences

@@ -19,14 +19,14 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.record import Deviations
 from contactlearn.diagnosis.result import ContactScatter, DeviationDependence, ScatterComponent
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.diagnosis.unexplained.deviations import screen_deviations
+from contactlearn.diagnosis.unexplained.deviations import random_shares, screen_deviations
 from contactlearn.diagnosis.unexplained.serial_dependence import histories
 from contactlearn.effects import State
 from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
 from contactlearn.inference.evaluation.partial_residuals import share_explained, state_quantities
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.scatter import MIN_TRIALS, Scatter, fit_scatter
-from contactlearn.laws.hodograph import STEPS, finer
+from contactlearn.laws.hodograph import STEPS, followed_in
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
@@ -66,16 +66,18 @@ def contact_scatter(
     except ContactLearnError:  # of states so alike that they determine nothing
         return None
     dependences = screen_deviations(scatter, some, thresholds)
-    follows = {name: _following(name, dependences) for name in scatter.names}
-    instrument, floor, sizes = _drawn(some, scatter, follows)
+    random = random_shares(scatter, some, dependences, thresholds)
+    instrument, floor, sizes = _drawn(some, scatter, random)
     by_name = {one.name: one for one in scatter.deviations}
     coefficients = dict(zip("με", (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
     components: list[ScatterComponent] = []
-    for name, size in sizes.items():
+    for name in scatter.names:
         coefficient = coefficients.get(scatter.model.scatter[name].symbol)
         relative = by_name[name].value / coefficient if coefficient else None
         components.append(
-            ScatterComponent(deviation=by_name[name], relative=relative, share=size, follows=follows[name])
+            ScatterComponent(
+                deviation=by_name[name], relative=relative, share=sizes.get(name, 0.0), follows=1 - random[name]
+            )
         )
     result = ContactScatter(
         components=tuple(sorted(components, key=lambda one: -one.share)),
@@ -122,7 +124,7 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
 
 def _error_of_steps(impacts: Impacts, model: ContactModel) -> Float[Tensor, "n D"]:
     """What the few steps of a law in space leave out of v_post; beside little noise it would pass for scatter."""
-    with finer(8 * STEPS):
+    with followed_in(8 * STEPS):
         fine = model.base_prediction(impacts).v_post
     return fine - model.base_prediction(impacts).v_post
 
@@ -145,27 +147,23 @@ def _noise(impacts: Impacts, scatter: Scatter) -> Float[Tensor, "D D"]:
     return max(1.0, scatter.inflation) * turned.mean(0)
 
 
-def _following(component: str, dependences: tuple[DeviationDependence, ...]) -> float:
-    """Share of a component's variance that follows something: the sum of what each variable explains, or all of it."""
-    return min(1.0, sum(1.0 if one.share is None else one.share for one in dependences if one.component == component))
-
-
 def _drawn(
-    impacts: Impacts, scatter: Scatter, follows: Mapping[str, float]
+    impacts: Impacts, scatter: Scatter, random: Mapping[str, float]
 ) -> tuple[Interval, Interval, dict[str, float]]:
     """Mean mass error by the instrument alone and with the scatter, and shares of the components in its variance.
 
-    What follows something, a share of each component's variance, is left out.  Random numbers of its own leave those of
-    the other stages as they are.
+    Of each component's variance the share that is random counts.  Random numbers of its own leave those of the other
+    stages as they are.
     """
     generator, expected = torch.Generator().manual_seed(0), scatter.model.base_prediction(impacts)
     values, vectors = torch.linalg.eigh(scatter.instrument(impacts))
     root = vectors * values.clamp_min(0).sqrt()[:, None]
-    random = {
-        name: replace(component, sigma=component.sigma * math.sqrt(1 - follows[name]))
+    components = {
+        name: replace(component, sigma=component.sigma * math.sqrt(random[name]))
         for name, component in scatter.model.scatter.items()
+        if random[name]
     }
-    model = replace(scatter.model, scatter=random)
+    model = replace(scatter.model, scatter=components)
 
     def error(outcome: Float[Tensor, "n D"]) -> Float[Tensor, " n"]:
         return mass_error(impacts.replace(v_post=outcome, validate=False), expected)
@@ -177,7 +175,7 @@ def _drawn(
         alone.append(error(expected.v_post + noise))
         both.append(error(model.scattered(impacts, generator).v_post + noise))
     sizes = {
-        name: _mass_square(impacts, replace(model, scatter={name: component})) for name, component in random.items()
+        name: _mass_square(impacts, replace(model, scatter={name: component})) for name, component in components.items()
     }
     whole = sum(sizes.values()) or 1.0
     intervals = [bootstrap(torch.stack(part).mean(0), generator, _RESAMPLES) for part in (alone, both)]

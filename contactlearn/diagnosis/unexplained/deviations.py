@@ -14,7 +14,8 @@ are tested like residuals, by random signs of all trials (`sign_flips`):
 nothing of a component counts for nothing.  All statistics are compared together, so that the level holds for all.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -38,6 +39,7 @@ from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE
 
 _POSE = "pose"
+_SERIAL = {"order", "period"}
 _HARMONICS = 40  # of an orientation: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
 _TOLD = 3  # dependences of each component, the most significant ones
@@ -87,14 +89,46 @@ def screen_deviations(
     return tuple(best.values())
 
 
+def random_shares(
+    scatter: Scatter, impacts: Impacts, dependences: Sequence[DeviationDependence], thresholds: Thresholds
+) -> dict[str, float]:
+    """Find the share of each component's variance that follows nothing.
+
+    All functions of what its deviations follow are taken from them.  Where the rest still follows something, or what
+    it follows is an order whose course is not estimated, no part of the component is random.
+    """
+    named = list(_tested(impacts, scatter))
+    functions = torch.stack([function - function.mean() for *_, function in named], -1)
+    rest, shares = dict(scatter.each), dict.fromkeys(scatter.each, 1.0)
+    for name, (u, error) in scatter.each.items():
+        followed = {one.variable for one in dependences if one.component == name}
+        own = functions[:, [variable in followed for variable, *_ in named]]
+        if followed and 0 < own.shape[1] < len(u) - 1 and not followed & _SERIAL:
+            left, centred = _left(u, own), u - u.mean(0)
+            lost = (len(u) - 1) / (len(u) - own.shape[1] - 1)
+            rest[name], shares[name] = (
+                (left, error),
+                min(1.0, (left.square().sum() / centred.square().sum() * lost).item()),
+            )
+        elif followed:
+            shares[name] = 0.0
+    still = screen_deviations(replace(scatter, each=rest), impacts, thresholds)
+    return shares | {one.component: 0.0 for one in still}
+
+
+def _left(u: Float[Tensor, "n *k"], functions: Float[Tensor, "n m"]) -> Float[Tensor, "n *k"]:
+    """What least squares on functions leave of centred deviations."""
+    centred = (u - u.mean(0)).reshape(len(u), -1)
+    return (centred - functions @ torch.linalg.lstsq(functions, centred, driver="gelsd").solution).reshape(u.shape)
+
+
 def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float | None:
     """Adjusted R² of deviations by least squares on functions; None of none."""
     n, k = functions.shape
     if not 0 < k < n - 1:
         return None
-    centred = u - u.mean()
-    left = centred - functions @ torch.linalg.lstsq(functions, centred, driver="gelsd").solution
-    return 1 - (left.square().sum() / centred.square().sum()).item() * (n - 1) / (n - k - 1)
+    left, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
+    return 1 - (left / whole).item() * (n - 1) / (n - k - 1)
 
 
 def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Float[Tensor, " n"]]]:
