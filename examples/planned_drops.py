@@ -9,10 +9,6 @@ from matplotlib.figure import Figure
 from pages import settings, show
 
 import contactlearn as cl
-from contactlearn.data.blocks import joined
-from contactlearn.planning.measurement import carry_out
-from contactlearn.report.figures.plan import plan_figure
-from contactlearn.simulation.hidden_effects.drops import Laboratory
 
 chosen = settings(seed=7, batch=20, budget=160)
 
@@ -25,7 +21,7 @@ rig = cl.Rig(
         "x": cl.Limits(low=0.08, high=0.5, settable=False),
     }
 )
-laboratory = Laboratory.of(chosen.seed)
+laboratory = cl.simulation.hidden_effects.drops.Laboratory.of(chosen.seed)
 body = cl.Specimen(mass=laboratory.mass, inertia=laboratory.inertia, shape=laboratory.shape, name="ellipse")
 
 # Before anything is measured, drops are spread, and chosen so that all effects of the catalogue show, each by itself.
@@ -35,12 +31,12 @@ print(f"{len(plan.drops)} drops; no drop within these limits shows {', '.join(pl
 # Then the loop runs by itself.
 generator, drops = torch.Generator().manual_seed(chosen.seed), []
 while plan.stop is None:
-    made = carry_out(
+    made = cl.planning.measurement.carry_out(
         cl.Rig(limits=plan.rig), plan.drops, [body], laboratory,
         generator=generator, first=1 + sum(map(len, drops)),
     )  # fmt: skip
     drops.append(made)
-    found = cl.diagnose(joined(drops))
+    found = cl.diagnose(cl.data.blocks.joined(drops))
     plan = cl.plan(found, rig, count=chosen.batch, budget=chosen.budget, looks=plan.looks)
     best = plan.possibilities[0]
     print(
@@ -49,7 +45,7 @@ while plan.stop is None:
 print(f"stop: {plan.stop}; found {', '.join(plan.looks[-1].found) or 'nothing'}")
 
 # The last plan, which need not be carried out, among all that was measured.
-show(plan_figure(plan, cl.planning.rig.settings_of(found.record.impacts)), chosen.out / "plan")
+show(cl.plot.planned(plan, cl.planning.rig.settings_of(found.record.impacts)), chosen.out / "plan")
 
 # How sure the tool was of each name, over the drops.
 with cl.plot.style.look():

@@ -98,12 +98,14 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
 
     events = EventAccumulator(str(folder)).Reload()
     assert {f"figures/{name}" for name in FIGURES} <= set(events.Tags()["images"])
-    logged = events.Scalars("mass_error/wang_mason")
+    logged = events.Scalars("mass_error/irb")
     assert logged[0].step == 20
-    assert logged[0].value == pytest.approx(results["errors"]["wang_mason"]["mass_error"]["mean"], rel=1e-6)
+    assert logged[0].value == pytest.approx(results["errors"]["irb"]["mass_error"]["mean"], rel=1e-6)
     assert len(list(folder.glob("events.*"))) == 1  # hyperparameters make no run of their own
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     assert lines[0]["trained_on"] == 20
+    (logged,) = [one["mass_error/wang_mason"] for one in lines if "mass_error/wang_mason" in one]
+    assert logged == pytest.approx(results["errors"]["wang_mason"]["mass_error"]["mean"], rel=1e-6)
     assert_progress(folder, "every trial")
 
 
@@ -255,7 +257,8 @@ def test_learning_curves(study):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     events = EventAccumulator(str(folder)).Reload()
-    assert [event.step for event in events.Scalars("curve_mass_error/x1_wrench")] == [10, 20]
+    steps = [event.step for event in events.Scalars("curve_mass_error/x1_wrench")]
+    assert list(dict.fromkeys(steps)) == [10, 20]
     for name in ("learning_curve", "error_densities", "calibration"):
         assert (folder / "figures" / f"{name}.pdf").exists()
 
@@ -341,7 +344,8 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
     )  # fmt: skip
     printed = run("evaluate.py", "experiment=fazeli2017", *small, f"hydra.run.dir={tmp_path}")
     assert "Published table beside ours" in printed
-    assert re.search(r"Whittaker +0\.111 ± 0\.008 .* 0\.484 ± 0\.011", printed)
+    for value in (r"0\.111 ± 0\.008", r"0\.484 ± 0\.011"):  # in tables that fit 80 columns
+        assert re.search(rf"Whittaker +.*{value}", printed)
     assert re.search(r"settled +published", printed)
     assert re.search(r"Whittaker .* 50 *$", printed, re.MULTILINE)
     assert re.search(r"X2 → impulse .* 100 +\d", printed)
@@ -360,7 +364,7 @@ def test_help(script):
 def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
     described = re.findall(r"^    (\w+)(?: +|\n {10,})\w", printed, re.MULTILINE)
-    assert len(described) == 12, printed
+    assert len(described) == 14, printed
 
 
 def test_help_fits_80_columns():
@@ -475,9 +479,10 @@ def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, mon
     run(*command, cwd=tmp_path, status=130)
     (finished,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
     assert finished.stem == "10"
-    curve = {"x1_wrench": [10], "whittaker": [10, 20], "best_post_hoc": [10, 20], "irb": [10, 20]}
+    curve = {"x1_wrench": [10], "best_post_hoc": [10, 20], "irb": [10, 20]}
     for name, points in curve.items():
-        assert [event.step for event in shown[0].Scalars(f"curve_mass_error/{name}")] == points
+        steps = [event.step for event in shown[0].Scalars(f"curve_mass_error/{name}")]
+        assert list(dict.fromkeys(steps)) == points
     allowed = 2
     assert "earlier run of the same command: 1\n" in run(*command, cwd=tmp_path)
     assert sizes == [10, 20]

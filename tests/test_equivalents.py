@@ -216,10 +216,9 @@ def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
         torch.randn(shape, generator=seeded(k), dtype=torch.float64)
         for k, shape in enumerate(((4, 3), (4, 3, 5), (5, 5)))
     )
-    noise, covariance = torch.diag(NOISE), root @ root.T
-    discrimination, total = (
-        ModelDiscrimination(difference=difference, slope=slope, covariance=covariance, noise=noise),
-        0.0,
+    noise, covariance, total = torch.diag(NOISE), root @ root.T, 0.0
+    discrimination = ModelDiscrimination(
+        difference=difference, slope=slope, covariance=covariance, noise=noise.expand(4, -1, -1)
     )
     for k in range(4):
         total += discrimination.squared()[k]

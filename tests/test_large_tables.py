@@ -184,7 +184,7 @@ def test_the_page_of_a_large_table_is_small(large):
     assert content["arrays"]["v_post"]["shape"][1] == EMBEDDED
     assert len(render(content)) < 4.5e6
     assert sum(content["sample"]["map"]["trials"]) == 20_000
-    assert "4000 of 20\u00a0000 trials" in content["verdict"]["support"]
+    assert any("4000 of 20\u00a0000 trials" in one for one in content["verdict"]["support"])
     assert large.record.impacts.trial[0] == content["trials"]["name"][0]
     assert large.record.impacts.trial[-1] == content["trials"]["name"][-1]
     one = large.sample.answers[0]

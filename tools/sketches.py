@@ -195,10 +195,6 @@ def configuration_dependent_restitution():
     return curve(lambda x: 0.75 - 0.45 * x**2, "|r_x| / ρ", "ε", 0.75, more=[lambda x: 0.75 - 0.45 * x])
 
 
-def covariate_dependent_friction():
-    return curve(lambda x: 0.35 + 0.3 * x, "a column of your own", "μ", 0.35, more=[lambda x: 0.35 + 0.3 * (x > 0.5)])
-
-
 def covariate_dependent_restitution():
     return curve(lambda x: 0.75 - 0.3 * x, "a column of your own", "ε", 0.75, more=[lambda x: 0.75 - 0.3 * (x > 0.5)])
 
@@ -482,7 +478,7 @@ def case_study_ladder():
 EFFECTS = (
     com_offset, corner_radius, inertia_error, orientation_offset, sampling_delay, shape_error, surface_tilt,
     body_dependent_friction, body_dependent_restitution, configuration_dependent_restitution,
-    covariate_dependent_friction, covariate_dependent_restitution,
+    covariate_dependent_restitution,
     incidence_dependent_friction, incidence_dependent_restitution, load_dependent_friction,
     location_dependent_friction, location_dependent_restitution, orientation_dependent_friction,
     orientation_dependent_restitution, parameter_drift, slip_dependent_restitution, velocity_dependent_friction,

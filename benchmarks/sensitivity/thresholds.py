@@ -54,6 +54,7 @@ class Row:
 ROWS = (
     Row("tracks.excess", flights.CONTACTS),
     Row("tracks.meets", flights.CONTACTS),
+    Row("tracks.likely", flights.CONTACTS),
     Row("tracks.certainty", flights.CONTACTS, zero=1),
     Row("tracks.velocity_change", flights.JUMPS),
     Row("tracks.rest_speed", flights.SLIDING),

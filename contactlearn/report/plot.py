@@ -7,6 +7,7 @@ comparison                        the table of `cl.compare` as bars
 predictions                       predicted against measured velocities after contact
 impulse_space                     the impulses that laws can give one impact
 convergence, trial_parameters     fits to subsets and to single trials
+planned                           the drops of a plan among those that were measured
 error_densities, learning_curve   errors of learned models, and how they fall with trials
 """
 
@@ -29,6 +30,7 @@ from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import compared_impulses as impulse_space, reachable_impulses
 from contactlearn.report.figures.laws import convergence, cost_map, trial_parameters
 from contactlearn.report.figures.learning import error_densities, learning_curve, transfer_errors
+from contactlearn.report.figures.plan import plan_figure as planned
 from contactlearn.report.figures.quality import predicted_against_measured
 from contactlearn.report.figures.tracks import contact_figure as contact
 
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "comparison", "contact", "convergence", "cost_map", "effect", "effect_curve", "error_comparison",
-    "error_densities", "frontier", "impulse_space", "ladder", "laws_compared", "learning_curve", "predictions",
-    "reachable_impulses", "regions", "residual", "style", "transfer_errors", "trial_parameters",
+    "error_densities", "frontier", "impulse_space", "ladder", "laws_compared", "learning_curve", "planned",
+    "predictions", "reachable_impulses", "regions", "residual", "style", "transfer_errors", "trial_parameters",
 ]  # fmt: skip
 
 

@@ -357,7 +357,8 @@ def print_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str
         made.add_column(Text(headings[0]), max_width=wide.width // 2)
         for column in columns:
             made.add_column(Text(headings[column]), justify="right", no_wrap=True)
-        for row in (one for one in rows if any(one[column] for column in columns)):
+        whole = len(columns) == len(headings) - 1
+        for row in (one for one in rows if whole or any(one[column] for column in columns)):
             made.add_row(*(Text(row[column]) for column in (0, *columns)))
         return made
 
