@@ -43,7 +43,9 @@ def main(arguments: list[str] | None = None) -> int:
             text, status = said if isinstance(said, tuple) else (said, 0)
             write_output(terminal_safe(text) + "\n")
             return status
-        except (ContactLearnError, HydraException, OmegaConfBaseException) as error:
+        except BrokenPipeError:  # of a reader that has gone
+            raise
+        except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
             print(f"error: {terminal_safe(reason(error).splitlines()[0])}", file=sys.stderr)
             return 2
 

@@ -336,6 +336,20 @@ def test_an_output_that_cannot_be_written_is_an_error(words):
     assert (done.returncode, done.stderr) == (2, "error: the output cannot be written: No space left on device\n")
 
 
+def test_a_report_that_cannot_be_written_is_an_error(tmp_path):
+    """As a command's own output, after it has read its data."""
+    table.save(synthetic.load(size=40), tmp_path / "drops.csv")
+    shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
+    words = ["audit", "data=table", shape, f"data.path={tmp_path}/drops.csv"]
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "contactlearn", *words]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_published_table_beside_ours(ellipse_drops, tmp_path):
     """experiment=fazeli2017 composes, runs on the real drops, and prints every difference in σ."""
     small = (
