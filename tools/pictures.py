@@ -153,7 +153,12 @@ return box.top + scrollY;
 MARKED = (
     (
         "report_annotated",
-        (("h2", "Verdict", 0), ("table", "Error on held-out trials", 0), ("p", "error falls", 0), ("fieldset", "Try", 0)),
+        (
+            ("h2", "Verdict", 0),
+            ("table", "Error on held-out trials", 0),
+            ("p", "error falls", 0),
+            ("fieldset", "Try", 0),
+        ),
     ),
     ("report_budget", (("h2", "Error budget", 0),)),
     ("report_effect", (("h2", "Missing effects", 0),)),
