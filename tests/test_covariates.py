@@ -21,6 +21,7 @@ from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.laws import find
 from contactlearn.models import checkpoint
 from contactlearn.models.export.source import source_code
+from contactlearn.report.terminal import next_command
 from contactlearn.scatter import find_component
 from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
@@ -190,3 +191,13 @@ def test_files_and_other_data(tmp_path):
         effect.prepare(impacts.replace(covariates={}))
     assert "impact" in source_code(model, "c", impacts[:5])
     assert EffectId("temperature_dependent_restitution", "linear") in all_candidates(covariates=impacts.covariates)
+
+
+def test_the_next_command_names_classes_of_other_packages_alone(tmp_path):
+    """A covariate's class is this package's own, and is in the run; another package's must be typed."""
+    ours = "+effect.warm._target_=contactlearn.effects.covariate_dependent_restitution.RestitutionLinearInCovariate"
+    theirs = "+effect.cable._target_=my_module.CableDrag"
+    printed = next_command(
+        f"python evaluate.py data=mydata {ours} +effect.warm.covariate=temperature {theirs}", tmp_path
+    )
+    assert printed == f"python train.py model={tmp_path} {theirs}"

@@ -267,7 +267,7 @@ def next_command(use: str, folder: Path) -> str:
     """
     words = shlex.split(use)
     program = [word.replace("evaluate", "train") for word in words[: [*("=" in word for word in words)].index(True)]]
-    classes = [word for word in words if "_target_=" in word]
+    classes = [word for word in words if "_target_=" in word and "=contactlearn.effects." not in word]
     return shlex.join([*program, f"model={relative(folder)}", *classes])
 
 
