@@ -435,6 +435,30 @@ def test_deviations_that_follow_something_stay_unknown(structure):
     assert any("no scatter" in one for one in grounds(found))
 
 
+@pytest.mark.parametrize("loss", [0.05, 0.1])  # of restitution for each m/s
+def test_the_rest_of_what_follows_something_is_scatter(loss):
+    """A restitution that falls with speed and scatters as well: the share that follows, and the floor of the rest."""
+
+    def estimated(loss):
+        impacts = simulated(World(sigma_eps=0.05, speed_loss=loss), 300)
+        model = fit(impacts, "wang_mason").model
+        return impacts, contact_scatter(impacts, model, FitOptions(), Thresholds())
+
+    impacts, found = estimated(loss)
+    (component,) = found.result.components
+    follows = (loss * impacts.v_c[:, -1].std().item()) ** 2
+    assert component.follows == pytest.approx(follows / (follows + 0.05**2), abs=0.1)
+    assert component.deviation.value > 0.055
+    assert found.floor.mean == pytest.approx(estimated(0.0)[1].floor.mean, rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.001])
+def test_the_steps_of_a_law_in_space_are_no_scatter(noise):
+    impacts = simulated(World(space=True, slip=2.5, noise=noise), 150)
+    found = contact_scatter(impacts, fit(impacts, "wang_mason").model, FitOptions(), Thresholds())
+    assert found.result.components == ()
+
+
 def test_nothing_scatters_where_data_are_exact_or_few():
     for drops in (synthetic.load(60, velocity_noise=0, spin_noise=0), synthetic.load(30)):
         assert contact_scatter(drops, fit(drops, LAW).model, FitOptions(), Thresholds()) is None

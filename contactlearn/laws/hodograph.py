@@ -75,7 +75,7 @@ class Slide(NamedTuple):
 
 @contextmanager
 def followed_in(steps: int) -> Generator[None]:
-    """Follow every path in so many steps, eight times as many for a sixtieth of the error."""
+    """Follow every path in this number of steps; the error falls with its square where the slip lasts."""
     before = _steps.set(steps)
     try:
         yield
