@@ -298,7 +298,8 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
     for column, name in names.items():
         if column not in known:
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
-            raise UnknownNameError(f"column in data.columns{turned}:", column, known)
+            own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
+            raise UnknownNameError(f"column in data.columns{turned}:", column, own)
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
