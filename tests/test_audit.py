@@ -136,6 +136,20 @@ def test_a_unit_beside_a_hollow_ball_that_was_taken_for_a_solid_one():
     assert not [one for one in others if one.correction == "inertia_scaled"]
 
 
+@pytest.mark.parametrize("body", ["ellipse", "disc"])
+@pytest.mark.parametrize("unit", ["mph_velocity", "kmh_velocity", "feet_velocity"])
+def test_two_units_are_no_inertia(body, unit):
+    """The ratio of rev/min and mph is an inertia of 0.234, that of rev/s and mph one that no body has."""
+    clean = drops(body, 1)
+    for spin in ("rpm_omega", "revolutions_omega"):
+        assert sorted(corrections(audit(corrupt(clean, unit, spin)))) == sorted([unit, spin])
+
+
+def test_a_wrong_inertia_is_no_pair_of_units():
+    clean = drops(size=400)
+    assert corrections(audit(clean.replace(inertia=clean.inertia * 3.1))) == ["inertia_scaled"]
+
+
 def test_no_inertia_beyond_that_of_a_hoop_is_proposed():
     clean = drops("disc", 1)
     small = clean.replace(inertia=clean.inertia / 1.9)

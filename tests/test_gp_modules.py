@@ -374,3 +374,15 @@ def test_fixed_noise_is_that_of_the_covariances():
     assert isinstance(processes.gps.likelihood, FixedNoiseGaussianLikelihood)
     noise = processes.gps.noise_variance().sqrt() * processes.outputs.spread.mT
     close(noise, (IMPACTS.mass[:20] * spread[:2, None]).expand(2, -1))
+
+
+def test_a_prior_without_density_at_any_start_is_said():
+    """Its loss would be nan, of which no result is written."""
+    x, y = problem()
+    outside = {"_target_": "gpytorch.priors.UniformPrior", "a": 100.0, "b": 101.0}
+    kernel = {**MATERN, "lengthscale_prior": outside}
+    with pytest.raises(ContactLearnError, match=r"UniformPrior\(low: 100.0, high: 101.0\)$"):
+        options(kernel=kernel)
+    gps = ExactGPs(x, y, options=ProcessOptions(kernel=modules.resolved(kernel, COLUMNS, "kernels")))
+    with pytest.raises(ContactLearnError, match="no start has a finite likelihood: a prior has no density there"):
+        gps.fit()

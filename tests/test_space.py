@@ -174,6 +174,20 @@ def test_a_spatial_table_needs_its_columns(tmp_path):
         table.load(path)
 
 
+def test_moments_of_inertia_may_be_stated_for_all():
+    moments = [4e-5, 5e-5, 6e-5]
+    frame = SPATIAL.to_frame().drop(columns=["inertia_x", "inertia_y", "inertia_z"])
+    impacts = table.load(frame, inertia=moments)
+    assert impacts.inertia.tolist() == [moments] * len(frame)
+    assert table.load(frame, inertia=4e-5).inertia.tolist() == [[4e-5] * 3] * len(frame)
+    with pytest.raises(DataError, match=r"at most the sum of the two others, got \[.*0\.0003\]"):
+        table.load(frame, inertia=[1e-4, 1e-4, 3e-4])
+    with pytest.raises(DataError, match="three along the body's axes, got"):
+        table.load(frame, inertia=[1e-4, 1e-4])
+    with pytest.raises(DataError, match="inertia is one number in a plane"):
+        table.load(PLANAR.to_frame().drop(columns="inertia"), inertia=moments)
+
+
 @pytest.mark.parametrize("norm", NORMS)
 def test_the_bound_agrees_with_the_plane(norm):
     plane, space = bounds.irb(PLANAR, norm), bounds.irb(SPATIAL, norm)

@@ -131,7 +131,7 @@ def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
     """
     found = [_quoted_path(word) for word in words]
     for word in found:
-        override = _parsed(word)
+        override = parse_override(word)
         if override.is_sweep_override() and not several:
             raise ContactLearnError(
                 f"{word} has several values: add -m to run each; a list stands in brackets, {_key(word)}=[…,…], and a "
@@ -145,7 +145,7 @@ def one_of_each(words: Sequence[str]) -> tuple[list[str], list[list[str]]]:
 
     A range without steps, which some sweepers sample from, is left out.
     """
-    overrides = [_parsed(word) for word in words]
+    overrides = [parse_override(word) for word in words]
     swept = [override for override in overrides if override.is_sweep_override()]
     values = {
         override.input_line: [f"{override.get_key_element()}={value}" for value in override.sweep_string_iterator()]
@@ -162,7 +162,12 @@ def one_of_each(words: Sequence[str]) -> tuple[list[str], list[list[str]]]:
     return [override.get_key_element().lstrip("+") for override in swept], [first, *others]
 
 
-def _parsed(word: str) -> Override:
+def parse_override(word: str) -> Override:
+    """Read a setting by Hydra's grammar.
+
+    Raises:
+        ContactLearnError: it is no setting, or one that cannot be read.
+    """
     try:
         return OverridesParser.create().parse_override(word)
     except HydraException as error:

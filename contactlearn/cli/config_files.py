@@ -23,8 +23,10 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
+from hydra.core.override_parser.types import Glob
 from omegaconf import DictConfig, OmegaConf
 
+from contactlearn.cli.command_line import parse_override
 from contactlearn.cli.config_security import leaf_values, read_checked
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 
@@ -156,6 +158,29 @@ def _is_setting(word: str, command: str) -> bool:
 def _declared(command: str) -> set[str]:
     """Dotted keys of the values in the file of a command."""
     return {".".join(path) for path, _ in leaf_values(_content(Path(CONFIGS, f"{command}.yaml")))}
+
+
+def with_globs(words: Sequence[str], command: str) -> list[str]:
+    """Return words with the choices that match in place of `law=glob(w*)`.
+
+    Raises:
+        ContactLearnError: no choice matches, or the setting has no choices.
+    """
+    return [_without_glob(word, command) if "=glob(" in word else word for word in words]
+
+
+def _without_glob(word: str, command: str) -> str:
+    key, _, _ = word.partition("=")
+    pattern = parse_override(word).value()
+    group = key.lstrip("+")
+    if not isinstance(pattern, Glob):
+        return word
+    if group not in groups(command):
+        raise ContactLearnError(f"{word}: glob(…) takes choices, of {', '.join(groups(command))}; {group} has none")
+    matching = pattern.filter([choice for choice in choices(group) if choice != BEST])
+    if not matching:
+        raise ContactLearnError(f"{word} matches no {group}; known: {', '.join(choices(group))}")
+    return f"{key}={','.join(matching)}"
 
 
 def with_forms(words: Sequence[str]) -> list[str]:

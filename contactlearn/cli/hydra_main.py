@@ -36,6 +36,7 @@ from contactlearn.cli.config_files import (
     user_folders,
     with_diagnosed_model,
     with_forms,
+    with_globs,
     with_pluses,
     without_hydra,
 )
@@ -181,7 +182,7 @@ def completed(words: Sequence[str], command: str, *, several: bool = False) -> l
     Raises:
         ContactLearnError: a word that cannot be read, or a choice that its group lacks.
     """
-    words = with_forms(with_diagnosed_model([_nothing_of(word) for word in words], command))
+    words = with_forms(with_diagnosed_model(with_globs([_nothing_of(word) for word in words], command), command))
     keys = _given(words)
     trains = command in ("train", "evaluate") and "model" not in keys
     words = quoted([*words, "model=[]"] if "checkpoint" in keys and trains else words, several=several)

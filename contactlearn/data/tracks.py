@@ -63,7 +63,7 @@ from contactlearn.data.recordings.survey import (
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.mechanics.bodies import make_shapes
+from contactlearn.mechanics.bodies import make_shapes, principal_moments
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec, moment, rotation
 from contactlearn.mechanics.shapes import Disc, Shape, Solid, Sphere, contact_point
@@ -294,16 +294,7 @@ def _gyration(shape: Shape, mass: float, inertia: float | Sequence[float] | None
         return shape.gyration_squared()
     if not isinstance(shape, Solid):
         return finite_number("inertia", inertia, 0, above=True) / mass
-    moments = [*inertia] if isinstance(inertia, Sequence) and not isinstance(inertia, str) else [inertia] * 3
-    if len(moments) != 3:
-        raise DataError(f"data.inertia is one number in space, or three along the body's axes, got {inertia!r}")
-    values = torch.tensor([finite_number("inertia", one, 0, above=True) for one in moments], dtype=torch.float64)
-    if 2 * values.max() > values.sum() * (1 + _ROUNDING):
-        raise DataError(
-            f"data.inertia: a moment of inertia is at most the sum of the two others, got {values.tolist()}; state "
-            "principal moments in kg m²"
-        )
-    return values / mass
+    return principal_moments(inertia) / mass
 
 
 def _check_contacts(path: Path, found: Survey) -> None:

@@ -19,7 +19,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
+from contactlearn.core.numerics import finite_number
 from contactlearn.mechanics.shapes import Shape, contact_point, make_shape, shape_entries
+
+_ROUNDING = 1e-9  # of moments of inertia that are as large as the sum of two others, as of a thin plate
 
 AnyShape = Shape | Mapping[str, Shape]
 """The shape of every body, or shapes by the names of bodies."""
@@ -168,3 +171,21 @@ def shapes_entries(shape: AnyShape | None) -> dict[str, Any] | None:
     if not isinstance(shape, Mapping):
         return shape_entries(shape)
     return {name: shape_entries(one) for name, one in shape.items()}
+
+
+def principal_moments(inertia: float | Sequence[float]) -> Float[Tensor, "3"]:
+    """Moments of inertia of a body in space in kg m², about its axes, as settings state them: one for all, or three.
+
+    Raises:
+        DataError: they are not three, not positive, or one is larger than the sum of the others.
+    """
+    moments = [*inertia] if isinstance(inertia, Sequence) and not isinstance(inertia, str) else [inertia] * 3
+    if len(moments) != 3:
+        raise DataError(f"data.inertia is one number in space, or three along the body's axes, got {inertia!r}")
+    values = torch.tensor([finite_number("inertia", one, 0, above=True) for one in moments], dtype=torch.float64)
+    if 2 * values.max() > values.sum() * (1 + _ROUNDING):
+        raise DataError(
+            f"data.inertia: a moment of inertia is at most the sum of the two others, got {values.tolist()}; state "
+            "principal moments in kg m²"
+        )
+    return values

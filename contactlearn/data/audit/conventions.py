@@ -80,6 +80,7 @@ _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that i
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
+_CLOSED = 0.05  # the same of a unit, which an inclined floor may look like: it leaves more than this
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
@@ -184,15 +185,36 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         tried += len(screened.names)
         applied = (_applied(given, names) for names in screened.best())
         accepted = [h for h in applied if h is not None and _better(h, given)]
+        if given.score > thresholds.sound and (accepted or depth == 1):
+            axes = [name for name in min(accepted, key=lambda h: h.score).names if name in AXES] if accepted else []
+            pairs = _pairs_of_units(given, axes)
+            accepted += [h for h in pairs if h.fits and _better(h, given)]
+            tried += len(pairs)
         if accepted:
             chosen = _chosen(given, accepted, tried)
-            if not _CONFUSED.intersection(chosen.best.names) and chosen.best.score < _MAX_CONTRADICTIONS:
+            most = _CLOSED if _CONFUSED.intersection(chosen.best.names) else _MAX_CONTRADICTIONS
+            if chosen.best.score < most:
                 return chosen
             return _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
     accepted = _inclined(given) if given.score > thresholds.sound else []
     if accepted:
         return _chosen(given, accepted, tried + len(_MIRRORS))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
+
+
+def _pairs_of_units(given: Hypothesis, axes: list[str]) -> list[Hypothesis]:
+    """Hypotheses of a unit of speeds and one of spins: their ratio looks like another inertia, or an impossible one.
+
+    Spins in rev/min beside speeds in mph are an inertia of 0.234, spins in rev/s beside them one of 14.
+    """
+    pairs = itertools.product(_whole("velocity"), _whole("omega"))
+    return [h for pair in pairs if (h := _applied(given, (*axes, *pair))) is not None]
+
+
+def _whole(quantity: str) -> list[str]:
+    """Corrections that convert a velocity before and after contact, and nothing else."""
+    columns = (f"{quantity}_pre", f"{quantity}_post")
+    return [name for name, unit in MISWRITTEN.items() if unit.columns == columns]
 
 
 def _inclined(given: Hypothesis) -> list[Hypothesis]:
@@ -223,8 +245,14 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
     new = min(known or accepted, key=lambda h: h.score)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
     equal = [h for h in equal if h.fits] or equal  # 3.6 and 1/0.3048 differ by less than an effect may
-    best, *equals = sorted(equal, key=lambda h: (len(h.names), [*map([*CORRECTIONS].index, h.names)]))
+    best, *equals = sorted(equal, key=_simplicity)
     return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
+
+
+def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, list[int]]:
+    """The order among equal hypotheses: without a fitted number, shorter, earlier in the list of corrections."""
+    names = hypothesis.names
+    return bool(_FITTED.intersection(names)), len(names), [*map([*CORRECTIONS].index, names)]
 
 
 def _margin(unit: Hypothesis, least: Hypothesis) -> float:
@@ -259,8 +287,8 @@ def _explains(new: Hypothesis) -> bool:
     """Whether a rare unit explains the imbalance, which then is no physics of about its size."""
     rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
     left = abs(torque(new.impacts).inertia_factor.log().item())
-    if not rare:
-        return True
+    if len(rare) != 1:
+        return not rare or new.fits
     size, reach = abs(math.log(rare[0])), math.log(new.thresholds.inertia_factor)
     return new.fits if size < reach else left < min(_UNIT_ERROR * size, reach)  # what is left is an effect
 

@@ -62,6 +62,7 @@ from contactlearn.mechanics.bodies import (
     contact_points,
     make_shapes,
     per_body,
+    principal_moments,
     shapes_among,
 )
 from contactlearn.mechanics.impacts import COVARIATE, Impacts
@@ -111,7 +112,7 @@ def load(
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
-    inertia: float | None = None,
+    inertia: float | Sequence[float] | None = None,
     covariates: Sequence[str] = (),
     *,
     validate: bool = True,
@@ -125,7 +126,7 @@ def load(
         units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
             columns, such as "vx [mm/s]", or SI.
         mass: of all bodies in kg, for a table without that column.
-        inertia: of all bodies in kg m², for a table without that column.
+        inertia: of all bodies in kg m², for a table without that column; in space one or three along the body's axes.
         covariates: columns of quantities that outcomes may depend on, such as temperature or operator.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
 
@@ -150,7 +151,7 @@ def read(
     columns: Mapping[str, str | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
-    inertia: float | None = None,
+    inertia: float | Sequence[float] | None = None,
     covariates: Sequence[str] = (),
     validate: bool = True,
     drop_incomplete: bool = False,
@@ -167,7 +168,7 @@ def read(
         units: of length, mass, angle and time, and the sense of rotation, see `units.UNIT_FACTORS`; those left out are
             as in names of columns, or SI.  A unit in the name of a column goes first.
         mass: of all bodies in kg, for a table without that column.
-        inertia: of all bodies in kg m², for a table without that column.
+        inertia: of all bodies in kg m², for a table without that column; in space one or three along the body's axes.
         covariates: columns of quantities that outcomes may depend on, numbers or names of groups; a unit at the end of
             a column's name may be left out.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
@@ -193,7 +194,7 @@ def read_blocks(
     drop_incomplete: bool = False,
     validate: bool = True,
     mass: float | None = None,
-    inertia: float | None = None,
+    inertia: float | Sequence[float] | None = None,
     covariates: Sequence[str] = (),
     units: Mapping[str, str | None] = STATED,
     columns: Mapping[str, str | None] | None = None,
@@ -205,22 +206,23 @@ def read_blocks(
     is one block.
     """
     known_shape, known_units = make_shapes(shape), Units(units)
-    stated = {"mass": mass, "inertia": inertia}
-    numbers = {name: finite_number(f"data.{name}", x, 0, above=True) for name, x in stated.items() if x is not None}
+    stated = _stated(mass, inertia)
     read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
         cells = restated(cells, known_units, columns, known_shape)
         shaped, turning = known_shape is not None, not _all_discs(known_shape)
-        named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*numbers])
+        named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
         read += len(cells)
         if len(kept):
             left = True
-            values |= {name: torch.full((len(kept),), x, dtype=torch.float64) for name, x in numbers.items()}
+            if named.space is PLANE and "inertia" in stated and stated["inertia"].ndim:
+                raise DataError(f"{_source(path)}: data.inertia is one number in a plane; three are of a body in space")
+            values |= {name: x.expand(len(kept), *x.shape) for name, x in stated.items()}
             values["covariates"] = _covariates(kept, numeric)
             impacts = _impacts(kept, values, named, known_shape, validate=validate)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed, read_as=_read_as(named))
@@ -229,6 +231,18 @@ def read_blocks(
         raise DataError(f"{source}: each of {read} rows has an empty cell, or one that is not a number")
     if isinstance(known_shape, Mapping) and not isinstance(shape, Shapes):
         check_body_names(known_shape, bodies, source)
+
+
+def _stated(mass: float | None, inertia: float | Sequence[float] | None) -> dict[str, Tensor]:
+    """What the settings state of every body."""
+    found = dict[str, Tensor]()
+    if mass is not None:
+        found["mass"] = torch.tensor(finite_number("data.mass", mass, 0, above=True), dtype=torch.float64)
+    if isinstance(inertia, Sequence) and not isinstance(inertia, str):
+        found["inertia"] = principal_moments(inertia)
+    elif inertia is not None:
+        found["inertia"] = torch.tensor(finite_number("data.inertia", inertia, 0, above=True), dtype=torch.float64)
+    return found
 
 
 def _all_discs(shape: AnyShape | None) -> bool:

@@ -268,7 +268,7 @@ def checked_options(options: ProcessOptions, columns: Sequence[str]) -> ProcessO
         except ContactLearnError as error:
             raise ContactLearnError(f"{part}: {error}") from error
         except Exception as error:  # whatever a module may raise
-            seen = " ".join(str(error).split())
+            seen = " ".join(str(error).partition(", but found")[0].split())  # values and their graph tell nothing
             raise ContactLearnError(f"{part}: does not fit {len(columns)} features: {seen}") from error
         if shared := [name for name, one in gps.named_parameters() if one.shape[:1] != y.shape[:1]]:
             raise ContactLearnError(f"{part}: its class must take batch_shape and make use of it; {shared[0]} has none")

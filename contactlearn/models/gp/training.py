@@ -47,7 +47,8 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
         on_round: see `OnRound`.
 
     Raises:
-        ContactLearnError: an optimiser of PyTorch arrives where a covariance has no Cholesky factor.
+        ContactLearnError: a process has no finite likelihood, or prior, at any of its starts, or an optimiser of
+            PyTorch arrives where a covariance has no Cholesky factor.
     """
     options, y = dict(gps.options.optimiser or {}), gps.train_targets
     starts, iterations = options.pop("starts", STARTS), options.pop("iterations", ITERATIONS)
@@ -73,7 +74,13 @@ def optimise(gps: GaussianProcesses, like: GaussianProcesses | None = None, on_r
         if "_target_" in options:
             gap = ends.value - _nearby(many)
             ends = ends._replace(converged=gap < TOLERANCE)
-        return take(ends)
+        fit = take(ends)
+    if not fit.loss.isfinite().all():
+        raise ContactLearnError(
+            "no start has a finite likelihood: a prior has no density there, or the covariance is not positive "
+            "definite; begin within the prior's support, take a wider prior, or leave it out"
+        )
+    return fit
 
 
 def losses(gps: GaussianProcesses) -> Tensor:
