@@ -10,6 +10,8 @@ import pytest
 import torch
 from commands import run
 from refusals import refused
+from scipy.spatial.transform import Rotation
+from spatial import tossed
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
@@ -158,6 +160,15 @@ NAMES = {
     "primes": {"vx_post": "vx'", "vy_post": "vy′", "omega_post": "ω'"},
     "signs": {"vx": "vx-", "vx_post": "vx+", "vy": "v_y⁻", "vy_post": "v_y⁺"},
     "in and out": {"vx": "vx_in", "vx_post": "vx_out", "vy": "vy_in", "vy_post": "vy_out"},
+    "one body": {"vx": "ball_vx", "vy": "Ball vy", "vx_post": "ball_vx_post", "vy_post": "ball vy after"},
+    "German": {
+        "vx": "Geschwindigkeit x vorher",
+        "vx_post": "Geschwindigkeit x nachher",
+        "theta": "Winkel",
+        "omega": "Drehgeschwindigkeit vorher",
+        "omega_post": "Drehgeschwindigkeit nachher",
+    },
+    "French": {"vx": "vitesse x avant", "vx_post": "vitesse x après", "omega": "vitesse angulaire"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
 
@@ -331,8 +342,12 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     assert not found.impacts.v_pre[:, ::2].any()
     assert not found.impacts.v_post[:, ::2].any()
     assert {"slip", "spin", "orientation", "place", "r"} <= {*found.computed}
-    open_settings = [setting.name for setting in propose(path).settings if setting.value == "???"]
-    assert open_settings == ["mass", "shape"]
+    settings = {setting.name: setting.value for setting in propose(path).settings}
+    assert [name for name, value in settings.items() if value == "???"] == ["mass", "shape"]
+    units = {name: settings[f"units.{name}"] for name in ("length", "time")}  # as `init` writes them
+    columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
+    again = table.read(path, shape={"kind": "disc", "radius": 0.02}, mass=0.1, units=units, columns=columns)
+    torch.testing.assert_close(again.impacts.v_post, found.impacts.v_post)
 
 
 def test_a_spin_that_nobody_measured_is_that_of_the_moments():
@@ -380,6 +395,17 @@ def in_space(last: bool, *, positive: bool = False, numbered: bool = True) -> tu
 
 
 CUBOID = {"kind": "cuboid", "half": [0.05, 0.03, 0.02]}
+
+
+def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
+    frame = tossed(40).to_frame()
+    turns = Rotation.from_quat(frame[["qx", "qy", "qz", "qw"]].to_numpy()).as_euler("xyz", degrees=True)
+    angles = dict(zip(("roll [deg]", "pitch [deg]", "yaw [deg]"), turns.T, strict=True))
+    found = table.read(frame.drop(columns=["qw", "qx", "qy", "qz"]).assign(**angles))
+    there = table.read(frame).impacts.q[:, 3:]
+    torch.testing.assert_close((found.impacts.q[:, 3:] * there).sum(-1).abs(), torch.ones(40).double())
+    (said,) = [words for words in found.read_as if "roll" in words]
+    assert said == "roll, pitch and yaw in deg, about the fixed axes x, y, z in this order"
 
 
 @pytest.mark.parametrize("last", [False, True], ids=["first", "last"])

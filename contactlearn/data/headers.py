@@ -114,7 +114,8 @@ def propose(path: Path) -> FileContents:
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
-        f"{', '.join(map(repr, cells.header))}; those of a recording are named by data=tracks "
+        f"{', '.join(map(repr, cells.header))}; those of a table are named by data=table data.path={first} "
+        "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
 

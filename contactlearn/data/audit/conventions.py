@@ -286,6 +286,8 @@ def _sharper(new: Hypothesis, given: Hypothesis) -> bool:
 def _explains(new: Hypothesis) -> bool:
     """Whether a rare unit explains the imbalance, which then is no physics of about its size."""
     rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
+    if rare and not new.balance.judged.terms:  # vertical drops without spin: no moment tells any unit
+        return False
     left = abs(torque(new.impacts).inertia_factor.log().item())
     if len(rare) != 1:
         return not rare or new.fits

@@ -3,6 +3,7 @@
 two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
 speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
 quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
+roll, pitch, yaw              roll [deg], pitch [deg], …       turns about the fixed axes x, y, z, in this order
 a racket, club or floor       vx, vy, racket_vx, racket_vy     velocities are made relative to it
 bounces along the normal      drop height, rebound height      or v_in, v_out: without slip and spin
 
@@ -15,16 +16,17 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
-from contactlearn.data.table.names import OTHERS, Recognised, name_words, time_of
+from contactlearn.data.table.names import OTHERS, Recognised, impact_vocabulary, name_words, time_of, unit_in
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import require_dimension
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.space import PLANE, SPACE
 
 _SPREAD_RATIO = 3  # times less spread of the floor, with which a quaternion is read; 2 and 5 decide alike on 20 trials
 _MIN_HEIGHT_SHARE = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
@@ -59,7 +61,8 @@ def restated(
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     phase = phase_column(cells)
     cells = cells if phase is None else _paired(cells, phase)
-    cells = _by_components(_with_quaternion(cells, chosen, shape, units, asked=asked), units, chosen)
+    cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
+    cells = _by_components(cells, units, chosen)
     return _relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {})
 
 
@@ -120,6 +123,31 @@ def _said(time: str | None) -> str:
 
 def _taken(column: Cells, rows: Sequence[int]) -> Cells:
     return column[list(rows)] if isinstance(column, np.ndarray) else [column[k] for k in rows]
+
+
+def _without_angles(cells: Sheet, units: Units) -> Sheet:
+    """The table with qw, qx, qy, qz in place of roll, pitch and yaw."""
+    names = {words[0]: name for name in cells.header if (words := name_words(name)) and words[0] in _TURNS}
+    if len(names) < len(_TURNS):
+        return cells
+    vocabulary = impact_vocabulary(PLANE)
+    factors, said = list[float](), "rad"
+    for name in names.values():
+        of_angle = Units(units.stated, {"theta": stated} if (stated := unit_in(name, "theta", vocabulary)) else {})
+        factors.append(of_angle.factor("theta"))
+        said = of_angle.text("theta")
+    turns = [cells.numbers(names[turn], said) * factor for turn, factor in zip(_TURNS, factors, strict=True)]
+    quaternions = Rotation.from_euler("xyz", np.stack(turns, -1)).as_quat()
+    kept = [k for k, name in enumerate(cells.header) if name not in names.values()]
+    return replace(
+        cells,
+        header=[*(cells.header[k] for k in kept), *_ORDERS["last"]],
+        columns=[*(cells.columns[k] for k in kept), *quaternions.T],
+        read_as=(*cells.read_as, f"roll, pitch and yaw in {said}, about the fixed axes x, y, z in this order"),
+    )
+
+
+_TURNS = ("roll", "pitch", "yaw")
 
 
 def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, units: Units, *, asked: bool) -> Sheet:
@@ -222,14 +250,13 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
     if None in ends.values():
         return cells
     header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
-    settled = any(units.stated.get(quantity) for quantity in ("length", "time"))
-    factor, unit = (Units(units.stated).factor("vy"), "") if settled else (1.0, " [m/s]")
+    factor = Units(units.stated).factor("vy")
     for end, column in ends.items():
         assert column is not None
         place = header.index(known.names[column])
         values = cells.numbers(known.names[column], sheet_units.text(column), sheet_units.factor(column))
         speeds = np.sqrt(2 * GRAVITY * np.abs(values)) if column.startswith("height") else np.abs(values)
-        header[place], columns[place] = f"vy{end}{unit}", (speeds if end else -speeds) / factor
+        header[place], columns[place] = f"vy{end}", (speeds if end else -speeds) / factor
     said = " and ".join(repr(known.names[column]) for column in ends.values() if column)
     read_as = (*cells.read_as, f"bounces along the normal by {said}")
     return replace(cells, header=header, columns=columns, read_as=read_as)

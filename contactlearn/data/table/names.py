@@ -19,14 +19,27 @@ NAMES = ("trial", "object")
 OTHERS = ("speed", "height", "direction", "direction_normal", "direction_floor")
 """Other descriptions of a velocity, each also with _post: `descriptions` turns them into components or refuses them."""
 
-_BEFORE = ("pre", "before", "initial", "incoming", "incident", "inbound", "fall", "release")
-_AFTER = ("post", "after", "final", "outgoing", "outbound", "rebound")
+_BEFORE = (
+    *("pre", "before", "initial", "incoming", "incident", "inbound", "fall", "release"),
+    *("vor", "vorher", "avant", "antes", "prima"),
+)
+_AFTER = (
+    *("post", "after", "final", "outgoing", "outbound", "rebound"),
+    *("nach", "nachher", "après", "apres", "después", "despues", "dopo"),
+)
 _IMPACT = ("impact", "contact", "collision", "bounce")
-_WORDS = {"velocity": "v", "speed": "v", "vel": "v", "position": "", "pos": "", "pose": "", "of": ""}
+_WORDS = {
+    **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
+    **dict.fromkeys(("position", "pos", "pose", "of"), ""),
+    **dict.fromkeys(("masse", "masa", "massa"), "mass"), "winkel": "theta", "drehgeschwindigkeit": "omega",
+}  # fmt: skip
+_BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
+"""Words before the name of a column, where it has one body: ball_vx."""
 _ALIASES = {
     "xv": "vx", "xdot": "vx", "yv": "vy", "ydot": "vy", "zv": "vz", "zdot": "vz",
     "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
-    "spin": "omega", "ω": "omega", "w": "omega", "angularv": "omega", "vangular": "omega", "thetadot": "omega",
+    "spin": "omega", "ω": "omega", "w": "omega",
+    **dict.fromkeys(("angularv", "vangular", "vangulaire"), "omega"), "thetadot": "omega",
     "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time", "timestamp": "time",
     **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
     **{name: f"w{axis}" for axis in "xyz" for name in (
@@ -172,6 +185,8 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     timed = len(ends) > 1 or any(word in before for word in words)
     passed_over = (*before, *after, *_IMPACT) if timed else ()
     words = [_WORDS.get(word, word) for word in words if word not in passed_over]
+    if len(words) > 1 and words[0] in _BODIES and "vx_post" in vocabulary:
+        words = words[1:]
     for split in range(len(words), 0, -1):
         name, unit = "".join(words[:split]), _unit(words[split:])
         for ours, end in product((name, _ALIASES.get(name, ""), _QUATERNION.sub(r"q\1", name)), ends):
