@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import scipy
 import torch
+from scipy.spatial.transform import Rotation
+from spatial import box_tosses, in_space, velocities
 
 from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
@@ -116,15 +118,108 @@ def test_duration_and_tangential_ratio_are_determined_together():
     assert (fit.standard_errors[[2, 4]] / fit.values[[2, 4]]).max() < 0.04
 
 
+def followed_in_space(state, k, duration, hysteretic):
+    """The same of the corner of one body in space: its angular momentum changes by the moment of the forces."""
+    mass, W = state.mass[k].item(), state.W[k].numpy()
+    inertia, r = state.world_inertia[k].numpy(), state.r[k].numpy()
+    softness = W[2, 2]
+    if hysteretic:
+        time = duration / math.sqrt(mass * softness) / (0.5 * math.pi * (1 + EPS))
+        stiffness, damping, share = 1 / (softness * time**2), 0.0, 0.0
+    else:
+        angle = scipy.optimize.brentq(lambda b: math.exp(-2 * b / math.tan(b)) - EPS, 0.1, math.pi / 2 - 1e-9)
+        omega = 2 * angle / (math.sin(angle) * duration)
+        stiffness, damping, share = omega**2 / softness, 2 * math.cos(angle) * omega / softness, 0.5
+
+    def forces(s):
+        turn = Rotation.from_rotvec(s[:3])
+        arm = turn.apply(r)
+        depth, deepest = -(s[3] + arm[2]), max(s[10], -(s[3] + arm[2]))
+        spin = turn.apply(np.linalg.solve(inertia, turn.inv().apply(s[7:10])))
+        arm[2] += share * depth
+        v = s[4:7] + np.cross(spin, arm)
+        normal = stiffness * (depth + (1 - EPS**-2) * (deepest - depth) if hysteretic else depth) - damping * v[2]
+        slip = max(np.hypot(*v[:2]), 1e-12)
+        along = v[:2] / slip * math.tanh(slip / 1e-4)
+        return np.array([*(-MU * max(normal, 0.0) * along), max(normal, 0.0)]), arm, spin, v
+
+    def motion(s):
+        force, arm, spin, v = forces(s)
+        sinks = max(-v[2], 0.0) if -(s[3] + arm[2]) >= s[10] else 0.0
+        return np.array([*spin, s[6], *(force / mass - [0, 0, GRAVITY]), *np.cross(arm, force), sinks])
+
+    spin, step = state.v_pre[k, 3:].numpy(), duration / 300
+    s = np.array([0, 0, 0, -r[2], *state.v_pre[k, :3].tolist(), *(inertia @ spin), 0.0])
+    s = s + step * motion(s)
+    while forces(s)[0][2] > 0:
+        one = motion(s)
+        two = motion(s + 0.5 * step * one)
+        three = motion(s + 0.5 * step * two)
+        s = s + step / 6 * (one + 2 * two + 2 * three + motion(s + step * three))
+    return np.concatenate((s[4:7], forces(s)[2]))
+
+
+@pytest.mark.parametrize("hysteretic", [False, True], ids=["dashpot", "hysteretic"])
+def test_it_agrees_with_an_integration_in_time_in_space(hysteretic, monkeypatch):
+    tossed = box_tosses(MU, EPS, noise=0, count=8)
+    state = State.of(tossed).replace(mu=torch.tensor(MU).double(), eps=torch.tensor(EPS).double())
+
+    def change(follow):
+        return follow(3e-3) - follow(3e-6)
+
+    expected = change(lambda T: np.stack([followed_in_space(state, k, T, hysteretic) for k in range(len(tossed))]))
+
+    def off(steps):
+        monkeypatch.setattr(contact_duration, "_STEPS", steps)
+        monkeypatch.setattr(contact_duration, "_MOST", 2 * steps)
+        found = change(
+            lambda T: contact_duration._after_in_space(state, torch.full_like(state.mass, T), hysteretic=hysteretic)
+        )
+        return np.sqrt((((found.numpy() - expected) / np.sqrt((expected**2).mean(0))) ** 2).mean())
+
+    assert off(12) < 2 * CLOSE
+    assert off(96) < min(CLOSE / 2, 0.5 * off(12))
+
+
+@pytest.mark.parametrize("hysteretic", [False, True], ids=["dashpot", "hysteretic"])
+def test_the_plane_is_a_case_of_space(hysteretic):
+    drops = synthetic.load(size=60, velocity_noise=0, spin_noise=0, seed=5)
+    options = {"mu": torch.tensor(MU).double(), "eps": torch.tensor(EPS).double()}
+    plane, space = State.of(drops).replace(**options), State.of(in_space(drops)).replace(**options)
+    for duration, size in ((0.0, 1e-9), (3e-3, 5e-3)):
+        T = torch.full_like(plane.mass, duration)
+        there = contact_duration._after_in_space(space, T, hysteretic=hysteretic)
+        here = velocities(contact_duration._after(plane, T, hysteretic=hysteretic))
+        change = (here - velocities(plane.v_pre)).square().mean(0).sqrt().max()
+        assert (there - here).abs().max() < size * change
+
+
+def test_a_duration_in_space_is_told_from_a_late_frame():
+    """A late frame stands for much of it; beside it none is left."""
+    tossed = box_tosses(MU, EPS, noise=0, count=150)
+    lasting = find_effect("contact_duration", "hysteretic")
+    outcome = ContactModel(find("mirtich").at(MU, EPS), effects={lasting.name: lasting(4e-3)}).predict(tossed).v_post
+    sigma = torch.tensor([5e-3] * 3 + [0.1] * 3).double()
+    noise = sigma * torch.randn(150, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    impacts = tossed.replace(v_post=outcome + noise)
+    kinds = (find_effect("sampling_delay"), find_effect("contact_duration", "dashpot"), lasting)
+    candidates = {kind.id: kind().prepare(impacts) for kind in kinds}
+    pool = Pool({"mirtich": find("mirtich")}, impacts, candidates, {}, FitOptions())
+    pool.fitted(Spec("mirtich"))
+    Search(pool, 2).run()
+    assert pool.best().spec.effects == {lasting.id}
+    assert pool.best().fit.values[2].item() == pytest.approx(4e-3, rel=CLOSE)
+
+
 def test_it_is_tried_where_a_late_frame_stands_for_it():
-    late, lasting = EffectId("sampling_delay"), EffectId("contact_duration")
+    late, lasting = EffectId("sampling_delay"), EffectId("contact_duration", "dashpot")
     model = ContactModel(
         find("mirtich").at(MU, EPS), effects={"contact_duration": find_effect("contact_duration")(4e-3)}
     )
     states = synthetic.load(size=200, seed=3)
     noise = 0.003 * torch.randn(200, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     impacts = states.replace(v_post=model.predict(states).v_post + noise)
-    candidates = {key: find_effect(key.name)().prepare(impacts) for key in (late, lasting)}
+    candidates = {key: find_effect(key.name, key.form)().prepare(impacts) for key in (late, lasting)}
     pool = Pool({"mirtich": find("mirtich")}, impacts, candidates, {}, FitOptions())
     assert lasting not in identities(frozenset(pool.quadratics([pool.fitted(Spec("mirtich"))])[0].groups))
     Search(pool, 1).run()

@@ -9,7 +9,8 @@ from torch import Tensor
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import SLIP, Argument, Spline
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.mechanics.space import BOTH
+from contactlearn.mechanics.rigid_body import matvec
+from contactlearn.mechanics.space import BOTH, PLANE
 
 _SIMPSON = torch.tensor((1, 4, 2, 4, 1))
 _ROUNDS = 3  # of the end of the slip and the mean friction up to it
@@ -25,11 +26,12 @@ class VelocityDependentFriction(Effect):
         initial    μ + s(|v_t|), of the slip before contact alone, without the average
 
     The slip goes from |v_t| to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the
-    braking b of Routh's path; the average is Simpson's.
+    braking b of Routh's path; the average is Simpson's.  In space it is taken to keep its first direction.
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
     place = "law"
+    spaces = BOTH
     source = "Stribeck 1902"
     citations = ("stribeck1902",)
 
@@ -64,7 +66,7 @@ class FrictionOverSlip(Spline, VelocityDependentFriction):
 
     form = "curve"
     formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    argument = Argument("v", "m/s", lambda state: torch.cat((state.v_t.abs(), state.v_t.abs() / 2), -1))
+    argument = Argument("v", "m/s", lambda state: torch.cat((state.slip, state.slip / 2), -1))
     # at first, and later if the contact sticks
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
@@ -74,7 +76,6 @@ class FrictionOverSlip(Spline, VelocityDependentFriction):
 class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
-    spaces = BOTH
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP
@@ -91,7 +92,7 @@ def _mean(
 
     The parameters of the change broadcast against μ.
     """
-    first, *_ = torch.broadcast_tensors(state.v_t.abs(), mu, *parameters)
+    first, *_ = torch.broadcast_tensors(state.slip, mu, *parameters)
     mean, simpson, place = torch.zeros_like(first), *(part.to(first) for part in (_SIMPSON, torch.linspace(0, 1, 5)))
     simpson, place = (part.view(-1, *[1] * first.ndim) for part in (simpson, place))
     for _ in range(_ROUNDS):
@@ -104,19 +105,28 @@ def _mean(
 
 def _floored_braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
     """Braking of the slip by friction μ, at least that of `_LEAST_BRAKING`."""
-    return braking(state, mu).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
+    return braking(state, mu).clamp_min(_LEAST_BRAKING * _along_slip(state)[0])
+
+
+def _along_slip(state: State) -> tuple[Float[Tensor, "... n"], Float[Tensor, "... n"]]:
+    """Changes of the slip in its first direction per impulse in that direction and along the normal, 1/kg."""
+    if state.space is PLANE:
+        return state.W[..., 0, 0], state.v_t.sign() * state.W[..., 0, 1]
+    direction = state.v_c[..., :2] / state.slip.clamp_min(1e-300)[..., None]
+    w_tt = matvec(state.W[..., :2, :2], direction)
+    return (w_tt * direction).sum(-1), (state.W[..., :2, 2] * direction).sum(-1)
 
 
 def braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
-    """Fall of |v_t| per normal impulse, in 1/kg."""
-    direction = state.v_t.sign()
-    return direction * (direction * mu * state.W[..., 0, 0] - state.W[..., 0, 1])
+    """Fall of the slip per normal impulse, in 1/kg."""
+    w_tt, w_tn = _along_slip(state)
+    return mu * w_tt - w_tn
 
 
 def final_slip(state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
-    """|v_t| in m/s after an impact that slides throughout, or 0 where the slip would have ended."""
-    w_tn, w_nn = state.W[..., 0, 1], state.W[..., 1, 1]
-    stiffness = w_nn - state.v_t.sign() * mu * w_tn
-    P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., 1].abs() / stiffness.clamp_min(1e-300), torch.inf)
+    """Slip in m/s after an impact that slides throughout, or 0 where the slip would have ended."""
+    (_, w_tn), w_nn = _along_slip(state), state.W[..., -1, -1]
+    stiffness = w_nn - mu * w_tn
+    P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., -1].abs() / stiffness.clamp_min(1e-300), torch.inf)
     slows = braking(state, mu)
-    return torch.where(slows > 0, (state.v_t.abs() - slows.clamp_min(0) * P_n).clamp_min(0), state.v_t.abs())
+    return torch.where(slows > 0, (state.slip - slows.clamp_min(0) * P_n).clamp_min(0), state.slip)

@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
@@ -136,6 +135,8 @@ def _without_angles(cells: Sheet, units: Units) -> Sheet:
         of_angle = Units(units.stated, {"theta": stated} if (stated := unit_in(name, "theta", vocabulary)) else {})
         factors.append(of_angle.factor("theta"))
         said = of_angle.text("theta")
+    from scipy.spatial.transform import Rotation  # slow to load
+
     turns = [cells.numbers(names[turn], said) * factor for turn, factor in zip(_TURNS, factors, strict=True)]
     quaternions = Rotation.from_euler("xyz", np.stack(turns, -1)).as_quat()
     kept = [k for k, name in enumerate(cells.header) if name not in names.values()]

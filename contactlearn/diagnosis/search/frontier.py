@@ -153,12 +153,17 @@ class Search:
         return sorted((m for m in self.pool.models.values() if len(m.spec.effects) == size), key=lambda m: m.score)
 
     def _grow(self, size: int) -> None:
-        """Fit models of a size from those with one effect less: of each law alone, later of the best."""
+        """Fit models of a size from those with one effect less: of each law alone, later of the best.
+
+        About a law alone that is far off, linearisations say little: the effect that promises most is fitted.
+        """
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
         self._approximate(parents)
         each = [self._predicted(parent, _larger) for parent in parents]
-        near = min((one.score for one in parents), default=0.0) + HOPELESS * len(self.pool.impacts)
-        self._fit([one for proposals in each for one in self._promising(proposals, near, most=1)])
+        near, trials = min((one.score for one in parents), default=0.0), len(self.pool.impacts)
+        for parent, proposals in zip(parents, each, strict=True):
+            gains = proposals and size == 1 and proposals[0].score < parent.score - HOPELESS * trials
+            self._fit(proposals[:1], math.inf if gains else near + HOPELESS * trials, most=1)
         self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
         if parents:
             self._localise(min(parents, key=lambda one: one.score))
@@ -187,16 +192,15 @@ class Search:
                 self._transfer(best)
 
     def _localise(self, model: ScoredFit) -> None:
-        """Add to a model each form with a place, to which a linearisation about nothing is blind, and fit the best."""
-        pool, projection = self.pool, None
+        """Add to a model the forms with a place that promise most, to which a linearisation about nothing is blind."""
+        pool, projection, starts = self.pool, None, dict[Spec, Tensor]()
         for key, effect in pool.candidates.items():
             if effect.refines and projects(effect) and key.name not in model.spec.families and not self.late:
                 projection = projection or Projection(pool, model)
-                spec = projection.larger(key)
-                if spec not in pool.models:
-                    score, best = self._best_of({spec: projection.starts(key)})[spec]
-                    if score < model.score:
-                        pool.all_fitted({spec: best})
+                if (spec := projection.larger(key)) not in pool.models:
+                    starts[spec] = projection.starts(key)
+        scored = sorted(self._best_of(starts).items(), key=lambda item: item[1][0])
+        pool.all_fitted({spec: best for spec, (score, best) in scored[:_FITTED] if score < model.score})
 
     def _refine(self, model: ScoredFit) -> None:
         """Fit other forms of a model's effects that are promising at some values of their parameters."""

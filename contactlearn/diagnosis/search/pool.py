@@ -148,12 +148,17 @@ class Pool:
         ]
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
-        """List each effect of a model with the other forms of its family, and those that refine it."""
+        """List each effect of a model with the other forms of its family, and those that refine it.
+
+        A model has one form of a family.
+        """
         return [
             (own, other)
             for own in sorted(spec.effects)
             for other in self.candidates
-            if other not in spec.effects and own.name in (other.name, *self.candidates[other].refines)
+            if other not in spec.effects
+            and own.name in (other.name, *self.candidates[other].refines)
+            and other.name not in Spec(spec.law, spec.effects - {own}).families
         ]
 
     def spread(self, effect: EffectId, count: int) -> Float[Tensor, "c k"]:
