@@ -465,11 +465,11 @@ def exported(kind: str, folder: Path) -> Path:
     frames, n = 1000 * marked(one).reshape(len(one), -1), len(one)
     number, R = np.arange(1, n + 1), matrices(one.quaternion, "wxyz")
     if kind.startswith("qualisys"):
-        key = "BODY_NAMES\tbox" if kind == "qualisys bodies" else "MARKER_NAMES\t" + "\t".join(NAMES)
+        key = "BODY_NAMES\tbox" if kind.startswith("qualisys bodies") else "MARKER_NAMES\t" + "\t".join(NAMES)
         head = f"NO_OF_FRAMES\t{n}\nNO_OF_CAMERAS\t8\nFREQUENCY\t250\nTIME_STAMP\t2024-04-15, 10:39:38\n{key}\n"
-        if kind == "qualisys bodies":
+        if kind.startswith("qualisys bodies"):
             rotation = "\t".join(f"Rot[{k}]" for k in range(9))
-            head += f"X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t{rotation}\n"
+            head += f"{'box ' * ('named' in kind)}X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t{rotation}\n"
             turned = R.transpose(0, 2, 1).reshape(n, 9)
             frames = np.column_stack((1000 * one.position, np.zeros((n, 4)), turned))
         else:
@@ -495,7 +495,9 @@ def exported(kind: str, folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", ["qualisys", "qualisys timed", "qualisys bodies", "vicon", "vicon objects"])
+@pytest.mark.parametrize(
+    "kind", ["qualisys", "qualisys timed", "qualisys bodies", "qualisys bodies named", "vicon", "vicon objects"]
+)
 def test_exports_of_space(kind, tmp_path):
     """Read without any setting: place, turns, unit and times."""
     (found,), wanted = read(exported(kind, tmp_path), Layout()), whole()
@@ -550,6 +552,30 @@ def test_bodies_of_an_export_are_asked(tmp_path):
         list(read(path, Layout()))
     (found,) = read(path, Layout(body="ball"))
     np.testing.assert_allclose(found.position, 1000 * whole().position, atol=1e-5)
+
+
+def test_bodies_of_qualisys_whose_names_begin_their_columns(tmp_path):
+    """Of two bodies the stated one; frames in which it is lost are zeros."""
+    path = exported("qualisys bodies named", tmp_path)
+    lines = path.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("box X"))
+    lines[at - 1] += "\tlid"
+    lost = "\t".join(["0.000"] * 16)
+    doubled = [f"{line}\t{lost if k == 3 else line}" for k, line in enumerate(lines[at + 1 :])]
+    path.write_text("\n".join([*lines[:at], f"{lines[at]}\t{lines[at].replace('box', 'lid')}", *doubled]) + "\n")
+    with pytest.raises(DataError, match=r"has the bodies box, lid; state data\.body=box or data\.body=lid"):
+        list(read(path, Layout()))
+    (found,) = read(path, Layout(body="lid"))
+    assert np.flatnonzero(~found.seen).tolist() == [3]
+    assert found.quaternion is not None
+    assert np.isfinite(matrices(found.quaternion, "rows")).all((1, 2)).sum() == len(found) - 1
+    np.testing.assert_allclose(found.position[4:], 1000 * whole().position[4:], atol=1e-5)
+
+
+def test_nine_numbers_that_are_no_turn_are_refused():
+    mirrored = np.tile(np.diag((1.0, 1.0, -1.0)).ravel(), (20, 1))
+    with pytest.raises(DataError, match="must be a matrix of a right-handed turn"):
+        Recording(name="a", source="a", time=np.arange(20.0), position=np.zeros((20, 3)), quaternion=mirrored)
 
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "zxy"])
@@ -612,6 +638,65 @@ def test_arrays_of_tosses(kind, tmp_path):
         R = matrices(one_found.quaternion, "rows" if one_found.quaternion.shape[1] == 9 else "wxyz")
         np.testing.assert_allclose(R, matrices(one.quaternion, "wxyz"), atol=1e-9)
         np.testing.assert_allclose(one_found.position, one.position * (1000 if kind == "mat" else 1), atol=1e-9)
+
+
+@pytest.mark.parametrize("frames", [(40, 30), (40, 40)], ids=["of their own lengths", "of one length"])
+def test_structures_of_matlab_are_recordings(tmp_path, frames):
+    """Positions [2, T] in a row each; a file of bodies asks which."""
+    one = FLAT[0]
+    assert one.angle is not None
+    each = [{"t": one.time[:n], "pos": one.position[:n].T, "angle": one.angle[:n], "comment": "drop"} for n in frames]
+    savemat(tmp_path / "thesis.mat", {"drops": each})
+    found = [*read(tmp_path / "thesis.mat", Layout())]
+    assert [len(one) for one in found] == [*frames]
+    assert len({one.name for one in found}) == len(frames)
+    np.testing.assert_allclose(found[1].position, one.position[: frames[1]])
+    savemat(tmp_path / "bodies.mat", {"bodies": [one | {"name": name} for one, name in zip(each, "ab", strict=True)]})
+    with pytest.raises(DataError, match=r"has 2 bodies in 'bodies'; state data\.body=a or data\.body=b"):
+        list(read(tmp_path / "bodies.mat", Layout()))
+    (found,) = read(tmp_path / "bodies.mat", Layout(body="b"))
+    assert len(found) == frames[1]
+
+
+@pytest.mark.parametrize("clock", ["rate", "times"])
+def test_groups_of_hdf5_share_a_rate_or_times(tmp_path, clock):
+    h5py, one = pytest.importorskip("h5py"), whole()
+    H = np.zeros((len(one), 4, 4))
+    H[:, :3, :3], H[:, :3, 3], H[:, 3, 3] = matrices(one.quaternion, "wxyz"), one.position, 1
+    with h5py.File(tmp_path / "archive.h5", "w") as file:
+        for k in range(2):
+            group = file.create_group(f"Rec_{k}/Mocap")
+            for body in ("Box5", "Conveyor"):
+                group[f"{body}/transforms/ds"] = H
+                group[f"{body}/transforms/ds"].attrs["unit"] = "m"
+            if clock == "rate":
+                group.attrs["sample_frequency"] = 250.0
+            else:
+                group["datalog/time"] = one.time
+    found = [*read(tmp_path / "archive.h5", Layout(body="Box5"))]
+    assert [one.name for one in found] == ["Rec_0", "Rec_1"]
+    for recording in found:
+        assert recording.unit == "m"
+        np.testing.assert_allclose(recording.time, one.time, atol=1e-12)
+        np.testing.assert_allclose(recording.position, one.position)
+
+
+@pytest.mark.parametrize("points", [1, 4])
+@pytest.mark.parametrize("preset", ["matlab", "standard"])
+def test_analysis_of_sleap(tmp_path, points, preset):
+    h5py, one = pytest.importorskip("h5py"), whole()
+    markers, scores = marked(one)[:, :points, :2], np.full((1, points, len(one)), 0.9)
+    tracks = markers.transpose(2, 1, 0)[None].copy()
+    tracks[0, :, 0, 5], scores[0, 0, 7] = np.nan, 0.1
+    with h5py.File(tmp_path / "ball.analysis.h5", "w") as file:
+        file["tracks"] = tracks if preset == "matlab" else tracks.transpose()
+        file["point_scores"] = scores if preset == "matlab" else scores.transpose()
+        file["track_occupancy"], file["track_names"] = np.ones((len(one), 1)), np.array([b"brick"])
+    with pytest.raises(DataError, match=r"state data\.rate"):
+        list(read(tmp_path / "ball.analysis.h5", Layout()))
+    (found,) = read(tmp_path / "ball.analysis.h5", Layout(rate=250))
+    assert np.flatnonzero(~found.seen).tolist() == [5, 7]
+    np.testing.assert_allclose(found.position[8:], markers.mean(1)[8:], atol=1e-9)
 
 
 def test_objects_of_arrays_are_refused(tmp_path):

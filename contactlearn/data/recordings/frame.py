@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.poses import Array, conjugate, product
-from contactlearn.data.recordings.track import Recording, Track, continuous
+from contactlearn.data.recordings.track import Recording, Track, continuous, rotations
 from contactlearn.mechanics.rigid_body import rotation
 
 _LENGTH_TOLERANCE = 1e-3  # by which the length of a quaternion may differ from 1
@@ -36,6 +36,7 @@ def scalar_first(columns: Float[Array, "t c"], order: str) -> Float[Array, "t 4"
         return columns if order == "wxyz" else np.roll(columns, 1, axis=1)
     seen = np.isfinite(columns).all(1)
     if order == "rows":
+        seen &= rotations(columns)
         R = columns[seen].reshape(-1, 3, 3)
         turned = Rotation.from_matrix(R) if len(R) else Rotation.identity(0)
     else:

@@ -19,7 +19,15 @@ from contactlearn.data.recordings.poses import Array, arms, orientation, turn
 from contactlearn.data.recordings.sufficiency import NEEDED
 
 Mask = np.ndarray
+_NO_TURN = 0.02  # of an entry of Rᵀ R − 1, above which a matrix is no rotation
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
+
+
+def rotations(matrix: Float[Array, "t 9"]) -> Bool[Mask, " t"]:
+    """Whether matrices, row by row, are rotations; those of lost frames are zero."""
+    R = np.where(np.abs(matrix) < 2, matrix, 0.0).reshape(-1, 3, 3)
+    off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+    return (off < _NO_TURN) & (np.linalg.det(R) > 0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,6 +80,13 @@ class Recording:
             2 if self.quaternion is None else 3
         ):
             raise DataError(f"{self.source}: {self.name}: needs x, y and an angle, or x, y, z and a quaternion")
+        if self.quaternion is not None and parts == 9:
+            there = np.isfinite(self.quaternion).all(1) & self.quaternion.any(1)
+            if there.any() and not rotations(self.quaternion[there]).any():
+                raise DataError(
+                    f"{self.source}: {self.name}: an orientation of nine numbers must be a matrix of a right-handed "
+                    "turn, row by row; check their order"
+                )
         step = np.diff(self.time)
         if not np.isfinite(self.time).all() or (step <= 0).any():
             k = int(np.argmax(~(step > 0))) + 1
@@ -91,11 +106,13 @@ class Recording:
 
     @property
     def seen(self) -> Bool[Mask, " t"]:
-        """Frames in which every coordinate is a number and not senselessly large, and quaternion or matrix not zero."""
+        """Frames in which every coordinate is a number and not senselessly large, and the orientation is one."""
         values = np.column_stack((self.position, self.rotation))
         seen = np.logical_and.reduce(np.abs(values) < _SENSELESS, axis=-1)  # false where it is not a number
         if self.quaternion is None or self.quaternion.shape[1] == 3:
             return seen
+        if self.quaternion.shape[1] == 9:
+            return seen & rotations(np.where(seen[:, None], self.quaternion, 0.0))
         return seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
 
 

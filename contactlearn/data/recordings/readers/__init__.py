@@ -27,6 +27,8 @@ from contactlearn.data.recordings.track import Recording, mean_step
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
+LIKELY = 0.6
+"""Likelihood below which DeepLabCut takes a point for lost by default."""
 _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 

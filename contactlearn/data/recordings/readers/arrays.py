@@ -4,13 +4,18 @@
     pose [T, 7 or more]                                                 position, quaternion, and perhaps velocities
     transforms [T, 4, 4] or [4, 4, T]                                   of homogeneous coordinates
     Trajectories, RigidBodies, FrameRate                                Qualisys
+    tracks, track_occupancy, point_scores                               SLEAP's analysis
 
-An array of one more axis holds a recording each.  `x`, `y` … a coordinate are taken where there is no `position`.
+An array of one more axis holds a recording each, and so do lists and MATLAB's arrays of structures, unless their name
+or a field of theirs says that they are bodies.  `x`, `y` … a coordinate are taken where there is no `position`; arrays
+[2 or 3, T] are turned.  A rate, unit or times of a group hold for the groups in it.
 Arrays alone are read, never objects, so that no file runs code.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,12 +24,15 @@ import torch
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import Layout
+from contactlearn.data.recordings.readers import LIKELY, Layout
 from contactlearn.data.recordings.track import Recording
 
 _TIMES = ("time", "times", "t", "timestamp", "timestamps")
 _POSITIONS = ("position", "positions", "pos", "translation")
 _QUATERNIONS = ("quaternion", "quaternions", "quat", "orientation", "orientations", "rotation")
+_RATE = re.compile(r"fps|fs|hz|(?:frame|sample|sampling|capture|video|camera)?(?:rate|frequency|freq)(?:hz)?")
+_UNITS = {"m", "dm", "cm", "mm", "in", "ft"}
+_BODIES = re.compile(r"bod(?:y|ies)|objects?|rigid|subjects?", re.IGNORECASE)
 _UNIT = 0.01  # by which the length of a quaternion in a pose may differ from 1
 
 
@@ -80,26 +88,84 @@ def _shape(content: Any) -> str:
     return type(content).__name__ if shape is None else f"an array {tuple(shape)}"
 
 
-def _leaves(names: tuple[str, ...], content: Any, layout: Layout) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
-    """Names of groups and arrays of every recording, from the outermost group on."""
+_Leaf = tuple[tuple[str, ...], dict[str, Any]]
+
+
+def _leaves(
+    names: tuple[str, ...], content: Any, layout: Layout, above: Mapping[str, Any] = MappingProxyType({})
+) -> Iterator[_Leaf]:
+    """Names of groups and arrays of every recording, from the outermost group on.
+
+    `above` is the rate, the unit and the times of the groups about it.
+    """
     if isinstance(content, Mapping):
+        above = {**above, **_common(content, layout)}
+        if "tracks" in content and "track_occupancy" in content:
+            yield from _sleap(names, content)
+            return
         if "Trajectories" in content or "RigidBodies" in content:
             yield from _qualisys(names, content)
             return
         arrays = {str(name): one for name, one in content.items() if not isinstance(one, Mapping | list | tuple)}
         poses = [name for name, one in arrays.items() if _pose(one) is not None]
         if _place(arrays, layout) is not None or len(poses) == 1:
-            yield names, arrays
+            timed = not {layout.time, *_TIMES}.isdisjoint(arrays)
+            yield names, {**{name: one for name, one in above.items() if name != "time" or not timed}, **arrays}
             return
         for name, one in sorted(content.items(), key=lambda item: str(item[0])):
-            yield from _leaves((*names, str(name)), one, layout)
-    elif isinstance(content, list | tuple):
+            yield from _leaves((*names, str(name)), one, layout, above)
+    elif isinstance(content, list | tuple) or (len(np.shape(content)) == 3 and _pose(content) is None):
         for k, one in enumerate(content):
-            yield from _leaves((*names, str(k)), one, layout)
-    elif len(np.shape(content)) == 3 and _pose(content) is None:
-        yield from ((*leaf,) for k, one in enumerate(content) for leaf in _leaves((*names, str(k)), one, layout))
+            body = _body_name(names, one, k)
+            own = (*names, body) if body else (" ".join((*names[:1], str(k))), *names[1:])
+            yield from _leaves(own, one, layout, above)
     elif _pose(content) is not None:
-        yield names, {"pose": content}
+        yield names, {**above, "pose": content}
+
+
+def _body_name(names: tuple[str, ...], one: Any, place: int) -> str:
+    """The body that an entry of a list is of; empty where entries are recordings."""
+    if not isinstance(one, Mapping):
+        return ""
+    named = next((one[name] for name in ("body", "object", "subject") if isinstance(one.get(name), str)), "")
+    if not named and names and _BODIES.search(names[-1]):
+        named = next((one[name] for name in ("name", "label") if isinstance(one.get(name), str)), str(place))
+    return named
+
+
+def _common(content: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
+    """The rate, unit and times that a group states for the groups in it."""
+    found: dict[str, Any] = {}
+    for name, one in content.items():
+        if _RATE.fullmatch(re.sub(r"[\W_]+", "", str(name)).lower()) and np.size(one) == 1:
+            rate = np.asarray(one).ravel()[0]
+            found |= {"rate": float(rate)} if np.asarray(one).dtype.kind in "fiu" and 0 < rate < np.inf else {}
+        elif str(name).lower() in ("unit", "units") and str(one) in _UNITS:
+            found["unit"] = str(one)
+    clocks = [
+        content,
+        *(one for one in content.values() if isinstance(one, Mapping) and not any(_leaves((), one, layout))),
+    ]
+    for clock in clocks:
+        time = next((clock[name] for name in (layout.time, *_TIMES) if name is not None and name in clock), None)
+        if time is not None and np.size(time) > 1 and np.size(time) == max(np.shape(time)):
+            found.setdefault("time", np.ravel(time))
+    return found
+
+
+def _sleap(names: tuple[str, ...], content: Mapping[str, Any]) -> Iterator[_Leaf]:
+    """Points of each animal of SLEAP's analysis: [tracks, 2, points, T], or [T, points, 2, tracks]."""
+    places, scores = np.asarray(content["tracks"], dtype=np.float64), content.get("point_scores")
+    if places.shape[0] > places.shape[3]:
+        places, scores = places.transpose(), None if scores is None else np.transpose(scores)
+    labels = [one.decode() if isinstance(one, bytes) else str(one) for one in content.get("track_names", ())]
+    for k, track in enumerate(places):
+        markers = track.transpose(2, 1, 0)
+        if scores is not None:
+            markers = np.where((np.asarray(scores)[k].T < LIKELY)[..., None], np.nan, markers)
+        several = len(places) > 1
+        label = labels[k] if k < len(labels) else str(k)
+        yield (*(names or ("",)), label) if several else names, {"markers": markers}
 
 
 def _pose(values: Any) -> tuple[Array, Array] | None:
@@ -113,12 +179,12 @@ def _pose(values: Any) -> tuple[Array, Array] | None:
     if len(shape) == 2 and shape[1] >= 7:
         whole = np.asarray(values, dtype=np.float64)
         length = np.linalg.norm(whole[:, 3:7], axis=1)
-        if np.nanmedian(np.abs(length - 1)) < _UNIT:
+        if np.isfinite(length).any() and np.nanmedian(np.abs(length - 1)) < _UNIT:
             return whole[:, :3], whole[:, 3:7]
     return None
 
 
-def _qualisys(names: tuple[str, ...], content: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+def _qualisys(names: tuple[str, ...], content: Mapping[str, Any]) -> Iterator[_Leaf]:
     """Rigid bodies of Qualisys's file, or else its labelled markers."""
     rate, own = float(content["FrameRate"]), {"unit": "mm"}
     outer = names or ("",)
@@ -152,12 +218,21 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
         pose = next(pose for one in arrays.values() if (pose := _pose(one)) is not None)
         named = (*pose, None)
     position, quaternion, angle = named
+    if "markers" not in arrays:
+        position = _rows(position, (2, 3))
+        quaternion = None if quaternion is None else _rows(quaternion, (3, 4, 9))
+        angle = None if angle is None else np.ravel(angle)
     rate = layout.rate or arrays.get("rate")
     time = None if layout.time is None else _values(arrays, (layout.time, *_TIMES), ())
+    time = None if time is None or np.size(time) == 1 else np.ravel(time)
+    time = None if rate is not None and time is not None and len(time) != len(position) else time
     if rate is not None and time is None:
         time = np.arange(len(position)) / rate
     time = layout.times(len(position), source) if time is None else layout.checked(time, f"{path}: {name}")
     unit = arrays.get("unit")
+    if "markers" in arrays and position.shape[1:] == (1, 2):
+        none = np.zeros(len(position))
+        return Recording(name=name, source=source, time=time, position=position[:, 0], angle=none, unit=unit)
     if "markers" in arrays:
         return pose_of_markers(position, time, layout.places, name=name, source=source, unit=unit)
     by_parts = quaternion is not None and not {*_QUATERNIONS} & {*arrays} and quaternion.shape[1] == 4
@@ -173,6 +248,12 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
     )
 
 
+def _rows(values: Array, columns: Sequence[int]) -> Array:
+    """An array with a row a frame, of one that may have a column a frame."""
+    shape = np.shape(values)
+    return values.T if len(shape) == 2 and shape[1] not in columns and shape[0] in columns else values
+
+
 def _values(arrays: Mapping[str, Any], names: Sequence[str], parts: Sequence[str]) -> Array | None:
     """An array of the first name that there is, or those of its parts side by side."""
     if (name := next((name for name in names if name in arrays), None)) is not None:
@@ -180,4 +261,4 @@ def _values(arrays: Mapping[str, Any], names: Sequence[str], parts: Sequence[str
     there = [part for part in parts if part in arrays]
     if len(there) == 1 and np.ndim(arrays[there[0]]) == 2:
         return np.asarray(arrays[there[0]], dtype=np.float64)
-    return np.stack([np.asarray(arrays[part], dtype=np.float64) for part in there], 1) if len(there) > 1 else None
+    return np.stack([np.ravel(arrays[part]).astype(np.float64) for part in there], 1) if len(there) > 1 else None

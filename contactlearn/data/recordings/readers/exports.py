@@ -21,11 +21,10 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.recordings.readers import Layout
+from contactlearn.data.recordings.readers import LIKELY, Layout
 
 COMMENT = ("#", "%", "//")
 _HEADER = 60  # lines among which the frames begin
-_LIKELY = 0.6  # below which DeepLabCut takes a point for lost by default
 _AXES = ("x", "y", "z")
 _BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
 Rows = list[list[str]]
@@ -83,7 +82,7 @@ class Export:
             points = frames[columns].apply(pd.to_numeric, errors="coerce")
             lost = (points == 0).all(axis=1) if len(columns) == 3 else pd.Series(False, index=frames.index)
             if name in self.likelihoods:
-                lost |= pd.to_numeric(frames[self.likelihoods[name]], errors="coerce") < _LIKELY
+                lost |= pd.to_numeric(frames[self.likelihoods[name]], errors="coerce") < LIKELY
             frames[columns] = points.mask(lost, np.nan, axis=0)
         return frames
 
@@ -115,8 +114,9 @@ def _qualisys(rows: Rows) -> Export | None:
         names = [*(("frame", "time")[: width - len(names)]), *names]
         return Export(names=_padded(names, rows[first]), above=first, rate=rate, unit="mm", points=points)
     bodies, header = [*_trimmed(about.get("BODY_NAMES", []))], rows[first - 1]
-    starts = [k for k, cell in enumerate(header) if cell == "X"]
-    if not bodies or len(starts) != len(bodies):
+    begins = [f"{body} X" for body in bodies]
+    header = ["X" if cell in begins else cell for cell in header]
+    if not bodies or header.count("X") != len(bodies):
         return None
     named = [cell for cell in header if not (cell in bodies and len(header) > len(rows[first]))]
     starts = [k for k, cell in enumerate(named) if cell == "X"]
