@@ -18,7 +18,7 @@ from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.headers import OPEN, propose
-from contactlearn.data.recordings.readers import read
+from contactlearn.data.recordings.readers import Layout, read
 from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import recordings, synthetic
 from contactlearn.workbench.commands import experiment, session_of
@@ -159,6 +159,28 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
 def test_what_columns_say(tmp_path, names, wanted):
     found = proposed(tmp_path / "a.csv", *names)
     assert found == found | wanted
+
+
+def test_a_node_that_writes_stamps_and_several_bodies(tmp_path):
+    """Times in ns since 1970 are seen in "stamp", and rows alternate between bodies."""
+    stamps = 1716900000000000000 + np.arange(30) * 8333333
+    rows = [f"{t},{k},{name},0,0,{k}.5,0,0,0,1" for k, t in enumerate(stamps) for name in ("cube_a", "cube_b")]
+    (tmp_path / "take.csv").write_text("\n".join(["stamp,seq,name,x,y,z,qx,qy,qz,qw", *rows]) + "\n")
+    contents = propose(tmp_path / "take.csv")
+    settings = {one.name: one for one in contents.settings}
+    assert settings["columns.time"].value == "stamp"
+    assert "rate" not in settings
+    assert settings["body"].value == OPEN
+    assert settings["body"].comment == "cube_a or cube_b, in column 'name'"
+    (found,) = read(tmp_path / "take.csv", Layout(time="stamp", body="cube_b"))
+    np.testing.assert_allclose(np.diff(found.time), 8333333e-9, rtol=1e-3)
+
+
+def test_counted_frames_stay_the_clock(tmp_path):
+    """Where frames are numbered, the numbers show which were dropped: only the rate is asked."""
+    settings = proposed(tmp_path / "a.csv", "frame", "x", "y", "theta")
+    assert settings["rate"] == OPEN
+    assert "columns.time" not in settings
 
 
 def test_a_name_in_a_file_is_text(drops):

@@ -14,7 +14,14 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
-from contactlearn.data.recordings.readers.columns import bodies_in_names, column_names, orientation_columns
+from contactlearn.data.recordings.readers.columns import (
+    FRAME_NUMBERS,
+    bodies_in_names,
+    bodies_in_rows,
+    column_names,
+    first_rows,
+    orientation_columns,
+)
 from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.table.columns import (
     COMPUTED,
@@ -105,7 +112,10 @@ def propose(path: Path) -> FileContents:
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
-        return FileContents(source="tracks", settings=(*_body(path, markers, bodies), *_layout(frames, markers)))
+        column, named = ("", []) if bodies else _bodies_in_rows(first, frames)
+        where = f"in column {column!r}" if named else "in names of columns"
+        body = _body(path, markers, bodies or named, where)
+        return FileContents(source="tracks", settings=(*body, *_layout(frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else cells.header
     if frames.names.keys() & {"time", "recording"} and frames.others:
         return FileContents(
@@ -226,11 +236,26 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")
 
 
-def _body(path: Path, markers: Sequence[Sequence[str]] = (), bodies: Iterable[str] = ()) -> Iterator[Setting]:
-    """The settings that every recording needs, of one of several bodies where the names of columns have them."""
+def _bodies_in_rows(first: Path, known: Recognised) -> tuple[str, list[str]]:
+    """The column that names several bodies, and their names, in the first recording of a file."""
+    rows, recording = first_rows(first), known.names.get("recording")
+    if recording in rows.columns:
+        rows = rows[rows[recording] == rows[recording].iloc[0]]
+    if not {*known.names.values()} <= {*map(str, rows.columns)}:  # rows that the reader of tables has changed
+        return "", []
+    return bodies_in_rows(str(first), rows, known.names.get("time"), known.names.values())
+
+
+def _body(
+    path: Path,
+    markers: Sequence[Sequence[str]] = (),
+    bodies: Iterable[str] = (),
+    where: str = "in names of columns",
+) -> Iterator[Setting]:
+    """The settings that every recording needs, of one of several bodies where names of columns or rows have them."""
     yield Setting(name="path", value=str(path), comment="from the folder in which commands run")
     if bodies:
-        yield Setting(name="body", value=OPEN, comment=f"{' or '.join(bodies)}, as in names of columns")
+        yield Setting(name="body", value=OPEN, comment=f"{' or '.join(bodies)}, {where}")
     yield Setting(name="mass", value=OPEN, comment="of the body, kg")
     hull = "null: the convex hull of its markers; " if len(markers) > 2 else ""
     yield Setting(name="shape", value=None if hull else OPEN, comment=f"of the body, {hull}{_SHAPE}")
@@ -239,12 +264,12 @@ def _body(path: Path, markers: Sequence[Sequence[str]] = (), bodies: Iterable[st
 
 def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     """The settings of the columns of a recording; columns with our names need none."""
-    names = known.names
+    names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
     if "time" not in names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))
     columns: dict[str, tuple[Any, Any, str]] = {
-        "time": (names.get("time"), "time", "s"),
+        "time": (names.get("time", "time" if counted else None), "time", "s"),
         "recording": (names.get("recording", "recording"), "recording", "name of the recording"),
     }
     if markers:

@@ -40,7 +40,8 @@ _ALIASES = {
     "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
     "spin": "omega", "ω": "omega", "w": "omega",
     **dict.fromkeys(("angularv", "vangular", "vangulaire"), "omega"), "thetadot": "omega",
-    "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time", "timestamp": "time",
+    "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time",
+    **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts"), "time"),
     **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
     **{name: f"w{axis}" for axis in "xyz" for name in (
         f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"

@@ -8,7 +8,7 @@ An empty cell is a coordinate that the tracker lost.  Exports with other lines a
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice, product, takewhile
 from pathlib import Path
@@ -25,7 +25,7 @@ from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
 from contactlearn.data.recordings.track import Recording
 
-FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames")
+FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
 _SNIFFED = 50  # lines in which the decimal mark is looked for
@@ -217,20 +217,41 @@ def _rows_of_body(place: str, table: pd.DataFrame, layout: Layout) -> pd.DataFra
     Raises:
         DataError: it is not stated which body.
     """
-    clock = next((name for name in (layout.time, *FRAME_NUMBERS) if name in table.columns), None)
+    used = {layout.time, layout.recording, layout.angle, *layout.position, *layout.quaternion}
+    column, bodies = bodies_in_rows(place, table, layout.time, used)
+    return (
+        table[table[column].astype(str) == _chosen(place, bodies, layout, f"in column {column!r}")] if bodies else table
+    )
+
+
+def bodies_in_rows(
+    place: str, table: pd.DataFrame, time: str | None, used: Collection[str | None]
+) -> tuple[str, list[str]]:
+    """Return the column that names the bodies of which rows alternate, and their names; none of a single body.
+
+    Args:
+        place: of the table, for errors.
+        table: frames of a recording.
+        time: name of the column of times; None if frames are counted.
+        used: other columns that are known.
+    """
+    clock = next((name for name in (time, *FRAME_NUMBERS) if name in table.columns), None)
     if clock is None:
-        return table
-    time = pd.Series(_stamps(place, table, clock), index=table.index)
-    if len(time) < 2 or (time.diff().iloc[1:] > 0).all():
-        return table
-    used = {clock, layout.time, layout.recording, layout.angle, *layout.position, *layout.quaternion}
-    for column in (name for name in table.columns if name not in used):
-        steps = time.groupby(table[column].astype(str)).diff().dropna()
+        return "", []
+    when = pd.Series(_stamps(place, table, clock), index=table.index)
+    if len(when) < 2 or (when.diff().iloc[1:] > 0).all():
+        return "", []
+    for column in (name for name in table.columns if name not in {*used, clock, time}):
+        steps = when.groupby(table[column].astype(str)).diff().dropna()
         bodies = [*pd.unique(table[column].astype(str))]
         if 1 < len(bodies) <= len(table) // 2 and (steps > 0).all():
-            body = _chosen(place, bodies, layout, f"in column {column!r}")
-            return table[table[column].astype(str) == body]
-    return table
+            return column, bodies
+    return "", []
+
+
+def first_rows(path: Path) -> pd.DataFrame:
+    """Return the first rows of a file that has no lines above its header but comments."""
+    return next(_parts(path, None))
 
 
 def _chosen(place: str, bodies: Sequence[str], layout: Layout, where: str) -> str:
