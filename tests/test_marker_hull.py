@@ -1,15 +1,21 @@
 """Bodies whose shape is known by their markers alone: contact points, centre of mass, errors, and what cannot work."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from contactlearn import laws
 from contactlearn.core.errors import DataError
 from contactlearn.data import tracks
+from contactlearn.data.recordings.frame import Frame
+from contactlearn.data.recordings.markers import places_on_corners
 from contactlearn.data.recordings.poses import turn
-from contactlearn.mechanics.shapes import Polygon, contact_point
+from contactlearn.data.recordings.track import Recording
+from contactlearn.mechanics.shapes import Cuboid, Polygon, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.tracks import tracks_facts
 from contactlearn.simulation.camera import AXES, Camera, record
@@ -134,3 +140,44 @@ def test_what_has_no_hull(tmp_path):
     poses.to_csv(tmp_path / "poses.csv", index=False)
     with pytest.raises(DataError, match=r"data\.shape must be given: the contact point is the lowest point"):
         found_in(tmp_path, columns=None)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+@pytest.mark.parametrize("chosen", [[2, 0, 3, 1], [0, 2], [4, 0]], ids=["corners", "two corners", "one inside"])
+def test_a_stated_shape_is_turned_to_its_markers(tmp_path, dimensions, chosen):
+    """Marks on corners in any order, or elsewhere: θ is that of the shape, which the first frame does not show."""
+    if dimensions == 3 and len(chosen) < 3:
+        chosen = [*chosen, 3, 4] if 4 not in chosen else [*chosen, 1]
+    _, shape = write(tmp_path, dimensions=dimensions, size=14)
+    axes = "xyz"[:dimensions]
+    columns = {"markers": [[f"{axis}{k}" for axis in axes] for k in chosen]}
+    found = tracks.find_impacts(
+        tmp_path, mass=MASS, shape=shape, inertia=MASS * 4e-4, options=tracks.track_options(unit="m", columns=columns)
+    )
+    clue = next(one for one in found.survey.frame.clues if one.convention == "angles")
+    assert clue.number < 0.1
+    zero = found.rig.orientation
+    assert zero is not None
+    assert abs(zero.value) < max(0.02, 4 * zero.error)
+    if dimensions == 2 and len(chosen) == 4:
+        centre = np.array([found.rig.centre_a.value, found.rig.centre_b.value])
+        assert np.abs(centre).max() < 1e-3
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_markers_on_corners_in_space(mirrored):
+    """Their places are those of the corners, unless only a mirrored body would have them; two alike show nothing."""
+    box = Cuboid((0.07, 0.045, 0.03))
+    corners = box.corners().numpy()[[0, 3, 5, 6, 7]]
+    R = Rotation.from_rotvec((0.4, -1.1, 0.7)).as_matrix()
+    marks = 1000 * corners @ R + (3.0, -8.0, 20.0)
+    few = Recording(
+        name="a", source="a", time=np.arange(2.0), position=np.zeros((2, 3)), quaternion=np.eye(4)[[0, 0]],
+        markers=marks * (-1 if mirrored else 1),
+    )  # fmt: skip
+    frame = Frame(scale=1e-3, axes=np.eye(3))
+    places = places_on_corners([few], frame, box)
+    assert places is not None
+    np.testing.assert_allclose(np.sort(np.abs(places), 0), np.tile((70.0, 45.0, 30.0), (5, 1)), atol=1e-6)
+    flat = replace(few, markers=marks[:2])
+    assert places_on_corners([flat], frame, box) is None

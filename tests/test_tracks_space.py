@@ -16,12 +16,15 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings import poses
 from contactlearn.data.recordings.flights import Air, fit
 from contactlearn.data.recordings.floor import find_floor
-from contactlearn.data.recordings.result import Reason
+from contactlearn.data.recordings.result import Reason, RecordedContact
 from contactlearn.data.tracks import find_impacts, track_options
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.rigid_body import GRAVITY
-from contactlearn.mechanics.shapes import Cuboid, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Polygon, contact_point
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation.camera import Camera, record
+from contactlearn.simulation.recordings import Body, throw, write_recordings
 
 RATE, MASS, NOISE = 148.0, 0.4, (5e-5, 5e-4)  # 1/s, kg, m and rad
 BOX = Cuboid((0.05, 0.05, 0.05))
@@ -191,6 +194,28 @@ def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, m
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("sense", [None, "as_read"])
+def test_exchanged_edges_of_a_box_are_refused(tmp_path, sense):
+    written(tmp_path, 40, 3, solid=Cuboid((0.07, 0.045, 0.03)))
+    with pytest.raises(DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.03\]"):
+        impacts_in(tmp_path, Cuboid((0.045, 0.07, 0.03)), sense=sense)
+
+
+@pytest.mark.parametrize("sense", [None, "as_read"])
+def test_exchanged_edges_of_a_rectangle_are_refused(tmp_path, sense):
+    half = np.array((0.045, 0.03))
+    corners = half * ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    shape, turned = (Polygon(tuple(map(tuple, points.tolist()))) for points in (corners, corners[:, ::-1][::-1]))
+    gyration = float(half @ half) / 3
+    body = Body(shape=shape, mass=0.1, inertia=0.1 * gyration, model=ContactModel(find("wang_mason").at(0.2, 0.6)))
+    takes, _ = record(throw(body, 10, torch.Generator().manual_seed(1)), Camera(frames=220), 1)
+    write_recordings(takes, tmp_path)
+    options = track_options(unit="m", angle="rad", sense=sense)
+    assert len(find_impacts(tmp_path, mass=0.1, shape=shape, options=options).impacts) > 10
+    with pytest.raises(DataError, match=r"contradict data\.shape: .* with it turned by (90|270)°"):
+        find_impacts(tmp_path, mass=0.1, shape=turned, options=options)
+
+
 def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(tosses):
     from contactlearn.data.recordings.floor import off_the_floor
 
@@ -203,6 +228,36 @@ def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(tos
     assert len(kept) == len(contacts) - 1
     assert [(one.reason, one.unit) for one in refusals] == [(Reason.DOUBLE_HIT, "mm")]
     assert "another corner" in refusals[0].quantity
+
+
+@pytest.mark.parametrize(("tilt", "alone"), [(0.3, False), (8.0, True)])
+def test_a_contact_in_the_plane_is_refused_as_another_corner_comes_down(tilt, alone):
+    from contactlearn.data.recordings.floor import off_the_floor
+
+    shape, floor_at = Polygon(((0.05, 0.03), (-0.05, 0.03), (-0.05, -0.03), (0.05, -0.03))), 0.2
+    contacts = []
+    for k, angle in enumerate((0.7, 1.1, 2.0, -0.8, -2.1, 2.6, 0.4, np.radians(tilt))):
+        height = floor_at - contact_point(shape, torch.tensor(angle))[1].item()
+        contacts.append(
+            RecordedContact(
+                recording="a",
+                number=k,
+                time=1.0 * k,
+                v_pre=np.array((0.2, -1.0, 3.0)),
+                v_post=np.array((0.1, 0.8, -1.0)),
+                pose=np.array((0.01 * k, height, angle)),
+                covariance=1e-10 * np.eye(10),
+                missing=0,
+                certainty=1.0,
+                lost=0,
+                chi_square=1.0,
+                lasting=1e-3,
+                flight=0,
+            )
+        )
+    kept, refusals = off_the_floor(contacts, shape, find_floor(contacts, shape), longest=3e-3)
+    assert (contacts[-1] in kept) is alone
+    assert [one.reason for one in refusals] == [Reason.DOUBLE_HIT] * (not alone)
 
 
 @pytest.mark.parametrize(("longest", "alone"), [(1e-4, True), (3e-3, False)])

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
-from itertools import pairwise
+from itertools import pairwise, permutations
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,14 @@ from contactlearn.data.recordings.conventions import (
 from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.frame import Clue, Frame, orders_of
-from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
+from contactlearn.data.recordings.markers import (
+    Centre,
+    MarkerHull,
+    hull_of_markers,
+    markers_of,
+    places_on_corners,
+    places_turned,
+)
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, Found, RecordedContact
@@ -66,19 +73,20 @@ from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes, principal_moments
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import matvec, moment, rotation
-from contactlearn.mechanics.shapes import Disc, Shape, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Ellipsoid, Polygon, Shape, Solid, Sphere, contact_point
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _ORIENTATIONS = ("euler", "matrix")  # other descriptions of an orientation, in place of a quaternion
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
 _CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
+_FAR = 0.3  # residual of the best reading, from which on the shape is doubted
 _LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
 _MOVING = 0.1  # of the velocity of approach, that of a surface which moves
 _MOVING_ROUND = 0.02  # the same of round bodies, whose contact heights no zero of θ and no outline change
 _SURE = 5.0  # standard errors of a slope that is allowed for
 _MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
-_ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
+_ZEROS: Sequence[float] = np.radians(np.linspace(-6, 6, 25)).tolist()  # of θ that are tried
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -249,7 +257,10 @@ def find_impacts(
         known, recordings = hull.shape, sample(files, options.layout)
         if centre is not None and inertia is None:
             raise DataError("data.inertia must be given with data.centre: a uniform hull has its own centre")
-    elif centre is not None:
+    elif recordings[0].markers is not None:
+        gyration = _gyration(known, finite_number("mass", mass, 0, above=True), inertia)
+        options, recordings = _on_shape(files, recordings, options, known, gyration)
+    if hull is None and centre is not None:
         raise DataError("data.centre is of a body without data.shape; a shape has its centre of mass at its origin")
     mass = finite_number("mass", mass, 0, above=True)
     gyration = _gyration(known, mass, inertia)
@@ -329,6 +340,35 @@ def _sampled(files: Sequence[Path], options: TrackOptions) -> tuple[TrackOptions
         return options, recordings
     conventions = replace(stated, angle=stated.angle or "rad", sense=stated.sense or "as_read")
     options = replace(options, conventions=conventions, layout=replace(options.layout, places=places.tolist()))
+    return options, sample(files, options.layout)
+
+
+def _on_shape(
+    files: Sequence[Path], recordings: list[Recording], options: TrackOptions, shape: Shape, gyration: Any
+) -> tuple[TrackOptions, list[Recording]]:
+    """Options by which poses are those of the shape, and recordings that are read so.
+
+    Its corners carry the markers; or, in the plane, one zero of θ closes the moment balance, and others do not.
+    """
+    gravity = find_gravity(recordings, options.conventions.drag)
+    in_space = isinstance(shape, Solid)
+    frame = find_frame(recordings, gravity, options.conventions, options.thresholds, in_space=in_space)
+    places = places_on_corners(recordings, frame, shape)
+    if places is None and isinstance(shape, Polygon | Ellipse):
+        _, model, _ = _searched(recordings, gravity, options.conventions, options)
+        places = places_turned(recordings, frame, np.eye(2), np.array(model.centre))  # about the centre of mass
+        centred = replace(options, layout=replace(options.layout, places=places.tolist()))
+        moved = sample(files, centred.layout)
+        frame, _, searched = _searched(moved, gravity, options.conventions, centred)
+        angles = np.radians(np.arange(360))
+        left = np.array([_residual(searched, shape, gyration, 1, about=a, zeros=(0.0,)) for a in angles])
+        a = angles[left.argmin()]
+        turned = np.array(((np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))))
+        clear = left.min() <= options.thresholds.reading * np.median(left) < math.inf
+        places = places_turned(moved, frame, turned, np.zeros(2)) if clear else None
+    if places is None:
+        return options, recordings
+    options = replace(options, layout=replace(options.layout, places=places.tolist()))
     return options, sample(files, options.layout)
 
 
@@ -413,6 +453,9 @@ def _find_angles(
     by_reading = residuals(units, [stated.sense] if stated.sense else [*SENSES])
     best, *others = sorted(by_reading, key=lambda reading: by_reading[reading])
     least = by_reading[best]
+    if recordings[0].markers is None and least > _CLOSES:
+        readings = {reading: searches[reading[0]][2] for reading in by_reading}
+        _check_edges(recordings, gravity, options, shape, gyration, readings, min(least, 1.0))
     if recordings[0].markers is None and least > _CLOSES and (len(units) < len(known) or stated.sense):
         every = residuals(known, [*SENSES])
         closing = min(every, key=lambda reading: every[reading])
@@ -441,6 +484,63 @@ def _find_angles(
         conventions = replace(stated, **{setting: unit}, sense=sense)
         frame, model, searched = _searched(recordings, gravity, conventions, options)
     return replace(frame, clues=(*frame.clues, clue)), model, searched
+
+
+def _check_edges(
+    recordings: Sequence[Recording],
+    gravity: Gravity,
+    options: TrackOptions,
+    shape: Shape,
+    gyration: Any,
+    readings: Mapping[_Reading, Searched],
+    least: float,
+) -> None:
+    """Refuse a shape that the impacts contradict, and not if it lies otherwise in the body's axes.
+
+    Flights do not close with wrong moments of inertia, so that few contacts are found: those show nothing.
+
+    Args:
+        recordings: a few.
+        gravity: that they show.
+        options: of the search.
+        shape: as it is stated.
+        gyration: I/m in m².
+        readings: the recordings, searched in every reading of their orientations.
+        least: residual of the best one.
+
+    Raises:
+        DataError: naming how it fits.
+    """
+    fits, counts = dict[str, float](), dict[str, int]()
+    if not isinstance(shape, Solid):
+        for quarter in (1, 2, 3) if isinstance(shape, Polygon) else (1,):
+            about = quarter * math.pi / 2
+            fits[f"turned by {90 * quarter}°"] = min(
+                _residual(searched, shape, gyration, SENSES[sense], about=about)
+                for (_, sense), searched in readings.items()
+            )
+    box = shape if isinstance(shape, Cuboid | Ellipsoid) else None
+    name = "half" if isinstance(box, Cuboid) else "semi_axes"
+    lengths = tuple(getattr(box, name, ()))
+    orders = {tuple(lengths[k] for k in order): order for order in permutations(range(len(lengths)))}
+    for edges, order in orders.items():
+        if box is None or edges == lengths:
+            continue
+        other, moments = replace(box, **{name: edges}), gyration[[*order]]
+        changed = replace(options, solid=other, moments=tuple(moments.tolist()))
+        units = dict.fromkeys(unit for unit, _ in readings)
+        conventions = [replace(options.conventions, order=unit, sense="as_read") for unit in units]
+        again = dict(zip(units, (_searched(recordings, gravity, c, changed)[2] for c in conventions), strict=True))
+        said = f"as {name}: [{', '.join(f'{edge:g}' for edge in edges)}]"
+        fits[said] = min(_residual(again[unit], other, moments, SENSES[sense]) for unit, sense in readings)
+        counts[said] = max(sum(len(one.contacts) for one in found.values()) for found in again.values())
+    most = max(counts.values(), default=0)
+    fits = {said: residual for said, residual in fits.items() if counts.get(said, most) >= most / 2}
+    if fits and fits[best := min(fits, key=lambda said: fits[said])] <= options.thresholds.reading * least:
+        raise DataError(
+            f"{recordings[0].source}: the impacts contradict data.shape: {_evidence(shape)} is {least:.2g} with it, "
+            f"and {fits[best]:.2g} with it {best}; are its edges of other lengths, or along other axes of the body?"
+        )
 
 
 def _without_angles(
@@ -499,6 +599,8 @@ def _unclear(
     else:
         one, other = (", ".join(name for name in reading if name) for reading in (best, second))
         why = f"{_evidence(shape)} is {residuals[best]:.2f} with {one}, and {residuals[second]:.2f} with {other}"
+        if residuals[best] > _FAR:
+            why += ", where the right one leaves far less; check lengths and axes of data.shape"
     which = "unit" if setting == "angle" else "order"
     return f"{source}: the {which} and sense of angles are not clear: {why}; state {', and '.join(open_settings)}"
 
@@ -533,8 +635,16 @@ def _settings(setting: str, unit: str | None, sense: str | None) -> str:
     return " and ".join(f"data.{name}={value}" for name, value in named if value)
 
 
-def _residual(searched: Searched, shape: Shape, gyration_squared: Any, sense: int) -> float:
-    """Residual of a reading of angles; infinite where contacts are too few.
+def _residual(
+    searched: Searched,
+    shape: Shape,
+    gyration_squared: Any,
+    sense: int,
+    *,
+    about: float = 0.0,
+    zeros: Sequence[float] = _ZEROS,
+) -> float:
+    """Residual of a reading of angles, in the plane with zeros of θ about one in rad; infinite of too few contacts.
 
     It is that of the moment balance, in [0, 1], on the floor that contact points then show: level or inclined.  Of a
     body in space that is no ball, it is multiplied with the scatter of the floor's heights over that of the heights of
@@ -554,9 +664,11 @@ def _residual(searched: Searched, shape: Shape, gyration_squared: Any, sense: in
         turned = conjugate(pose[:, 3:])
         pose = np.concatenate((pose[:, :3], turned), 1)
         change = np.concatenate((change[:, :3], -rotated(turned, change[:, 3:])), 1)
+    if k == 3:
+        pose = pose + np.array((0, 0, about))
     pose, change = _on_a_level_floor(pose, change, shape)
     if k == 3:
-        turned = (pose + np.array((0, 0, zero)) for zero in _ZEROS)
+        turned = (pose + np.array((0, 0, zero)) for zero in zeros)
         return min(_unbalanced_in_plane(one, change, errors, shape, gyration_squared) for one in turned)
     q = torch.from_numpy(pose[:, 3:])
     r = contact_point(shape, q)

@@ -36,7 +36,7 @@ from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
-from contactlearn.mechanics.rigid_body import contact_velocity, rotation
+from contactlearn.mechanics.rigid_body import contact_velocity, rotate, rotation
 from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
@@ -556,7 +556,7 @@ def off_the_floor(
     r = points - np.stack([contact.pose[:d] for contact in contacts])
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
     approach = contact_velocity(torch.from_numpy(r), before)[:, d - 1].numpy()
-    alone = _alone(contacts, shape, longest)
+    alone = _alone(contacts, shape, floor, longest)
     for contact, above, v_n, gap in zip(contacts, floor.above.tolist(), approach, alone, strict=True):
         push = float(contact.v_post[d - 1] - contact.v_pre[d - 1])
         for holds, quantity, value, unit in (
@@ -591,11 +591,20 @@ def off_the_floor(
     return kept, refusals
 
 
-def _alone(contacts: Sequence[RecordedContact], shape: Shape, longest: float) -> Float[Array, " n"]:
-    """Least height in m of another corner in space, less three errors and its way down in the longest contact."""
+def _alone(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
+    """Least height in m of another corner, less three errors and its way down in the longest contact."""
+    pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
+    if isinstance(shape, Polygon):
+        turned = _sure(floor.orientation) - _sure(floor.slope)  # about the floor
+        corners = np.moveaxis(_corners_in_plane(shape, pose[:, 2] + turned), 0, 1)
+        first, others = np.split(np.argsort(corners[..., 1], 1), (1,), 1)
+        lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
+        apart = corners - lowest
+        error = np.abs(apart[..., 0]) * np.array([hit.covariance[8, 8] for hit in contacts])[:, None] ** 0.5
+        sinks = -(v[:, 1, None] + v[:, 2, None] * corners[..., 0])
+        return (apart[..., 1] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
     if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)
-    pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
     corners = rotated(pose[:, None, 3:], (shape.corners() + shape.corner * shape.arc_centres()).numpy())
     first, others = np.split(np.argsort(corners[..., 2], 1), (1,), 1)
     lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
@@ -605,3 +614,14 @@ def _alone(contacts: Sequence[RecordedContact], shape: Shape, longest: float) ->
     error = np.sqrt(np.einsum("nci,nij,ncj->nc", lean, errors, lean))
     sinks = -(v[:, 2, None] + np.cross(v[:, None, 3:], corners)[..., 2])
     return (apart[..., 2] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
+
+
+def _corners_in_plane(shape: Polygon, theta: Float[Array, " n"]) -> Float[Array, "v n 2"]:
+    """Corners, or centres of their arcs, about the centre of mass."""
+    corners = (shape.corners() + shape.corner * shape.arc_centres())[:, None]
+    return rotate(corners, torch.from_numpy(theta)).numpy()
+
+
+def _sure(angle: Estimate | None) -> float:
+    """An angle in rad that is more than three of its errors; else 0."""
+    return angle.value if angle is not None and abs(angle.value) > REACH * angle.error else 0.0

@@ -7,16 +7,22 @@ known, the tracked point is their mean, which is not the centre of mass.
 For the hull, markers on the outline or its corners are assumed: the contact point is then the lowest of them.  Markers
 further in make a body that is too small, and every contact point is too high by as much, which no recording shows: the
 floor's height is free.  Unless the centre of mass is stated, it is that of a hull of uniform density.
+
+Of a body whose shape is stated, markers on its corners show where its axes are: any assignment of markers to corners is
+tried.  Two that fit alike are one where the body is symmetric; else the axes are unknown.
 Source: Kabsch 1976; Umeyama 1991.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
@@ -25,7 +31,7 @@ from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.result import RecordedContact
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.track import Recording, finite
-from contactlearn.mechanics.shapes import Polygon, contact_point
+from contactlearn.mechanics.shapes import Polygon, Polytope, Shape, Solid, contact_point
 
 
 def pose_of_markers(
@@ -89,6 +95,9 @@ def pose_of_markers(
     )
 
 
+_MOST_CORNERS = 24  # of a body whose corners are compared with markers
+_OFF_CORNER = 0.1  # of the body's radius, by which markers are off its corners, as those on its faces are
+_ALIKE = 2.0  # times the least distance, up to which another pose fits as well
 _FLAT = 1e-3  # width of a hull over its length, at least
 
 Centre = str | Sequence[float] | None
@@ -147,6 +156,91 @@ def hull_of_markers(recordings: Sequence[Recording], frame: Frame, centre: Centr
     middle = _centroid(corners) if centre is None else _weights(centre, len(points)) @ points
     vertices = tuple((float(x), float(y)) for x, y in corners - middle)
     return MarkerHull(shape=Polygon(vertices), places=mean - np.linalg.pinv(projection) @ middle, error=spread)
+
+
+def places_on_corners(recordings: Sequence[Recording], frame: Frame, shape: Shape) -> Float[Array, "m d"] | None:
+    """Return places of markers on a body's corners, in its axes about its centre of mass, in the files' unit.
+
+    None where they are on no corners, or on those that several poses of the body would have.
+    """
+    if not isinstance(shape, Polygon | Polytope) or recordings[0].markers is None:
+        return None
+    places = np.mean([one.markers for one in recordings if one.markers is not None], axis=0)
+    if isinstance(shape, Solid):
+        if (placed := _on_corners(frame.scale * places, shape.corners().numpy())) is None:
+            return None
+        turned, middle = placed
+        return (places - middle / frame.scale) @ turned.T
+    projection = _projection(recordings[0], frame)
+    if (placed := _on_corners(places @ projection.T, shape.corners().numpy())) is None:
+        return None
+    return places_turned(recordings, frame, *placed)
+
+
+def places_turned(
+    recordings: Sequence[Recording], frame: Frame, turned: Float[Array, "2 2"], middle: Float[Array, "2"]
+) -> Float[Array, "m d"]:
+    """Return places of markers in the axes of a body in the plane, to which a matrix turns those of θ as it was read.
+
+    Args:
+        recordings: of the body.
+        frame: of the recordings.
+        turned: from the axes at θ = 0 to the body's.
+        middle: of the body in m, about the tracked point in the axes at θ = 0.
+    """
+    places = np.mean([one.markers for one in recordings if one.markers is not None], axis=0)
+    projection = _projection(recordings[0], frame)
+    places = places - np.linalg.pinv(projection) @ middle
+    if frame.body is None:
+        return places @ (np.linalg.inv(projection) @ turned @ projection).T
+    x, z = projection.T @ turned[0], frame.body[1]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return places @ np.stack((x, np.cross(z, x), z)).T
+
+
+def _on_corners(
+    markers: Float[Array, "m d"], corners: Float[Array, "v d"]
+) -> tuple[Float[Array, "d d"], Float[Array, " d"]] | None:
+    """Rotation R and origin c with which R (marker − c) are corners; None if there are none, or several."""
+    (count, d), size = markers.shape, float(np.linalg.norm(corners, axis=1).max())
+    if not d <= count <= len(corners) <= _MOST_CORNERS:
+        return None
+    first = [int(np.linalg.norm(markers - markers.mean(0), axis=1).argmax())]
+    while len(first) < d:  # markers that are far from each other's line or plane
+        away = markers - markers[first[0]]
+        for k in first[1:]:
+            along = away[k] / np.linalg.norm(away[k])
+            away = away - np.outer(away @ along, along)
+        first.append(int(np.linalg.norm(away, axis=1).argmax()))
+    fits: list[tuple[float, Array, Array]] = []
+    for chosen in permutations(range(len(corners)), d):
+        turned, middle = _placed(markers[first], corners[[*chosen]])
+        if np.abs((markers[first] - middle) @ turned.T - corners[[*chosen]]).max() > 2 * _OFF_CORNER * size:
+            continue
+        _, nearest = linear_sum_assignment(cdist((markers - middle) @ turned.T, corners))
+        turned, middle = _placed(markers, corners[nearest])
+        off = (markers - middle) @ turned.T - corners[nearest]
+        fits.append((float(np.sqrt((off**2).sum(1).mean())), turned, middle))
+    fits = sorted(fits, key=lambda one: one[0])
+    if not fits or fits[0][0] > _OFF_CORNER * size:
+        return None
+    least, turned, middle = fits[0]
+    outline = corners @ turned + middle
+    for off, *other in fits:
+        apart = cdist(outline, corners @ other[0] + other[1])
+        if off <= _ALIKE * least + 1e-3 * size and apart.min(1).max() > _OFF_CORNER * size:
+            return None
+    return turned, middle
+
+
+def _placed(markers: Float[Array, "m d"], corners: Float[Array, "m d"]) -> tuple[Array, Array]:
+    """Rotation R and origin c for which R (marker − c) are nearest to corners."""
+    U, _, V = np.linalg.svd((corners - corners.mean(0)).T @ (markers - markers.mean(0)))
+    mirror = np.ones(len(U))
+    mirror[-1] = np.linalg.det(U @ V)
+    R = (U * mirror) @ V
+    return R, markers.mean(0) - R.T @ corners.mean(0)
 
 
 def markers_of(recording: Recording) -> Float[Array, "m d"]:
