@@ -72,7 +72,7 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
 
 
 def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Effect]:
-    """Return effects by name: those of a mapping, or those of the catalogue with these names, in their default forms.
+    """Return effects by name: those of a mapping, or those of the catalogue with these names, `name` or `name:form`.
 
     Raises:
         ContactLearnError: neither of the two.
@@ -80,10 +80,11 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Ef
     """
     found = effects if isinstance(effects, Mapping) else None
     if found is None and not isinstance(effects, str):
-        found = {name: find_effect(name)() for name in effects}
+        names = [EffectId.parse(name) if isinstance(name, str) else EffectId(name) for name in effects]
+        found = {one.name: find_effect(one.name, one.form)() for one in names}
     if found is None or not all(isinstance(effect, Effect) for effect in found.values()):
         raise ContactLearnError(
-            f"effects are names, such as ['spin_damping'], or effects by name, such as {{'spin': SpinDamping()}}; "
+            f"effects are names, such as ['spin_damping:during'], or effects by name, such as {{'spin': SpinDamping()}}; "
             f"got {effects!r}"
         )
     return dict(found)
