@@ -145,6 +145,11 @@ def test_two_units_are_no_inertia(body, unit):
         assert sorted(corrections(audit(corrupt(clean, unit, spin)))) == sorted([unit, spin])
 
 
+@pytest.mark.parametrize("unit", ["inches", "feet", "centimetres"])
+def test_all_lengths_in_one_unit(unit):
+    assert corrections(audit(corrupt(drops(), unit, f"{unit}_velocity"))) == [unit, f"{unit}_velocity"]
+
+
 def test_a_wrong_inertia_is_no_pair_of_units():
     clean = drops(size=400)
     assert corrections(audit(clean.replace(inertia=clean.inertia * 3.1))) == ["inertia_scaled"]

@@ -203,11 +203,14 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
 
 
 def _pairs_of_units(given: Hypothesis, axes: list[str]) -> list[Hypothesis]:
-    """Hypotheses of a unit of speeds and one of spins: their ratio looks like another inertia, or an impossible one.
+    """Hypotheses of a unit of speeds and one of spins, or of one unit of all lengths.
 
-    Spins in rev/min beside speeds in mph are an inertia of 0.234, spins in rev/s beside them one of 14.
+    The ratio of two units looks like another inertia: spins in rev/min beside speeds in mph are 0.234 of it, spins in
+    rev/s beside them an impossible 14, and inches beside in/s are 1550.
     """
-    pairs = itertools.product(_whole("velocity"), _whole("omega"))
+    speeds = _whole("velocity")
+    pairs = [*itertools.product(speeds, _whole("omega"))]
+    pairs += [(name.removesuffix("_velocity"), name) for name in speeds if name.removesuffix("_velocity") in _RARE]
     return [h for pair in pairs if (h := _applied(given, (*axes, *pair))) is not None]
 
 
