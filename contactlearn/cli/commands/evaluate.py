@@ -82,7 +82,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_reference(
             result.fits, {name: (x.mu, x.eps) for name, x in settings.reference.items() if x.mu and x.eps}
         )
-    record.write_record(tracker, run, result.provenance, _record(settings, data, held_out, result))
+    record.write_record(tracker, run, result.provenance, _record(data, held_out, result))
     learned: dict[str, Curve] = {}
     if settings.recipes:
         lines = {f"curve_{metric}/{IRB}": error for metric, error in result.errors[IRB].intervals.items()}
@@ -196,7 +196,7 @@ def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
     return test.trial.index(name)
 
 
-def _record(settings: EvaluateSettings, data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
+def _record(data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
     """Return what is known before the learning curves; the figures follow them."""
     size = len(data.pool) if result.joint else data.train_size
     errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}

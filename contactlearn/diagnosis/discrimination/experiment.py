@@ -93,13 +93,13 @@ class ModelDiscrimination:
         covariance = C - gain @ J @ C
         return replace(self, difference=difference, covariance=(covariance + covariance.mT) / 2)
 
-    def needed(self, odds: float, most: int = 1000) -> int | None:
-        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond `most`.
+    def needed(self, odds: float) -> int | None:
+        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond 1000.
 
         It is that of a single pair.
         """
         discrimination, nats = self, 0.0
-        for made in range(most):
+        for made in range(1000):
             k = made % len(self.noise)
             nats += discrimination.squared()[k].item() / 2
             if nats >= math.log(odds):

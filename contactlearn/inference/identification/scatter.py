@@ -149,8 +149,9 @@ class Scatter:
         lines += [f"{outliers:.0%} are outliers, {far:.0f} times as far off"] if outliers > 0.005 else []
         return "\n".join(lines)
 
-    def confounded(self, limit: float = ScatterThresholds().collinearity) -> tuple[tuple[str, str, float], ...]:
-        """Pairs of components whose estimates are correlated beyond a limit."""
+    def confounded(self) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of components whose estimates are correlated too much to be told apart."""
+        limit = ScatterThresholds().collinearity
         names = [one.name for one in self.deviations]
         pairs = (self.correlation.abs().triu(1) > limit).nonzero().tolist()
         return tuple((names[j], names[k], self.correlation[j, k].item()) for j, k in pairs)
