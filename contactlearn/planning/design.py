@@ -308,7 +308,7 @@ def _belief(found: Diagnosis | None, measured: Impacts | None, drops: Impacts, r
     assert plain is not None
     chosen = found.model
     spread = robust_covariance(plain.v_post - chosen.outcome(plain).v_post)
-    told = chosen.predict(drops).covariance if chosen.under.scatter else None
+    told = chosen.predict(drops).covariance if chosen.law_model.scatter else None
     noise = spread.expand(len(drops), -1, -1) if told is None else told
     models = hypotheses(found)
     left = 0.0 if found.remainder is None else min(max(found.remainder.share.mean, 0.0), 0.9)

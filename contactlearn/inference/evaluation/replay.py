@@ -222,7 +222,7 @@ def replays(
     drawn = replace(state.repeated(FAN), pose=poses[rows].movedim(0, 1), velocity=seen.v_pre[rows].movedim(0, 1))
     raised = torch.zeros_like(drawn.pose)
     raised[..., up] = torch.from_numpy(generator.normal(0.0, found.floor.scatter, (FAN, len(kept))))
-    scattering = {name: model for name, model in models.items() if model.under.scatter}
+    scattering = {name: model for name, model in models.items() if model.law_model.scatter}
     sizes = np.array(found.survey.model.own[0][: impacts.space.d])
     own = torch.from_numpy(sizes * generator.standard_normal((FAN, len(kept), len(sizes))))
     fans = _fans(scattering, drawn, raised, own, floors, first, found.rig)

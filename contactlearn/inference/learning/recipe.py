@@ -364,7 +364,7 @@ def _learn_parameters(
 
 def _scattering(impacts: Impacts, model: ContactModel) -> Impacts:
     """Return impacts whose covariances of v_post have the scatter of a model's contact."""
-    if not model.under.scatter:
+    if not model.law_model.scatter:
         return impacts
     stated, scatter = impacts.v_post_cov, model.scatter_covariance(impacts)
     return impacts.replace(v_post_cov=scatter if stated is None else stated + scatter, validate=False)

@@ -180,9 +180,9 @@ def without_residual(model: ContactModel) -> ContactModel:
     Raises:
         ContactLearnError: without its processes there is no law, or no μ and ε.
     """
-    if model.under.base is None or model.under.parameters is not None:
+    if model.law_model.base is None or model.law_model.parameters is not None:
         raise ContactLearnError("without its Gaussian processes this model has no law with μ and ε to export")
-    under = model.under
+    under = model.law_model
     return replace(under, noise=None, provenance={})
 
 
