@@ -161,7 +161,7 @@ class ContactModel:
         gravity: float = GRAVITY,
         drag: float = 0.0,
         friction: float | None = None,
-        own: Float[Tensor, "*#batch d"] | None = None,
+        acceleration: Float[Tensor, "*#batch d"] | None = None,
         samples: int | None = None,
         generator: torch.Generator | None = None,
     ) -> RollOut:
@@ -169,8 +169,8 @@ class ContactModel:
 
         With `samples` each body is followed so many times, along a new first axis: a fan of trajectories.  Parameters
         are drawn from their covariance once for each, the contact's scatter anew at every bounce.  `friction` is
-        that of bodies whose contacts have piled up, by default the law's with its effects, and `own` [..., d] an
-        acceleration of each body in flight beside gravity.  Effects of the recording, such as a sampling delay, are
+        that of bodies whose contacts have piled up, by default the law's with its effects, and `acceleration`
+        [..., d] is that of each body in flight beside gravity.  Effects of the recording, such as a sampling delay, are
         left out.
 
         Raises:
@@ -193,10 +193,10 @@ class ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
         def steady(impacts: Impacts, rows: Tensor) -> Prediction:
-            own = at(rows).law_model
+            physics = at(rows).law_model
             places = ("state", "law") if friction is None else ("state",)
-            acting = {name: effect for name, effect in own.effects.items() if effect.place in places}
-            law = own.law if friction is None else own.law.at(friction, own.law.eps)
+            acting = {name: effect for name, effect in physics.effects.items() if effect.place in places}
+            law = physics.law if friction is None else physics.law.at(friction, physics.law.eps)
             return ContactModel(law, effects=acting).predict(impacts)
 
         def bounced(impacts: Impacts, rows: Tensor) -> Prediction:
@@ -206,7 +206,7 @@ class ContactModel:
             bounced,
             None if self.law_model.base is None else steady,
             lambda measured, rows: actual_state(at(rows).law_model.effects, measured),
-            *(state, shape, until, gravity, drag, own),
+            *(state, shape, until, gravity, drag, acceleration),
         )
         return replace(found, left_out=self.recorded)
 
@@ -215,7 +215,10 @@ class ContactModel:
         shape = (len(impacts),) if samples is None else (samples, len(impacts))
         return self.outcome(
             impacts,
-            [(one, one.draw(shape, impacts.space, generator).to(impacts.v_pre)) for one in self.law_model.scatter.values()],
+            [
+                (one, one.draw(shape, impacts.space, generator).to(impacts.v_pre))
+                for one in self.law_model.scatter.values()
+            ],
         )
 
     def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:

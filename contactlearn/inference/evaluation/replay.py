@@ -297,7 +297,7 @@ def _predicted(
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
         how: dict[str, Any] = {"gravity": rig.gravity.value, "drag": drag, "friction": friction}
-        how |= {} if own is None else {"own": own[None], "samples": 1, "generator": torch.Generator().manual_seed(0)}
+        how |= {} if own is None else {"acceleration": own[None], "samples": 1, "generator": torch.Generator().manual_seed(0)}
         path = model.roll_out(above, until=until, **how)
         predicted[name] = path.at(torch.minimum(time, path.end[..., None])) + raised
     return predicted
