@@ -45,7 +45,7 @@ from contactlearn.data.recordings.frame import Clue, Frame, orders_of
 from contactlearn.data.recordings.markers import Centre, MarkerHull, hull_of_markers, markers_of
 from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import REASONS, Found, RecordedContact
+from contactlearn.data.recordings.result import REASONS, RecordedContact, SearchedTrack
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.sufficiency import NEEDED
@@ -56,9 +56,9 @@ from contactlearn.data.recordings.survey import (
     TrackOptions,
     key,
     sample,
+    search_recording,
     search_sample,
     survey,
-    tracked,
 )
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
@@ -121,7 +121,7 @@ class Tracked:
         """Covariances of the contact points in m² where the shape is the hull of the markers."""
         return None if self.hull is None else self.hull.contact_covariance(self.survey.contacts)
 
-    def reload(self, names: Collection[str]) -> Iterator[Found]:
+    def reload(self, names: Collection[str]) -> Iterator[SearchedTrack]:
         """Search some recordings once more for their tracks and flights, which a survey does not keep.
 
         Files that cannot be read are left out.
@@ -129,7 +129,7 @@ class Tracked:
         files = recording_files(self.path)
         alone = [file for file in files if file.stem in names]
         chosen = alone if {file.stem for file in alone} == {*names} else files
-        search = partial(tracked, frame=self.survey.frame, model=self.survey.model, options=self.options)
+        search = partial(search_recording, frame=self.survey.frame, model=self.survey.model, options=self.options)
         recordings = (one for file in chosen for one in _named(file, names, self.options.layout))
         return map(search, (self.searched.get(key(one), one) for one in recordings))
 

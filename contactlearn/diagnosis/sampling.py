@@ -73,7 +73,7 @@ _RESULT = "diagnosis.json"
 
 
 def confirm(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     record: Record,
     impacts: Impacts,
     rows: Int[Tensor, " k"],
@@ -85,7 +85,7 @@ def confirm(
     """Compute errors, noise, outliers and failing regions of the model of a subsample on all trials.
 
     Args:
-        found: of the subsample.
+        diagnosis: of the subsample.
         record: of the same.
         impacts: all trials, corrected as those of the subsample.
         rows: of the subsample, fewer than all.
@@ -93,7 +93,7 @@ def confirm(
         noise: standard deviations of the measured velocities, where they are stated, see `diagnose`.
         thresholds: limits of what is reported.
     """
-    assert found.budget is not None
+    assert diagnosis.budget is not None
     outside = torch.ones(len(impacts), dtype=torch.bool)
     outside[rows] = False
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
@@ -104,8 +104,8 @@ def confirm(
         trials=int(outside.sum()),
         base=normal_interval(before[outside]),
         named=error,
-        noise=_noise(found, record.model, impacts, outside, generator, noise),
-        agrees=agree(error, found.budget.named, thresholds),
+        noise=_noise(diagnosis, record.model, impacts, outside, generator, noise),
+        agrees=agree(error, diagnosis.budget.named, thresholds),
         outliers=find_model_outliers(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
         regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
         map=error_map(impacts, law, before, after),
@@ -131,7 +131,7 @@ def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
 
 
 def _noise(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     model: ContactModel,
     impacts: Impacts,
     outside: Bool[Tensor, " n"],
@@ -139,7 +139,7 @@ def _noise(
     noise: Sequence[float] | None,
 ) -> Interval | None:
     """Estimate the noise floor of trials outside the subsample; None for a model that misses something."""
-    if found.remainder is not None and found.remainder.unknown:
+    if diagnosis.remainder is not None and diagnosis.remainder.unknown:
         return None
     others = outside.nonzero()[:, 0]
     some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]
@@ -219,12 +219,12 @@ def diagnose_subsamples(
         resume_folder: folder for the results of finished subsamples, which a later run reuses.
     """
     sizes, limit = _sizes(len(impacts), question.thresholds, memory)
-    answers, found, rows, speed = list[Answer](), None, torch.empty(0), 1.0
+    answers, diagnosis, rows, speed = list[Answer](), None, torch.empty(0), 1.0
     objects = object_numbers(impacts)
     for k, size in enumerate(sizes):
         generator = torch.Generator().manual_seed(seed + k)
         rows = space_filling(impacts, size, generator)
-        found = None if resume_folder is None else _finished(resume_folder / str(size))
+        diagnosis = None if resume_folder is None else _finished(resume_folder / str(size))
         expected = _SECONDS + _SECONDS_A_TRIAL * size
         question.on_event(
             SubsampleStarted(
@@ -234,26 +234,26 @@ def diagnose_subsamples(
                 objects_seen=len(objects[rows].unique()),
                 seconds=speed * expected,
                 gigabytes=1e-9 * (_BYTES + _BYTES_A_TRIAL * size),
-                resumed=found is not None,
+                resumed=diagnosis is not None,
             )
         )
-        if found is None:
+        if diagnosis is None:
             began = time.monotonic()
-            found = diagnose_audited(question, impacts[rows], findings, generator)
+            diagnosis = diagnose_audited(question, impacts[rows], findings, generator)
             speed = (time.monotonic() - began) / expected
             if resume_folder is not None:
-                _finish(resume_folder / str(size), found)
-        answers.append(_answer(found, size))
+                _finish(resume_folder / str(size), diagnosis)
+        answers.append(_answer(diagnosis, size))
         if len(answers) > 1 and answers[-1].agrees(answers[-2]):
             limit = None
             break
-    assert found is not None
-    return _confirmed(question, found, impacts, findings, rows, tuple(answers), limit, seed)
+    assert diagnosis is not None
+    return _confirmed(question, diagnosis, impacts, findings, rows, tuple(answers), limit, seed)
 
 
 def _confirmed(
     question: Question,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     impacts: Impacts,
     findings: Sequence[Finding],
     rows: Int[Tensor, " k"],
@@ -262,12 +262,12 @@ def _confirmed(
     seed: int,
 ) -> Diagnosis:
     """Test the diagnosis of the last subsample on all trials; outliers then refer to the whole table."""
-    assert found.record is not None
+    assert diagnosis.record is not None
     objects = object_numbers(impacts)
-    corrections = found.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
+    corrections = diagnosis.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
     confirmation = confirm(
-        found,
-        found.record,
+        diagnosis,
+        diagnosis.record,
         correct(impacts, corrections),
         rows,
         generator=torch.Generator().manual_seed(seed),
@@ -283,9 +283,10 @@ def _confirmed(
         confirmation=confirmation,
     )
     question.on_event(SampleConfirmed(sample=sample))
-    left = [one for one in found.findings if one.name != "model_outliers"]  # those of the whole table take their place
-    left += [confirmation.outliers] if confirmation.outliers is not None else []
-    return replace(found, findings=tuple(left), sample=sample)
+    # Outliers of the whole table take the place of those of the subsample.
+    kept = [finding for finding in diagnosis.findings if finding.name != "model_outliers"]
+    kept += [confirmation.outliers] if confirmation.outliers is not None else []
+    return replace(diagnosis, findings=tuple(kept), sample=sample)
 
 
 def _sizes(trials: int, thresholds: Thresholds, memory: float | None) -> tuple[list[int], Limit]:
@@ -302,29 +303,31 @@ def _sizes(trials: int, thresholds: Thresholds, memory: float | None) -> tuple[l
     return sizes, Limit.SIZE
 
 
-def _answer(found: Diagnosis, trials: int) -> Answer:
+def _answer(diagnosis: Diagnosis, trials: int) -> Answer:
     """Return the answer of a subsample."""
-    assert found.law is not None
-    assert found.physics is not None
-    assert found.budget is not None
-    effects = tuple(missing.effect for missing in found.missing)
-    return Answer(trials=trials, law=found.law, effects=effects, physics=found.physics, error=found.budget.named)
+    assert diagnosis.law is not None
+    assert diagnosis.physics is not None
+    assert diagnosis.budget is not None
+    effects = tuple(missing.effect for missing in diagnosis.missing)
+    return Answer(
+        trials=trials, law=diagnosis.law, effects=effects, physics=diagnosis.physics, error=diagnosis.budget.named
+    )
 
 
-def _finish(folder: Path, found: Diagnosis) -> None:
+def _finish(folder: Path, diagnosis: Diagnosis) -> None:
     """Write the diagnosis of a subsample."""
-    assert found.record is not None
+    assert diagnosis.record is not None
     with suppress(FileNotFoundError):  # the same command beside this one has ended, and removed the folder
-        found.record.save(folder, {})
+        diagnosis.record.save(folder, {})
         with atomic_write(folder / _RESULT) as path:
-            path.write_text(found.to_json(), encoding="utf-8")
+            path.write_text(diagnosis.to_json(), encoding="utf-8")
 
 
 def _finished(folder: Path) -> Diagnosis | None:
     """Read the diagnosis of a subsample; None if it was not finished."""
     try:
-        found = Diagnosis.from_json((folder / _RESULT).read_bytes())
-        return replace(found, record=Record.load(folder))
+        diagnosis = Diagnosis.from_json((folder / _RESULT).read_bytes())
+        return replace(diagnosis, record=Record.load(folder))
     except (OSError, ContactLearnError):
         return None
 

@@ -504,18 +504,18 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
     return replace(found, components=tuple(replace(one, share=whole * one.share) for one in found.components))
 
 
-def trust_balance(found: Diagnosis) -> Diagnosis:
+def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
     """Turn an open moment balance into a note where effects that were found explain the data."""
-    if found.physics is not Verdict.EFFECTS or any(one.level is not Level.FOUND for one in found.missing):
-        return found
+    if diagnosis.physics is not Verdict.EFFECTS or any(one.level is not Level.FOUND for one in diagnosis.missing):
+        return diagnosis
     findings = tuple(
         replace(one, mistake=False, sentence=f"{one.sentence}; the effects that were found explain it")
         if one.name == "moment_balance_open" and one.mistake
         else one
-        for one in found.findings
+        for one in diagnosis.findings
     )
     mistaken = any(one.mistake for one in findings)
-    return replace(found, findings=findings, verdict=Verdict.BAD_DATA if mistaken else found.physics)
+    return replace(diagnosis, findings=findings, verdict=Verdict.BAD_DATA if mistaken else diagnosis.physics)
 
 
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:

@@ -115,19 +115,19 @@ def _plan(
     looks: tuple[Look, ...],
     seed: int,
 ) -> Plan:
-    found = known if isinstance(known, Diagnosis) else None
+    diagnosis = known if isinstance(known, Diagnosis) else None
     measured = None if isinstance(known, Specimen) else known if isinstance(known, Impacts) else _recorded(known)
     specimens = (known,) if isinstance(known, Specimen) else Specimen.of(measured) if measured is not None else ()
     rig = rig.completed(specimens)
     settings = _drawn(rig, specimens, count, seed)
     _refuse_alike(settings.states, rig.noise or NOISE[settings.states.space])
-    belief = _belief(found, measured, settings.states, rig)
+    belief = _belief(diagnosis, measured, settings.states, rig)
     features = _Features.of(settings.states)
     criteria = _criteria(belief, features, settings.states, measured)
-    picked, purposes = _greedy(criteria, _SCHEDULE[goal if found else None], settings, rig, count)
-    forecast = _forecast(criteria, belief, goal if found else None, picked)
-    if found is not None:
-        looks = (*looks, Look.of(found, gain=forecast.gain or 0.0))
+    picked, purposes = _greedy(criteria, _SCHEDULE[goal if diagnosis else None], settings, rig, count)
+    forecast = _forecast(criteria, belief, goal if diagnosis else None, picked)
+    if diagnosis is not None:
+        looks = (*looks, Look.of(diagnosis, gain=forecast.gain or 0.0))
     order = _ordered(rig, settings, picked)
     return Plan(
         goal=goal,
@@ -153,11 +153,13 @@ def _plan(
     )
 
 
-def _recorded(found: Diagnosis) -> Impacts:
+def _recorded(diagnosis: Diagnosis) -> Impacts:
     """The impacts of a diagnosis."""
-    if found.record is None:
-        raise ContactLearnError(f"the diagnosis has no record of its trials, and so nothing to plan from: {found!r}")
-    return found.record.impacts
+    if diagnosis.record is None:
+        raise ContactLearnError(
+            f"the diagnosis has no record of its trials, and so nothing to plan from: {diagnosis!r}"
+        )
+    return diagnosis.record.impacts
 
 
 # --- Settings ----------------------------------------------------------------------------------
@@ -292,26 +294,26 @@ class _Belief:
         return tuple(Possibility(effects=names, probability=p) for names, p in ordered)
 
 
-def _belief(found: Diagnosis | None, measured: Impacts | None, drops: Impacts, rig: Rig) -> _Belief:
+def _belief(diagnosis: Diagnosis | None, measured: Impacts | None, drops: Impacts, rig: Rig) -> _Belief:
     """What a diagnosis, measurements, or a rig alone tell."""
     stated = torch.tensor(rig.noise or NOISE[drops.space], dtype=torch.float64).square().diag()
     exact = {"v_pre_cov": None, "v_post_cov": None, "outcome_cov": None, "outcome_shift": None}  # for a linearisation
     plain = None if measured is None else measured.replace(**exact)
     law, (added, silent) = all_laws(drops.space)[0], visible(drops)
     usual = [ContactModel(law.at(mu, eps)) for mu, eps in _COEFFICIENTS]
-    if found is None:
+    if diagnosis is None:
         noise = stated.expand(len(drops), -1, -1)
         about = tuple(Candidates.about(one, added, drops, noise, plain, stated) for one in usual)
         return _Belief(
             models=(), means=drops.v_pre[None], slopes=(), noise=noise, candidates=about, silent=silent, unexplained=1.0
         )
     assert plain is not None
-    chosen = found.model
+    chosen = diagnosis.model
     spread = robust_covariance(plain.v_post - chosen.outcome(plain).v_post)
     told = chosen.predict(drops).covariance if chosen.law_model.scatter else None
     noise = spread.expand(len(drops), -1, -1) if told is None else told
-    models = hypotheses(found)
-    left = 0.0 if found.remainder is None else min(max(found.remainder.share.mean, 0.0), 0.9)
+    models = hypotheses(diagnosis)
+    left = 0.0 if diagnosis.remainder is None else min(max(diagnosis.remainder.share.mean, 0.0), 0.9)
     about = tuple(Candidates.about(one, added, drops, noise, plain, spread) for one in (models[0].model, *usual))
     return _Belief(
         models=models,

@@ -42,36 +42,36 @@ class PossibleModel:
     probability: float
 
 
-def hypotheses(found: Diagnosis) -> tuple[PossibleModel, ...]:
+def hypotheses(diagnosis: Diagnosis) -> tuple[PossibleModel, ...]:
     """Fit the models between which a diagnosis leaves a choice to its impacts, the chosen one first.
 
     Raises:
         ContactLearnError: a diagnosis without its record, as of refused data.
     """
-    chosen, impacts = found.model, found.record.impacts if found.record else None
+    chosen, impacts = diagnosis.model, diagnosis.record.impacts if diagnosis.record else None
     assert impacts is not None
-    assert found.law is not None
-    own = frozenset(one.effect for one in found.missing)
-    shares = {(one.law, frozenset(one.effects)): one.share for one in found.models}
-    doubted = [own - {one.effect} | {rival.effect} for one in found.missing for rival in one.rivals]
-    doubted += [own | {one.effect} for one in found.candidates] + [own - {one.effect} for one in found.missing]
-    every = dict.fromkeys((found.law, frozenset(effects)) for effects in doubted)
-    every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in found.frontier)
+    assert diagnosis.law is not None
+    own = frozenset(one.effect for one in diagnosis.missing)
+    shares = {(one.law, frozenset(one.effects)): one.share for one in diagnosis.models}
+    doubted = [own - {one.effect} | {rival.effect} for one in diagnosis.missing for rival in one.rivals]
+    doubted += [own | {one.effect} for one in diagnosis.candidates] + [own - {one.effect} for one in diagnosis.missing]
+    every = dict.fromkeys((diagnosis.law, frozenset(effects)) for effects in doubted)
+    every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in diagnosis.frontier)
     named = {name.name for name in own}
     others = [spec for spec in every if {effect.name for effect in spec[1]} != named and spec not in shares]
-    sure = min((one.confidence for one in found.missing), default=1 - _NONE_DOUBT)
-    sure = min(sure, *(1 - (one.confidence or 0.0) for one in found.candidates), 1.0)
-    sure = sure / 2 if found.verdict is Verdict.UNKNOWN else sure
+    sure = min((one.confidence for one in diagnosis.missing), default=1 - _NONE_DOUBT)
+    sure = min(sure, *(1 - (one.confidence or 0.0) for one in diagnosis.candidates), 1.0)
+    sure = sure / 2 if diagnosis.verdict is Verdict.UNKNOWN else sure
     doubt = min(max(1 - sure, _LEAST_DOUBT), _MOST_DOUBT) if others else 0.0
     whole = sum(shares.values()) or 1.0
     weights = {spec: (1 - doubt) * share / whole for spec, share in shares.items()}
-    weights = weights or {(found.law, own): 1 - doubt}
+    weights = weights or {(diagnosis.law, own): 1 - doubt}
     weights |= {spec: doubt / len(others) for spec in others}
-    ordered = sorted(weights, key=lambda spec: (spec != (found.law, own), -weights[spec]))[:_MOST]
+    ordered = sorted(weights, key=lambda spec: (spec != (diagnosis.law, own), -weights[spec]))[:_MOST]
     fitted = list[PossibleModel]()
     for law, effects in ordered:
         try:
-            model = _fitted(law, effects, found, impacts)
+            model = _fitted(law, effects, diagnosis, impacts)
         except ContactLearnError:  # an effect of another package, or too few impacts for its parameters
             continue
         names = frozenset(effect.name for effect in effects)
@@ -82,10 +82,10 @@ def hypotheses(found: Diagnosis) -> tuple[PossibleModel, ...]:
     return tuple(PossibleModel(model=one.model, names=one.names, probability=one.probability / total) for one in fitted)
 
 
-def _fitted(law: str, effects: frozenset[EffectId], found: Diagnosis, impacts: Impacts) -> ContactModel:
+def _fitted(law: str, effects: frozenset[EffectId], diagnosis: Diagnosis, impacts: Impacts) -> ContactModel:
     """A law with effects and with those that were given, fitted."""
-    known, variant = found.model.effects, "textbook" if law != found.law else found.variant or "textbook"
-    given = {one.name: known[one.name] for one in found.given if one.name in known}
+    known, variant = diagnosis.model.effects, "textbook" if law != diagnosis.law else diagnosis.variant or "textbook"
+    given = {one.name: known[one.name] for one in diagnosis.given if one.name in known}
     same = {EffectId(name, effect.form): effect for name, effect in known.items()}  # those of other packages among them
     added = {one.name: same.get(one) or find_effect(one.name, one.form)() for one in sorted(effects)}
     return fit(impacts, find(law, variant), given | added).model

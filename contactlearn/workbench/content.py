@@ -236,12 +236,14 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     ]
 
 
-def _adopt_button(text: str, session: Session, found: Diagnosis, model: FrontierModel | PlausibleModel) -> Component:
+def _adopt_button(
+    text: str, session: Session, diagnosis: Diagnosis, model: FrontierModel | PlausibleModel
+) -> Component:
     """Return a button that goes to the same data with a model of the search, the given effects in it."""
-    given = (one for one in found.given if not one.name.startswith("line"))  # lines belong to a session
+    given = (one for one in diagnosis.given if not one.name.startswith("line"))  # lines belong to a session
     effects = (*given, *model.effects)
     other = Session(data=session.data, seed=session.seed, trial=session.trial, law=model.law, effects=effects)
-    return action_button("adopt", text, of=other.address, label=f"Take {searched_name(found, model)}")
+    return action_button("adopt", text, of=other.address, label=f"Take {searched_name(diagnosis, model)}")
 
 
 # --- The model ---------------------------------------------------------------------------------

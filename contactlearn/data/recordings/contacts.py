@@ -43,7 +43,7 @@ from contactlearn.data.recordings.flights import (
     state_difference,
 )
 from contactlearn.data.recordings.poses import Array, arms, away, displaced, levers, orientation
-from contactlearn.data.recordings.result import Found, Reason, RecordedContact, Refusal
+from contactlearn.data.recordings.result import Reason, RecordedContact, Refusal, SearchedTrack
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Track, about_centre
 
@@ -291,14 +291,14 @@ def find_contacts(
     model: FlightModel = FlightModel(),
     options: FlightOptions = FlightOptions(),
     limits: TrackThresholds = TrackThresholds(),
-) -> Found:
+) -> SearchedTrack:
     """Find the contacts of a track between free flights, and refuse everything else."""
     track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits.excess)
     found = find_flights(track, model.air, options, limits)
     flights, contacts, refusals = list(found.flights), list[RecordedContact](), list[Refusal]()
     if not flights:
         refusals = [_gap(track, 0, len(track) - 1, found, limits)]
-        return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
+        return SearchedTrack(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
     if flights[0].first > 0:
         refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
     meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
@@ -313,7 +313,7 @@ def find_contacts(
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
         refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found, limits))
-    return Found(
+    return SearchedTrack(
         track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
     )
 

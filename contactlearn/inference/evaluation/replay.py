@@ -31,7 +31,7 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings.flights import FlightModel
 from contactlearn.data.recordings.poses import Array, away
-from contactlearn.data.recordings.result import Found, Reason, RecordedContact
+from contactlearn.data.recordings.result import Reason, RecordedContact, SearchedTrack
 from contactlearn.data.tracks import Tracked
 from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
@@ -358,19 +358,19 @@ class _Take:
     @classmethod
     def of(
         cls,
-        found: Found,
+        searched: SearchedTrack,
         contacts: Sequence[tuple[int, RecordedContact]],
         model: FlightModel,
         start: str,
         generator: np.random.Generator,
     ) -> Self:
         """Return the frames from the start until the body rests."""
-        (row, first), track = contacts[0], found.track
-        flight = found.flights[first.flight]
+        (row, first), track = contacts[0], searched.track
+        flight = searched.flights[first.flight]
         seen = np.flatnonzero(track.seen)
         begin = float(track.time[flight.first if start == "flight" else seen[0]])
         rest = min(
-            (part.time[0] for part in found.refusals if part.reason is Reason.REST and part.time[0] > begin),
+            (part.time[0] for part in searched.refusals if part.reason is Reason.REST and part.time[0] > begin),
             default=math.inf,
         )
         frames = seen[(track.time[seen] >= begin) & (track.time[seen] <= rest)]
@@ -389,7 +389,7 @@ class _Take:
         d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :d] -= arm
         velocity[:, :d] -= swept(arm, velocity[:, d:])
-        ends = [later.last for later in found.flights[first.flight :]]
+        ends = [later.last for later in searched.flights[first.flight :]]
         bounces = np.searchsorted(ends, frames)
         return cls(
             recording=track.name,
@@ -398,7 +398,7 @@ class _Take:
             pose=pose.numpy(),
             velocity=velocity.numpy(),
             bounces=bounces,
-            sigma=found.sigma,
+            sigma=searched.sigma,
             followed=int((bounces <= min(BOUNCES, len(ends) - 1)).sum()),
         )
 

@@ -91,10 +91,10 @@ def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, A
     }
 
 
-def _parameter(found: FittedParameter) -> dict[str, Any]:
-    numbers = digits({"value": found.value, "standard_error": found.standard_error}, 4)
-    text = measured(found.value, found.standard_error, found.unit)
-    return {"symbol": found.symbol, "unit": found.unit, "text": text, **numbers}
+def _parameter(parameter: FittedParameter) -> dict[str, Any]:
+    numbers = digits({"value": parameter.value, "standard_error": parameter.standard_error}, 4)
+    text = measured(parameter.value, parameter.standard_error, parameter.unit)
+    return {"symbol": parameter.symbol, "unit": parameter.unit, "text": text, **numbers}
 
 
 def _rival(rival: Rival) -> dict[str, Any]:

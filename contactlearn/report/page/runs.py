@@ -91,12 +91,12 @@ def redraw(folder: Path) -> Path:
         if isinstance(result, Evaluation):
             return write(folder, of_evaluation(result, HeldOut.load(folder, result)))
         if isinstance(result, DiagnosisRun):
-            found = result.diagnosis
-            found = replace(found, record=None if found.choices is None else Record.load(folder))
-            if not found.missing:
-                return write_page(folder, found, result.provenance)
+            diagnosis = result.diagnosis
+            diagnosis = replace(diagnosis, record=None if diagnosis.choices is None else Record.load(folder))
+            if not diagnosis.missing:
+                return write_page(folder, diagnosis, result.provenance)
             coming = next_command(result.use, folder)
-            return write_page(folder, found, result.provenance, use=result.use, next_command=coming)
+            return write_page(folder, diagnosis, result.provenance, use=result.use, next_command=coming)
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")
@@ -288,8 +288,12 @@ def _words(effect: EffectId) -> str:
 
 
 def _verdict(run: ComparedRun) -> str | None:
-    found = run.diagnosis
-    return None if found is None else printable(conclusion(found.verdict, found.physics, found.corrections))
+    diagnosis = run.diagnosis
+    return (
+        None
+        if diagnosis is None
+        else printable(conclusion(diagnosis.verdict, diagnosis.physics, diagnosis.corrections))
+    )
 
 
 def _with(run: ComparedRun) -> str:
@@ -388,17 +392,17 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str)
 
 def _across(runs: Sequence[ComparedRun], settings: Settings, metric: str) -> list[_Line]:
     """Return lines of runs that differ in nothing but their size."""
-    found: dict[tuple[tuple[str, str], ...], _Line] = {}
+    lines: dict[tuple[tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if (error := run.error(metric)) is not None:
             name = run.learned or run.law or "no law"
             law = {"law": law_style(run.law).label} if run.law and name != run.law else {}
             traits = {"": law_style(name).label, **law, **traits, "command": f"{run.command}.py"}
-            line = found.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
+            line = lines.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
             line.points.setdefault(size, error)
             line.rows.append(k)
-    return [line for line in found.values() if len(line.points) > 1]
+    return [line for line in lines.values() if len(line.points) > 1]
 
 
 def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
@@ -420,7 +424,7 @@ def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
 
 def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, metric: str, data: Container[str]) -> list[_Line]:
     """Return the bounds of evaluations on these data; equal ones once."""
-    found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
+    lines: dict[tuple[str | tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if run.data.sha256 in data and run.command == "evaluate":
@@ -429,8 +433,8 @@ def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, metric: str, da
                 if value is None:
                     continue
                 line = _Line(model=name, traits={"": law_style(name).label, **traits}, sha256=run.data.sha256)
-                found.setdefault((name, *traits.items()), line).points.setdefault(size, value)
-    unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in found.values()}
+                lines.setdefault((name, *traits.items()), line).points.setdefault(size, value)
+    unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in lines.values()}
     return list(unique.values())
 
 
