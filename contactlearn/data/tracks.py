@@ -72,11 +72,12 @@ _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _ORIENTATIONS = ("euler", "matrix")  # other descriptions of an orientation, in place of a quaternion
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
-_CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
+# residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
+_MAX_RESIDUAL_OF_STATED = 0.1
 _LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
 _MOVING = 0.1  # of the velocity of approach, that of a surface which moves
 _MOVING_ROUND = 0.02  # the same of round bodies, whose contact heights no zero of θ and no outline change
-_SURE = 5.0  # standard errors of a slope that is allowed for
+_SLOPE_SIGMAS = 5.0  # standard errors of a slope that is allowed for
 _MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
 _ZEROS = np.radians(np.linspace(-6, 6, 25))  # of θ that are tried
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
@@ -413,7 +414,7 @@ def _find_angles(
     by_reading = residuals(units, [stated.sense] if stated.sense else [*SENSES])
     best, *others = sorted(by_reading, key=lambda reading: by_reading[reading])
     least = by_reading[best]
-    if recordings[0].markers is None and least > _CLOSES and (len(units) < len(known) or stated.sense):
+    if recordings[0].markers is None and least > _MAX_RESIDUAL_OF_STATED and (len(units) < len(known) or stated.sense):
         every = residuals(known, [*SENSES])
         closing = min(every, key=lambda reading: every[reading])
         if every[closing] <= limit * min(least, 1.0):
@@ -598,7 +599,7 @@ def _slope(points: Float[Array, "n d"]) -> Float[Array, " s"]:
         middle = max(float(np.median(np.abs(residual))), 1e-9)
         weight = np.maximum(np.abs(residual), middle / 10) ** -0.5
     errors = MAD_SCALE * float(np.median(np.abs(residual))) * np.sqrt(np.linalg.pinv(design.T @ design).diagonal())
-    clear = bool((np.abs(fit[1:]) > _SURE * errors[1:]).any())
+    clear = bool((np.abs(fit[1:]) > _SLOPE_SIGMAS * errors[1:]).any())
     return np.asarray(fit[1:] * clear, dtype=np.float64)
 
 
@@ -671,7 +672,7 @@ def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) 
     error = scale * np.sqrt(np.linalg.pinv((A * weight[:, None]).T @ A)[-1, -1])
     velocity, fall = float(found[-1]), float(np.median([-contact.v_pre[d - 1] for contact in contacts]))
     least = _MOVING_ROUND if isinstance(shape, Disc | Sphere) else _MOVING
-    if abs(velocity) > max(_SURE * error, least * fall):
+    if abs(velocity) > max(_SLOPE_SIGMAS * error, least * fall):
         raise DataError(
             f"{path}: contacts {'rise' if velocity > 0 else 'sink'} by {abs(velocity):.3g} ± {error:.1g} m/s within "
             "recordings: that surface moves, as a racket does; take its position off that of the body, or "

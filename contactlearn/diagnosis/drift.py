@@ -39,14 +39,14 @@ from contactlearn.mechanics.space import Space
 
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
 _CONSTANT = 1e-6  # variance, in robust ones, of a component that is the same in all trials
-_FEWEST = 20  # trials below which nothing is tested
+_MIN_TRIALS = 20  # trials below which nothing is tested
 _LAGS = 60  # of the autocorrelation at most, and no more than a quarter of the trials
 _SCALES = 24  # correlation times that are tried
 _CURVES = 40  # cosines over the sequence at most, and no more than a quarter of the trials
-_DECIDES = 6.0  # difference of BIC: "strong evidence", Kass & Raftery 1995
+_DECISIVE_BIC = 6.0  # difference of BIC: "strong evidence", Kass & Raftery 1995
 _FOLDS = 5
 _BLOCKS = 20  # at least, to test effects over the order beside a drift
-_SLOW = 4  # cosines over the sequence by which velocities may change alike in place of an effect
+_SLOW_COSINES = 4  # cosines over the sequence by which velocities may change alike in place of an effect
 
 
 # --- Dependence ------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def dependence(
     """
     rows = order.argsort(stable=True)
     rows = rows if inliers is None else rows[inliers[rows]]
-    if len(rows) < _FEWEST:
+    if len(rows) < _MIN_TRIALS:
         return None
     white, scale = _winsorised(residual[rows])
     chance = _chance(white)
@@ -171,7 +171,7 @@ def drift_kind(
     measurement = _evidence(white, alike) - 0.5 * (D + 1) * math.log(D * n)
     parameter = _evidence(white, slopes) - 0.5 * (parts + 1) * math.log(D * n)
     difference = 2 * (measurement - parameter)
-    if abs(difference) <= _DECIDES:
+    if abs(difference) <= _DECISIVE_BIC:
         return "undecided"
     return "measurement" if difference > 0 else "parameter"
 
@@ -289,7 +289,7 @@ def lasts_beside(
     folds = Folds.of(blocks(impacts.order, drift.block, _FOLDS, generator), trials)
     scatter = robust_covariance(impacts.residual(whole.fit.model.predict(impacts).v_post))
     with_them, nothing = (validated(pool, folds, one, scatter).loss for one in (whole, without))
-    waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW + 1)).cos()
+    waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW_COSINES + 1)).cos()
     left = impacts.residual(without.fit.model.predict(impacts).v_post)
     each = torch.zeros(_FOLDS, trials, dtype=torch.float64)
     for k, rows in enumerate(folds.fitted):

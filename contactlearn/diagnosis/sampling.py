@@ -56,16 +56,17 @@ from contactlearn.models.contact_model import ContactModel
 
 CHUNK = 50_000
 """Trials that are predicted at once."""
-_WORST = 0.02  # share of the trials whose errors a failing region has many of
+_WORST_SHARE = 0.02  # share of the trials whose errors a failing region has many of
 _NEIGHBOURS = 4000  # trials for the noise floor, at most
 _ACROSS, _UP = 48, 32  # cells
 _PREFERRED = ("theta_folded", "theta", "incidence", "approach_speed", "spin", "order")  # the first two that vary
 _TAIL = 0.001  # share of the trials at either end of a variable that counts to its outermost cell
 _BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/speed/large_tables.py
 _SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is
-_FIRST, _LARGEST = 0.4, 1.6  # trials of the first and of the largest subsample, of those that are diagnosed at once
-_LEAST = 250  # trials of a subsample, whatever the memory
-_OUTSIDE = 0.2  # share of the trials that is in no subsample, at least
+# trials of the first and of the largest subsample, of those that are diagnosed at once
+_FIRST_SHARE, _LARGEST_SHARE = 0.4, 1.6
+_MIN_TRIALS = 250  # trials of a subsample, whatever the memory
+_OUTSIDE_SHARE = 0.2  # share of the trials that is in no subsample, at least
 _RESULT = "diagnosis.json"
 
 
@@ -99,7 +100,7 @@ def confirm(
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
     before, after = (mass_error(impacts, one) for one in (law, named))
     error = normal_interval(after[outside])
-    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST)
+    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST_SHARE)
     return Confirmation(
         trials=int(outside.sum()),
         base=normal_interval(before[outside]),
@@ -291,12 +292,12 @@ def _confirmed(
 
 def _sizes(trials: int, thresholds: Thresholds, memory: float | None) -> tuple[list[int], Limit]:
     """Plan the sizes of the subsamples, and name what limits the last one."""
-    most = int((1 - _OUTSIDE) * trials)
-    first = min(int(_FIRST * thresholds.whole), most)
-    while first > _LEAST and not affordable(first, memory):
-        first = max(_LEAST, first // 2)
+    most = int((1 - _OUTSIDE_SHARE) * trials)
+    first = min(int(_FIRST_SHARE * thresholds.whole), most)
+    while first > _MIN_TRIALS and not affordable(first, memory):
+        first = max(_MIN_TRIALS, first // 2)
     sizes = [first]
-    while 2 * sizes[-1] <= min(int(_LARGEST * thresholds.whole), most):
+    while 2 * sizes[-1] <= min(int(_LARGEST_SHARE * thresholds.whole), most):
         if not affordable(2 * sizes[-1], memory):
             return sizes, Limit.MEMORY
         sizes.append(2 * sizes[-1])

@@ -84,8 +84,9 @@ from contactlearn.inference.validation import CrossValidation, Folds, ValidatedF
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
-_OPEN = 0.49  # probability of a name at most, where the data leave its parameters open: it is a candidate
-_FEW = 600  # trials up to which the cross-validation is repeated
+# probability of a name at most, where the data leave its parameters open: it is a candidate
+_MAX_CONFIDENCE_UNDETERMINED = 0.49
+_REPEATED_UP_TO = 600  # trials up to which the cross-validation is repeated
 
 
 def diagnose_audited(
@@ -102,7 +103,7 @@ def diagnose_audited(
     if any(finding.name == "sorted_trials" for finding in findings):
         candidates = usable(question.candidates, impacts, question.thresholds)
         question = question.without_order({key for key, one in candidates.items() if follows_order(one, impacts)})
-    folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _FEW else 1)
+    folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _REPEATED_UP_TO else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
     question.on_event(LawsCompared(law=law.name, fits=fits))
@@ -572,7 +573,7 @@ def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: 
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         if _undetermined(question.candidates[one.effect], one):
-            sure = min(sure, _OPEN)
+            sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
         found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
     return found
 

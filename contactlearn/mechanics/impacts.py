@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _ROUNDING = 1e-9  # of a correlation
-_FEWEST, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
+_MIN_TRIALS, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
 UNIT = 1e-3
 """Difference from 1 that the length of a quaternion may have, as numbers of a few digits do."""
 
@@ -191,7 +191,7 @@ class Impacts:
 
     def _check_scalar(self) -> None:
         """Refuse quaternions with the scalar last: the shape then touches the floor where the bodies do."""
-        if self.shape is None or len(self) < _FEWEST:
+        if self.shape is None or len(self) < _MIN_TRIALS:
             return
         turns = self.q[:, 3:], self.q[:, 3:].roll(1, -1)
         points = (contact_points(self.shape, self.body, turn) for turn in turns)
@@ -208,7 +208,7 @@ class Impacts:
         spun = rigid_body.spin_momentum(self.world_inertia, change[:, 3:])
         moment = rigid_body.moment(self.r, self.mass[:, None] * change[:, :3])
         apart, opposite = ((spun - sign * moment).norm(dim=-1).median().item() for sign in (1, -1))
-        if len(self) >= _FEWEST and opposite < _OPPOSITE * apart:
+        if len(self) >= _MIN_TRIALS and opposite < _OPPOSITE * apart:
             raise DataError(
                 f"{self.source}: axes must be right-handed, and I Δω is nearer to −r × m Δv ({opposite:.3g} N m s) "
                 f"than to r × m Δv ({apart:.3g}); turn the signs of wx, wy, wz, or mirror one axis of all columns"

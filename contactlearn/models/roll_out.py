@@ -48,13 +48,13 @@ FAINT = 4e-3
 ENDS = ("bounces", "time", "piled up", "at rest")
 """Reasons for which a trajectory ends."""
 
-_NEAR = 1e-5  # s before contact at the latest from which Newton's method takes over
+_NEWTON_TIME = 1e-5  # s before contact at the latest from which Newton's method takes over
 _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
-_INSIDE = 1e-9  # m by which rounding may put a body into the floor
-_SLOW = 2.0  # falls within a step: speed of a body that may be at rest
-_SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
-_REST = 0.2  # s for which a body at rest is that slow
+_MAX_ROUNDING_DEPTH = 1e-9  # m by which rounding may put a body into the floor
+_SPEED_AT_REST = 2.0  # falls within a step: speed of a body that may be at rest
+_REST_DEPTH, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
+_TIME_AT_REST = 0.2  # s for which a body at rest is that slow
 
 Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""
@@ -263,7 +263,7 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
         if goes_on:
             q, v_post, bounced, resting[rows] = bodies.touch(rows, q, v)
             fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
-            ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
+            ended[rows[now - fast[rows] > _TIME_AT_REST]] = ENDS.index("at rest")
         else:
             v_post, bounced = bodies.predict(bodies.impacts(rows, q, v), rows).v_post, torch.ones_like(hits[hits])
         bounce = rows[bounced], contacts[rows[bounced]]
@@ -342,7 +342,7 @@ class _Bodies:
         mass, inertia = self.fixed["mass"][rows], self.fixed["inertia"][rows].reshape(len(rows), -1).amax(-1)
         d = self.space.d
         square = velocity[:, :d].square().sum(-1) + inertia / mass * velocity[:, d:].square().sum(-1)
-        return square < (_SLOW * self.gravity * STEP) ** 2
+        return square < (_SPEED_AT_REST * self.gravity * STEP) ** 2
 
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
@@ -363,8 +363,8 @@ class _Bodies:
     def refuse_inside(self, pose: Tensor, velocity: Tensor) -> None:
         """Refuse a start inside the floor."""
         height, _ = self.gap(torch.arange(len(pose)), pose, velocity)
-        if bool((height < -_INSIDE).any()):
-            row, up = int((height < -_INSIDE).nonzero()[0, 0]), self.space.pose[self.space.d - 1]
+        if bool((height < -_MAX_ROUNDING_DEPTH).any()):
+            row, up = int((height < -_MAX_ROUNDING_DEPTH).nonzero()[0, 0]), self.space.pose[self.space.d - 1]
             depth = -height[row].item()
             raise DataError(f"a body must start above the floor {up} = 0; state {row + 1} is {depth:.3g} m inside it")
 
@@ -397,7 +397,9 @@ def _contact_times(
     t, flying = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
     if first:
         height, speed = gap(flying, *flight.after(t))
-        t = torch.where((height <= _INSIDE) & (speed >= 0), SHORTEST, t)  # at rest on the floor, or leaving it
+        t = torch.where(
+            (height <= _MAX_ROUNDING_DEPTH) & (speed >= 0), SHORTEST, t
+        )  # at rest on the floor, or leaving it
     else:
         t = t + SHORTEST
     height, _ = gap(flying, *flight.of(flying).after(t[flying]))
@@ -414,10 +416,10 @@ def _contact_times(
         for _ in range(6):
             height, speed = gap(flying, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
-            moved = moved + step.clamp(-10 * _NEAR, 10 * _NEAR)
+            moved = moved + step.clamp(-10 * _NEWTON_TIME, 10 * _NEWTON_TIME)
         now = now + moved
         on_floor = (height.abs() < _ROUNDING) & (speed < 0)
-        t[flying] = torch.where(on_floor, now, now + _NEAR)  # the others turned back just above the floor
+        t[flying] = torch.where(on_floor, now, now + _NEWTON_TIME)  # the others turned back just above the floor
         flying = flying[~on_floor]
     return t, piled
 
@@ -434,7 +436,7 @@ def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     height, _ = gap(lying, *flight.of(lying).after(t[lying]))
     resting[lying] = height <= fall
     deep = height < start.clamp_max(0) - fall
-    lying, level = lying[deep], start[deep].clamp_max(0) - _SUNK
+    lying, level = lying[deep], start[deep].clamp_max(0) - _REST_DEPTH
     part, early, late = flight.of(lying), torch.zeros_like(level), torch.full_like(level, STEP)
     for _ in range(_HALVINGS if len(lying) else 0):
         middle = (early + late) / 2
@@ -455,9 +457,9 @@ def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor
         down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[falling]
         g = flight.gravity + (-flight.acceleration[falling, up]).clamp_min(0) + flight.drag * down
         step = 2 * height / (down + (down.square() + 2 * g * height).sqrt()).clamp_min(1e-12)
-        step = torch.where(speed < 0, step, step.clamp_min(_NEAR))
+        step = torch.where(speed < 0, step, step.clamp_min(_NEWTON_TIME))
         t[falling] += step
-        high = (step > _NEAR) | (speed >= 0)
+        high = (step > _NEWTON_TIME) | (speed >= 0)
         falling, here = falling[high], here.of(high).later(step[high])
     return t
 

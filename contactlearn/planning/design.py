@@ -69,7 +69,7 @@ _TRIES = 10  # to find settings of which every realisation approaches
 _NATS = 1e-3  # below which a drop tells nothing of the names in question
 _BATCHES = 8  # of the forecast
 _MEASURED = 500  # impacts about which the space is filled
-_ALIKE = 0.02  # relative spread of contact points that are one
+_SAME_CONTACT = 0.02  # relative spread of contact points that are one
 
 
 def plan(
@@ -207,7 +207,7 @@ def _refuse_alike(drops: Impacts, noise: Sequence[float]) -> None:
         drops.world_inertia.reshape(len(drops), -1).std(0).norm()
         / drops.world_inertia.reshape(len(drops), -1).norm(dim=1).mean()
     )
-    if (spread < 1).all() and (drops.r.std(0) < _ALIKE * sizes).all() and moments < _ALIKE:
+    if (spread < 1).all() and (drops.r.std(0) < _SAME_CONTACT * sizes).all() and moments < _SAME_CONTACT:
         slip = drops.v_c[:, :-1].norm(dim=-1).mean().item()
         friction = "" if slip > noise[0] else ", and no friction, since nothing slips"
         raise DataError(

@@ -27,7 +27,7 @@ from contactlearn.models.contact_model import ContactModel
 
 _LEAST_DOUBT, _MOST_DOUBT = 0.02, 0.9
 _NONE_DOUBT = 0.1  # that an effect is missing where none is found
-_MOST = 12  # models
+_MAX_MODELS = 12  # models
 _LOOKED_AT = 100  # states by which an effect is found to act on none
 _SHARE = 0.25  # of its plausible range, to which a parameter is known before anything is measured
 _SHOWN = 1.0  # standard deviations of the noise by which an effect of that size changes a drop that shows it
@@ -67,7 +67,7 @@ def hypotheses(diagnosis: Diagnosis) -> tuple[PossibleModel, ...]:
     weights = {spec: (1 - doubt) * share / whole for spec, share in shares.items()}
     weights = weights or {(diagnosis.law, own): 1 - doubt}
     weights |= {spec: doubt / len(others) for spec in others}
-    ordered = sorted(weights, key=lambda spec: (spec != (diagnosis.law, own), -weights[spec]))[:_MOST]
+    ordered = sorted(weights, key=lambda spec: (spec != (diagnosis.law, own), -weights[spec]))[:_MAX_MODELS]
     fitted = list[PossibleModel]()
     for law, effects in ordered:
         try:

@@ -36,7 +36,7 @@ QUATERNION = ("q1", "q2", "q3", "q4")
 """Columns of a quaternion, whose names do not show the order of its components."""
 _SECONDS = 2.0  # of a recording
 ZENO = 2e-3  # s
-_MOST = 14  # contacts of a body
+_MAX_CONTACTS = 14  # contacts of a body
 _GRID, _LONGEST, _HALVINGS = 800, 0.6, 40  # instants of a flight that are looked at, its length in s, then bisection
 _ROCKING, _SETTLING, _SLOWING = 12.0, 0.15, 0.1  # rad/s, s, s
 
@@ -81,7 +81,7 @@ def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     time, rests = torch.zeros(count, dtype=torch.float64), torch.full((count,), torch.inf, dtype=torch.float64)
     own = body.own(count, generator)
     starts, flights, q_rest, v_rest = [time], [(q, v, v, own)], q.clone(), v.clone()
-    for _ in range(_MOST):
+    for _ in range(_MAX_CONTACTS):
         after = _next_contact(body, q, v, own)
         q_hit, v_hit = _moved(q, v, own, after, body.drag)
         time = time + after

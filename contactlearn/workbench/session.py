@@ -26,7 +26,7 @@ from contactlearn.effects import EffectId
 
 _WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
 _CORRECT = "data.correct="
-_MOST = 20_000  # characters of an address
+_MAX_ADDRESS = 20_000  # characters of an address
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +128,8 @@ class Session:
         Raises:
             ContactLearnError: an entry that breaks a rule.
         """
-        if len(address) > _MOST:
-            raise ContactLearnError(f"an address has up to {_MOST} characters, got {len(address)}")
+        if len(address) > _MAX_ADDRESS:
+            raise ContactLearnError(f"an address has up to {_MAX_ADDRESS} characters, got {len(address)}")
         pairs = parse_qsl(address.removeprefix("?"), keep_blank_values=True)
         data = tuple(f"{key}={value}" for key, value in pairs if key == "data" or key.startswith("data."))
         known = {key: value for key, value in pairs}

@@ -51,7 +51,7 @@ _SKIPS = 0.02  # prior probability that one more frame is missing
 _BRIEF = 5e-4  # s, of a contact without a frame, unless its flights show a longer one
 _QUARTER = 0.25  # of the contact's duration: by so much rotations meet at another instant, since lever arms turn
 _ASIDE = 0.01  # of the whole change in the duration, in units of the noise: friction does not follow the normal force
-_LONG = 0.01  # prior probability that a contact lasts longer than its frames show
+_PRIOR_OF_LONG_CONTACT = 0.01  # prior probability that a contact lasts longer than its frames show
 _ROUNDS = 3
 
 
@@ -114,7 +114,7 @@ def fit_contact(
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
     chi_square = (d**2 / S).sum(-1) + (outside / (information**-0.5 + lasts / 2)) ** 2
     weight = -(chi_square + np.log(loose) + np.log(S).sum(-1)) / 2 + skipped / step * np.log(_SKIPS)
-    weight[1:] += np.log(_LONG)
+    weight[1:] += np.log(_PRIOR_OF_LONG_CONTACT)
     share = np.exp(weight - weight.max())
     how, best = np.unravel_index(int(share.argmax()), share.shape)
     return ContactFit(

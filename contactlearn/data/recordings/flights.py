@@ -52,7 +52,7 @@ Indices = np.ndarray
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
 _ROUNDS = 4
 _BLOCK = 2048  # windows, some tens of MB
-_NOTHING = 1e-30  # s², of a window without frames
+_MIN_SUM = 1e-30  # s², of a window without frames
 
 
 AccelerationPrior = tuple[tuple[float, ...], tuple[float, ...]]
@@ -406,7 +406,7 @@ def windows(
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
     columns, sizes = _orthogonal(np.moveaxis(slopes, -1, 0))
     # place and speed are free; an acceleration beyond that of the air is as small as those of other flights
-    priors = (0.0, 0.0, (sigma / np.maximum(air.own[0], _NOTHING)) ** 2)
+    priors = (0.0, 0.0, (sigma / np.maximum(air.own[0], _MIN_SUM)) ** 2)
     leverage, line, factor = np.zeros_like(residual), residual, residual
     for column, size, prior in zip(columns, sizes, priors, strict=True):
         line, factor = residual, (column * residual).sum(1, keepdims=True) / (size + prior)
@@ -431,7 +431,7 @@ def _orthogonal(columns: Iterable[Array]) -> tuple[list[Array], list[Array]]:
         for other, size in zip(rest, sizes, strict=True):
             column = column - other * (column * other).sum(1, keepdims=True) / size
         rest.append(column)
-        sizes.append(np.maximum((column**2).sum(1, keepdims=True), _NOTHING))
+        sizes.append(np.maximum((column**2).sum(1, keepdims=True), _MIN_SUM))
     return rest, sizes
 
 
@@ -444,7 +444,7 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
     )
     when, tau = np.take_along_axis(when, last, 1), when - when[:, seen.shape[1] // 2, None]
     steps = rotation_vector(product(q[:, 1:], conjugate(q[:, :-1]))).sum(1)
-    spin = steps / np.maximum(when[:, -1] - when[:, 0], _NOTHING)[:, None]
+    spin = steps / np.maximum(when[:, -1] - when[:, 0], _MIN_SUM)[:, None]
     return Turning(q=q[:, seen.shape[1] // 2], spin=spin, moments=air.moments).counted(q, tau)
 
 
@@ -452,14 +452,16 @@ _TURNS = 3  # of a flight in space, whose difference from free turning falls by 
 _WIDEST = 80  # frames
 # χ² that a body at rest makes in the shortest window of a flight, in plane and space; 300 to 750 decide alike
 _REST_POWER = {2: 300.0, 3: 100.0}
-_CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
-_SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
-_STILL = 0.1  # of the way of a fast window
-_UNEVEN = {2: 1.0, 3: 5.0}  # noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
-_SIDE = 3  # frames before and after a skip
+# standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
+_MAX_SIGMAS_OF_FLIGHT = 3.0
+_MAX_CHI2_SAME_FLIGHT = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
+_STILL_SHARE = 0.1  # of the way of a fast window
+# noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
+_MAX_NOISE_RATIO = {2: 1.0, 3: 5.0}
+_FRAMES_AT_SKIP = 3  # frames before and after a skip
 # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
-_ROUND = 0.006
-_MARGIN = 3  # frames of a window on each side of a bad one
+_MAX_DROP_OF_LOWEST_POINT = 0.006
+_FRAMES_AT_BAD_ONE = 3  # frames of a window on each side of a bad one
 
 
 def _least_noise(k: int) -> Float[Array, "k"]:
@@ -509,7 +511,7 @@ def find_flights(
         return Flights(flights=(), sigma=sigma, width=narrowest)
     if width > narrowest:
         sigma = frame_noise(time, pose, max(width, 5), air)
-    good, uneven = np.zeros(0, dtype=np.bool_), _UNEVEN[air.d]
+    good, uneven = np.zeros(0, dtype=np.bool_), _MAX_NOISE_RATIO[air.d]
     for _ in range(3):
         good, bad_frames = _judged(time, pose, width, air, sigma, limits.excess, uneven)
         if not bad_frames.any():
@@ -536,10 +538,10 @@ def _touches(track: Track) -> Bool[Mask, " t"]:
     """
     low, touches = np.full(len(track), np.inf) if track.low is None else track.low, np.zeros(len(track), dtype=np.bool_)
     seen = np.flatnonzero(np.isfinite(low))
-    if len(seen) > _SIDE:
+    if len(seen) > _FRAMES_AT_SKIP:
         there = low[seen]
         before, after = there[:-2] - there[1:-1], there[2:] - there[1:-1]
-        near = there[1:-1] - there.min() <= np.maximum(before, after) + _ROUND
+        near = there[1:-1] - there.min() <= np.maximum(before, after) + _MAX_DROP_OF_LOWEST_POINT
         touches[seen[1:-1]] = (before > 0) & (after >= 0) & near
     return touches
 
@@ -609,21 +611,21 @@ def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, exces
     Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
     """
     time = track.time.copy()
-    if len(time) < 2 * _SIDE:
+    if len(time) < 2 * _FRAMES_AT_SKIP:
         return track
     sigma, k = frame_noise(time, track.pose, max(options.narrowest(air), 5), air), air.k
     for _ in range(_ROUNDS):
         late = [n * track.step for n in range(options.most_missing + 1)]
         chi_square = np.stack(
-            [windows(time, track.pose, 2 * _SIDE, air, sigma, seconds).misfit.sum(1) for seconds in late]
+            [windows(time, track.pose, 2 * _FRAMES_AT_SKIP, air, sigma, seconds).misfit.sum(1) for seconds in late]
         )
         best = chi_square.argmin(0)
-        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _SIDE - 2 * k), excess)) & (
-            chi_square[0] - chi_square.min(0) > _SAME
+        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _FRAMES_AT_SKIP - 2 * k), excess)) & (
+            chi_square[0] - chi_square.min(0) > _MAX_CHI2_SAME_FLIGHT
         )
         if not sure.any():
             break
-        time[_SIDE:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_SIDE - 1)))
+        time[_FRAMES_AT_SKIP:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_FRAMES_AT_SKIP - 1)))
     return replace(track, time=time)
 
 
@@ -645,7 +647,7 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t m"], width: int,
     enough = count > 4
     if not enough.any():
         return least
-    enough &= move >= _STILL * np.quantile(move[enough], 0.95)
+    enough &= move >= _STILL_SHARE * np.quantile(move[enough], 0.95)
     freedom = count[enough] - 3
     share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
@@ -689,7 +691,7 @@ def _worst(fits: Windows, excess: float, uneven: float) -> tuple[Mask, Indices]:
     noise = np.clip(fits.smooth.sum(1) / np.maximum(k * (fits.count - 3), 1), 1.0, uneven**2)
     good = enough & (total <= noise * _limit(freedom, excess))
     taken = (each / np.maximum(1 - fits.leverage, 1e-3)).sum(2)
-    taken[:, : min(_MARGIN, width // 3)] = taken[:, width - min(_MARGIN, width // 3) :] = 0
+    taken[:, : min(_FRAMES_AT_BAD_ONE, width // 3)] = taken[:, width - min(_FRAMES_AT_BAD_ONE, width // 3) :] = 0
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
     restored = enough & ~good & (without <= noise * _limit(freedom - k, excess))
@@ -737,7 +739,7 @@ def state_difference(
 def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
     """Whether two flights agree at an instant as one flight does."""
     difference, covariance = state_difference(one, other, time, late)
-    return float(difference @ np.linalg.solve(covariance, difference)) <= _SAME
+    return float(difference @ np.linalg.solve(covariance, difference)) <= _MAX_CHI2_SAME_FLIGHT
 
 
 def _joined(time: Array, pose: Array, found: Sequence[Flight], width: int) -> list[Flight]:
@@ -769,7 +771,7 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         end = fit(track.time, track.pose, ends_with, sigma, flight.air)  # of a long one the acceleration may change
         off = away(track.pose[near], end.poses(track.time[near]))
         scaled = np.abs(off) / np.hypot(sigma, end.spread(track.time[near]))
-        continues = scaled.max(1, initial=0.0) <= _CONTINUED
+        continues = scaled.max(1, initial=0.0) <= _MAX_SIGMAS_OF_FLIGHT
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))

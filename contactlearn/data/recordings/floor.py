@@ -43,7 +43,7 @@ _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
 _LASTS = 0.3  # s of a rest, at least; 0.1 to 0.3 decide alike, 0.8 finds half
 _LEAST_NOISE = np.array((2e-5, 2e-5, 3e-4))  # m, m, rad: no frame of a body at rest is better
-_ROUND = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
+_ROUND_BODY = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +67,7 @@ class RestPoses:
             case Polygon():
                 angles = np.array(_sides(shape))
                 return cls(angles=angles, gain=1.0, arms=np.zeros(len(angles)))
-            case Ellipse(semi_axes=(first, second)) if abs(first / second - 1) > _ROUND:
+            case Ellipse(semi_axes=(first, second)) if abs(first / second - 1) > _ROUND_BODY:
                 a, b = max(first, second), min(first, second)
                 base, arm = 0.0 if first > second else math.pi / 2, b / (a**2 - b**2)
                 angles = np.array((base, base + math.pi))
@@ -181,7 +181,7 @@ def _changes(shape: Shape) -> tuple[str, ...]:
     match shape:
         case Cornered() if shape.largest_corner():
             return ("corner",)
-        case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
+        case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND_BODY:
             return ("oblong",)
         case _:
             return ()
@@ -440,7 +440,7 @@ class _Problem:
         # Angles of rests show the zero of θ beside a slope; on one pole of an ellipse its centre of mass may be off.
         by_angle = len(side) >= limits.contacts_of_a_slope // 2 and len(x) >= limits.contacts_of_a_slope
         by_angle = by_angle and np.ptp(x) > 0 and (lying.gain == 1 or len(set(side)) > 1)
-        by_height = len(theta) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND * size
+        by_height = len(theta) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND_BODY * size
         off = turn(rest[:, 2] + turned - lies)[: len(side) if by_angle else 0]
         design = _Design(heights=y, angles=off)
         columns = design.columns

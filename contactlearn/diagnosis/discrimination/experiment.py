@@ -49,7 +49,7 @@ _ODDS = 20.0  # 3.0 nats over all drops: evidence that decides between two model
 _DRAWN = 4096
 _GRAZING = 0.1  # a drop's contact point approaches at more than this share of the body's speed
 _BEYOND = 0.25  # of its own size, by which a limit of v or ω lies beyond the measured ones
-_APART = 0.4  # of the widths of the limits: drops that are closer count for less
+_DISTINCT_DROPS = 0.4  # of the widths of the limits: drops that are closer count for less
 
 
 # --- Model discrimination --------------------------------------------------------------------------
@@ -302,6 +302,6 @@ def _picked(rivals: Sequence[ModelDiscrimination], places: Float[Tensor, "n s"],
         best = int(worth.argmax())
         picked.append(best)
         total = total + squared[:, best]
-        near = near.minimum((places - places[best]).norm(dim=-1) / _APART)
+        near = near.minimum((places - places[best]).norm(dim=-1) / _DISTINCT_DROPS)
         rivals = [rival.after(best) for rival in rivals]
     return picked

@@ -33,7 +33,7 @@ from contactlearn.models.contact_model import ContactModel
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
 _EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
 _DRAWS, _RESAMPLES = 16, 1000
-_LEAST = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
+_MIN_VARIANCE_SHARE = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,7 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
     if not scatter.names or screen_deviations(scatter, some, thresholds):
         return None
     covariance = scatter.covariance(known)
-    covariance = covariance + _LEAST * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
+    covariance = covariance + _MIN_VARIANCE_SHARE * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
     return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts) + shift)
 
 

@@ -42,7 +42,7 @@ _POSE = "pose"
 _SERIAL = {"order", "period"}
 _HARMONICS = 40  # of an orientation: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
-_TOLD = 3  # dependences of each component, the most significant ones
+_MAX_DEPENDENCES = 3  # dependences of each component, the most significant ones
 
 
 def screen_deviations(
@@ -80,7 +80,9 @@ def screen_deviations(
     for k in every[0].argsort(descending=True)[: int((every[0] > enough).sum())].tolist():
         column, variable, order = labels[k]
         component, u = columns[column]
-        if (component, variable) not in best and sum(one.component == component for one in best.values()) < _TOLD:
+        if (component, variable) not in best and sum(
+            one.component == component for one in best.values()
+        ) < _MAX_DEPENDENCES:
             # A pose has more harmonics than there may be trials: its share is that of the strongest one.
             own = functions[:, [n == variable and (n != _POSE or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(

@@ -25,7 +25,7 @@ from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import linearised, resolve
 
 _MANY = 100  # trials from which on the trial's own state is projected out
-_SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
+_SLOW_COSINES, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
 _ROUNDING = 1e-9  # standard deviations of the residual in the unit of a parameter
 _BODIES = 10  # at most, that have coefficients of their own
 
@@ -54,7 +54,7 @@ class Scores:
 
         Where so many neighbouring trials, a `block`, resemble each other, there are fewer drifts, as of fewer trials.
         """
-        most = min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block))
+        most = min(_SLOW_COSINES, len(impacts) // (_TRIALS_A_CURVE * block))
         place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
         slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
         drifts = (torch.eye(impacts.space.D, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)

@@ -43,12 +43,12 @@ _PLACES = (PLACE, "floor_y")
 _IN_SPACE = ("vn", "slip", "lever", "spin", "twist", *_PLACES)
 _ALONE, _STRIPES = 16, 32  # cosines over a variable alone, over a place in space
 _TOGETHER = {**dict.fromkeys(_PLACES, 8), "vx": 0, ORIENTATION: 0}  # in a product; v_t stands for v_x
-_FEW = 4  # of all other variables
+_FUNCTIONS_OF_OTHERS = 4  # of all other variables
 _BODIES = 10  # at most, that have a function each
 _TURNS = 0.05  # standard deviation of every component of the axes of bodies that lie in all directions
-_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
+_MIN_TRIALS, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
 _TRIALS = 560  # trials that processes are fitted to and tested on, at most
-_TRIED = 3  # associations, the most significant ones
+_MAX_TRIED = 3  # associations, the most significant ones
 _UNION = 3  # variables of their union, at most
 
 
@@ -157,7 +157,7 @@ def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[
 
 def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple[Float[Tensor, "n l"], list[int]]:
     """Those of low orders."""
-    most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FEW)  # every body, or group
+    most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FUNCTIONS_OF_OTHERS)  # every body, or group
     return functions[:, :most], orders[:most]
 
 
@@ -227,7 +227,7 @@ def fit_state_dependence(
     impacts: Impacts, fit: Fit, options: FitOptions, level: float, trials: int, block: int = 1
 ) -> StateDependenceFit | None:
     """Fit the remainder of a model over the state, on so many trials; None where it does not depend on it."""
-    if len(impacts) < max(_FEWEST, _BLOCKS * block):
+    if len(impacts) < max(_MIN_TRIALS, _BLOCKS * block):
         return None
     scores = Scores.of_state(impacts, fit, options, block)
     ordered = impacts[scores.rows]
@@ -264,7 +264,7 @@ def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
     first: dict[tuple[Coefficient | None, frozenset[str]], StateAssociation] = {}
     for one in found:
         first.setdefault((one.coefficient, frozenset(one.orders)), one)
-    chosen = list(first.values())[:_TRIED]
+    chosen = list(first.values())[:_MAX_TRIED]
     for coefficient in {one.coefficient for one in chosen}:
         union: dict[str, int] = {}
         for one in first.values():

@@ -43,7 +43,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
 
 _BOUNCES = 1000  # after which a prediction ends
-_ABOVE = 0.02  # widths above the floor from which on a flight is predicted
+_MIN_CLEARANCE = 0.02  # widths above the floor from which on a flight is predicted
 FAR = 0.1
 """Distance over the body's width from which on a prediction is lost."""
 STARTS = ("flight", "frames")
@@ -204,7 +204,7 @@ def replays(
     poses[:, up] -= floor
     starts = torch.tensor([0, *(len(take.pose) for take in takes)]).cumsum(0)[:-1]
     orientation = poses[starts, 2] if up == 1 else poses[starts, 3:]
-    above = poses[starts, up] + contact_point(shape, orientation)[:, up] > _ABOVE * width(shape)
+    above = poses[starts, up] + contact_point(shape, orientation)[:, up] > _MIN_CLEARANCE * width(shape)
     kept, starts = [take for take, high in zip(takes, above, strict=True) if high], starts[above]
     if not kept:
         raise DataError(f"{tracked.path}: no recording has a flight from above the floor to an accepted contact")

@@ -14,7 +14,7 @@ from contactlearn.report.figures import style as st
 from contactlearn.report.figures.contact_in_space import CABINET
 
 _BINS = 30  # of time
-_FEWEST = 5  # recordings of which quartiles are drawn
+_MIN_RECORDINGS = 5  # recordings of which quartiles are drawn
 _DEGREES = 180 / np.pi
 _TIMES = 6  # at which bodies are drawn
 
@@ -116,7 +116,7 @@ def _quartiles(errors: Sequence[torch.Tensor], places: Sequence[torch.Tensor], c
             if k < count:
                 means[row, k] = error[place == k].mean()
     found = np.full((count, 3), np.nan)
-    enough = np.isfinite(means).sum(0) >= min(_FEWEST, len(errors))
+    enough = np.isfinite(means).sum(0) >= min(_MIN_RECORDINGS, len(errors))
     found[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
     return found
 

@@ -5,8 +5,8 @@
 
 Positions are in m, residuals in mm, angles in degrees; frames that the tracker lost are left out.  Of a body in space
 the angle is that from its first frame, of at most half a turn.
-A page shows at most `MOST` recordings: up to half of them are those with refused parts, and the others are spread
-evenly over those with impacts.
+A page shows at most `MAX_RECORDINGS` recordings: up to half of them are those with refused parts, and the others are
+spread evenly over those with impacts.
 """
 
 import json
@@ -35,7 +35,7 @@ from contactlearn.report.text.numbers import number, percent
 from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, tracks_facts, tracks_headline
 
 Item = TypeVar("Item")
-MOST = 200
+MAX_RECORDINGS = 200
 """Recordings on a page."""
 FRAMES = 1500
 """Frames of a recording on a page, at most."""
@@ -47,8 +47,8 @@ WIDTH, HEIGHT = 200, 70
 """Of a picture."""
 _POINTS = 60  # frames of a picture, at most
 _SKETCH_LINE = 8  # points of a flight's line
-_LEAST = 2.0  # width of a refused part
-_FAR = 3  # standard deviations of a residual
+_MIN_WIDTH = 2.0  # width of a refused part
+_FAR_SIGMAS = 3  # standard deviations of a residual
 
 
 def write_recordings_page(path: Path, tracked: Tracked) -> Path:
@@ -109,7 +109,7 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
     }
 
 
-def chosen(tracked: Tracked, most: int = MOST) -> list[str]:
+def chosen(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
     refusals = [one for one in tracked.survey.refusals if one.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
@@ -158,8 +158,8 @@ def _residuals(scores: np.ndarray) -> list[str]:
     if not len(scores):
         return []
     return [
-        f"{name}: standard deviation {number(float(score.std()), 3)}, {percent(float((abs(score) > _FAR).mean()), 2)} "
-        f"beyond {_FAR}"
+        f"{name}: standard deviation {number(float(score.std()), 3)}, "
+        f"{percent(float((abs(score) > _FAR_SIGMAS).mean()), 2)} beyond {_FAR_SIGMAS}"
         for name, score in zip(residual_names(scores.shape[1]), scores.T, strict=True)
     ]
 
@@ -318,7 +318,7 @@ def sketch(searched: SearchedTrack, refusals: Sequence[Refusal]) -> dict[str, An
 
 def _band(refusal: Refusal, left: float, span: float) -> dict[str, Any]:
     start, end = (WIDTH * (time - left) / span for time in refusal.time)
-    width, text = max(end - start, _LEAST), f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
+    width, text = max(end - start, _MIN_WIDTH), f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
     place = {"x": round((start + end - width) / 2, 1), "width": round(width, 1)}
     return place | {"text": text, "rest": refusal.reason is Reason.REST}
 

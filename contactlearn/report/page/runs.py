@@ -61,7 +61,7 @@ from contactlearn.results.types import IRB, DiagnosisRun, Evaluation
 
 MARK = "contactlearn report"
 """Mark by which such a page is recognised."""
-_FEW = 5  # settings that come before what was found, not after it
+_SETTINGS_IN_FRONT = 5  # settings that come before what was found, not after it
 _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
 _NUMBER = re.compile(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?")
@@ -253,7 +253,7 @@ def _columns(
         else column(name, values)
         for name, values in settings.items()
     ]
-    found += own if len(own) <= _FEW else []
+    found += own if len(own) <= _SETTINGS_IN_FRONT else []
     found.append(column("Law", [None if run.law is None else law_style(run.law).label for run in runs]))
     if any(run.learned for run in runs):
         found.append(column("Model", [law_style(run.learned or "law").label for run in runs]))
@@ -265,7 +265,7 @@ def _columns(
         of_errors("IRB bound", "bound"),
     ]
     found += [ticks(family) for family in families]
-    found += own if len(own) > _FEW else []
+    found += own if len(own) > _SETTINGS_IN_FRONT else []
     if several:
         found += [
             column("Data", [run.data.source for run in runs]),
