@@ -50,6 +50,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.evaluation.variables import Variable, variables
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
@@ -221,7 +222,7 @@ def diagnose_subsamples(
     """
     sizes, limit = _sizes(len(impacts), question.thresholds, memory)
     answers, diagnosis, rows, speed = list[Answer](), None, torch.empty(0), 1.0
-    objects = object_numbers(impacts)
+    objects = numbered(impacts.object)
     for k, size in enumerate(sizes):
         generator = torch.Generator().manual_seed(seed + k)
         rows = space_filling(impacts, size, generator)
@@ -264,7 +265,7 @@ def _confirmed(
 ) -> Diagnosis:
     """Test the diagnosis of the last subsample on all trials; outliers then refer to the whole table."""
     assert diagnosis.record is not None
-    objects = object_numbers(impacts)
+    objects = numbered(impacts.object)
     corrections = diagnosis.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
     confirmation = confirm(
         diagnosis,
@@ -349,17 +350,11 @@ def space_filling(impacts: Impacts, size: int, generator: torch.Generator) -> In
     """
     n = len(impacts)
     shuffled = torch.randperm(n, generator=generator)  # ties, and places within a cell, are at random
-    objects = object_numbers(impacts)
+    objects = numbered(impacts.object)
     along = _cells(impacts, objects, size, shuffled)
     place = (torch.arange(size, dtype=torch.float64) + torch.rand(1, generator=generator).double()) * (n / size)
     rows = along[place.long().clamp_max(n - 1)]
     return _with_every_object(rows, objects, shuffled).sort().values
-
-
-def object_numbers(impacts: Impacts) -> Int[Tensor, " n"]:
-    """Number the objects from 0, in the order in which they appear."""
-    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    return torch.tensor([known[name] for name in impacts.object])
 
 
 def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Tensor) -> Int[Tensor, " n"]:

@@ -38,7 +38,7 @@ from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
-from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, shapes_among
+from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, numbered, shapes_among
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -346,8 +346,7 @@ class Impacts:
     @cached_property
     def groups(self) -> Int[Tensor, "n"] | None:
         """Number of each trial's recording, counted from 0; None where recordings are not named."""
-        numbers = {name: number for number, name in enumerate(dict.fromkeys(self.recording))}
-        return torch.tensor([numbers[name] for name in self.recording]) if self.recording else None
+        return numbered(self.recording) if self.recording else None
 
     @cached_property
     def covariate_codes(self) -> dict[str, Float[Tensor, "n"]]:

@@ -203,10 +203,8 @@ def _drawn(rig: Rig, specimens: Sequence[Specimen], count: int, seed: int) -> _S
 def _refuse_alike(drops: Impacts, noise: Sequence[float]) -> None:
     """Refuse limits within which all contacts are the same one."""
     sizes, spread = drops.r.norm(dim=-1).mean(), drops.v_pre.std(0) / torch.tensor(noise, dtype=torch.float64)
-    moments = (
-        drops.world_inertia.reshape(len(drops), -1).std(0).norm()
-        / drops.world_inertia.reshape(len(drops), -1).norm(dim=1).mean()
-    )
+    inertia = drops.world_inertia.reshape(len(drops), -1)
+    moments = inertia.std(0).norm() / inertia.norm(dim=1).mean()
     if (spread < 1).all() and (drops.r.std(0) < _SAME_CONTACT * sizes).all() and moments < _SAME_CONTACT:
         slip = drops.v_c[:, :-1].norm(dim=-1).mean().item()
         friction = "" if slip > noise[0] else ", and no friction, since nothing slips"

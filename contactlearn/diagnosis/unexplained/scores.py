@@ -20,6 +20,7 @@ from torch.nn.functional import one_hot
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import linearised, resolve
@@ -108,14 +109,14 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
     """Standardised variables of the trials' own state before impact; none of few trials."""
     if len(impacts) < _MANY:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
-    state, bodies = State.of(impacts), {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    state, bodies = State.of(impacts), numbered(impacts.object)
     if impacts.space is SPACE:
         parts = [one for name, one in of_state(state).items() if name not in ("order", *state.covariates)]
     else:
         circle = (f(k * state.theta) for f in (torch.sin, torch.cos) for k in (1, 2))
         parts = [state.v_n, state.v_t, state.v_t.abs(), state.omega, state.x, *circle]
-    if 1 < len(bodies) <= _BODIES:
-        parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
+    if 1 <= bodies.max() < _BODIES:
+        parts += one_hot(bodies).to(torch.float64).unbind(-1)
     columns = torch.cat((torch.stack([*parts], -1), *impacts.covariate_columns.values()), -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
 
