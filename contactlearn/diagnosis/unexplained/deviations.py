@@ -27,6 +27,7 @@ from contactlearn.diagnosis.sign_flips import (
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
+    periodogram_peak,
     random_signs,
     window_spread,
 )
@@ -67,10 +68,11 @@ def screen_deviations(
     for column, (_, u) in enumerate(columns):
         statistics.append(normal_neg_log_p(signs @ (u[:, None] * functions)))
         labels += [(column, variable, order) for variable, order, _ in named]
-        spread, peak, period = _serial(signs * u)
+        flipped = (signs * u)[..., None]
+        spread, (peak, halves) = window_spread(flipped)[..., 0], periodogram_peak(flipped)
         statistics += [gamma_neg_log_p(spread), gumbel_neg_log_p(peak)]
         labels += [(column, "order", 2.0 ** (k + 1)) for k in range(spread.shape[1])]
-        labels.append((column, "period", period))
+        labels.append((column, "period", 2 * len(u) / int(halves[0])))
     every = torch.cat(statistics, 1).nan_to_num(0.0)
     largest = every.amax(1)
     enough = largest[1:].quantile(1 - thresholds.dependence_level).item()
@@ -151,11 +153,3 @@ def _angles(impacts: Impacts) -> list[Float[Tensor, " n"]]:
     if impacts.space is PLANE:
         return [impacts.q[:, 2]]
     return [up.clamp(-1, 1).acos() for up in rotation(impacts.q[:, 3:])[:, 2].unbind(-1)]
-
-
-def _serial(flipped: Float[Tensor, "flips n"]) -> tuple[Tensor, Tensor, float]:
-    """Spread of windows [flips, widths], peak of the periodogram [flips, 1], and its period in trials."""
-    n = flipped.shape[1]
-    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
-    peak, which = power.max(1, keepdim=True)
-    return window_spread(flipped[..., None])[..., 0], peak, 2 * n / (int(which[0]) + 2)

@@ -31,6 +31,7 @@ from contactlearn.diagnosis.sign_flips import (
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
+    periodogram_peak,
     random_signs,
     window_spread,
 )
@@ -141,10 +142,9 @@ def _statistics(
     scores: Scores, terms: Float[Tensor, "n v"], signs: Float[Tensor, "flips n"]
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Spread of windows [flips, 2 widths], peak of the periodogram and its frequency [flips, 2], sums [flips, v]."""
-    flipped, n = scores.flipped(signs), len(scores)
-    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
-    peak, place = power.max(1)
-    return window_spread(flipped).mT.flatten(1), peak, (place + 2) / (2 * n), signs @ terms
+    flipped = scores.flipped(signs)
+    peak, halves = periodogram_peak(flipped)
+    return window_spread(flipped).mT.flatten(1), peak, halves / (2 * len(scores)), signs @ terms
 
 
 def _lagged_terms(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
