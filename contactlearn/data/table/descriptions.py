@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
@@ -130,6 +129,8 @@ def _without_angles(cells: Sheet, units: Units) -> Sheet:
     names = {words[0]: name for name in cells.header if (words := name_words(name)) and words[0] in _TURNS}
     if len(names) < len(_TURNS):
         return cells
+    from scipy.spatial.transform import Rotation  # SciPy takes long to load
+
     vocabulary = impact_vocabulary(PLANE)
     factors, said = list[float](), "rad"
     for name in names.values():
