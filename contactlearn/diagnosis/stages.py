@@ -118,7 +118,7 @@ def diagnose_audited(
             question.on_event(AuditFindings(findings=findings[-1:]))
             folds = blocked_folds(drift, search.selection, generator)
             search = search_effects(question, law, fits, impacts, folds, generator)
-            search = drop_proxy_effects(question, search, generator, drift.found.block)
+            search = drop_proxy_effects(question, search, generator, drift.dependence.block)
     rungs, learned = _climb(question, search, generator)
     confidence = _confidence(question, impacts, rungs, learned.remainder)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}

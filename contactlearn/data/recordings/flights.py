@@ -66,14 +66,14 @@ class Air:
     Args:
         gravity: (g_x, g_y) in m/s²; in space (g_x, g_y, g_z).
         drag: linear drag in 1/s.
-        own: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
+        prior: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
             at which it changes, in m/s³, m/s³ and rad/s³; in space three of each.
         moments: in space principal moments of inertia, in any unit; None if they are equal.
     """
 
     gravity: tuple[float, ...] = (0.0, -GRAVITY)
     drag: float = 0.0
-    own: AccelerationPrior = STEADY
+    prior: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
 
     @property
@@ -88,7 +88,7 @@ class Air:
 
     def smooth(self) -> "Air":
         """Anything whose acceleration is steady."""
-        return Air(gravity=(0.0,) * self.d, own=((np.inf,) * self.k, (0.0,) * self.k), moments=self.moments)
+        return Air(gravity=(0.0,) * self.d, prior=((np.inf,) * self.k, (0.0,) * self.k), moments=self.moments)
 
     def basis(self, tau: Array) -> tuple[Array, Array]:
         """s(τ) and b(τ) of the module's table, in s and s²."""
@@ -131,7 +131,7 @@ class FlightModel:
         gravity_error: standard error of its size in m/s².
         drag: linear drag of the air in 1/s that flights have; 0 where none is seen.
         measured: gravity's size in m/s² and the drag in 1/s, fitted together whether the drag is seen or not.
-        own: standard deviations of the own accelerations of flights, as in `Air`.
+        prior: standard deviations of the own accelerations of flights, as in `Air`.
         moments: of inertia of a body that moves in space, as in `Air`.
         centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off: flights are
             its, contacts are of the point.
@@ -141,7 +141,7 @@ class FlightModel:
     gravity_error: float = 0.0
     drag: float = 0.0
     measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
-    own: AccelerationPrior = STEADY
+    prior: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
     centre: tuple[float, ...] = (0.0, 0.0)
 
@@ -149,7 +149,9 @@ class FlightModel:
     def air(self) -> Air:
         """Free flight with 9.81 m/s² in the measured direction."""
         size = math.hypot(*self.gravity) / GRAVITY
-        return Air(gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments)
+        return Air(
+            gravity=tuple(g / size for g in self.gravity), drag=self.drag, prior=self.prior, moments=self.moments
+        )
 
     @property
     def lean(self) -> Estimate:
@@ -269,8 +271,8 @@ class Flight:
     def acceleration(self, time: float) -> Float[Array, "k"]:
         """Acceleration at an instant, without that of Euler's equations."""
         slowing = self.air.drag * self.velocities(np.asarray(time)) * (np.arange(self.air.k) < self.air.d)
-        own = self.state[2] + self.state[3] * (time - self.reference)
-        return self.air.pull() + own - slowing
+        deviation = self.state[2] + self.state[3] * (time - self.reference)
+        return self.air.pull() + deviation - slowing
 
 
 def fit(
@@ -311,7 +313,7 @@ def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, r
     In space the body turns freely but for a difference that is found and taken into it a few times.
     """
     tau, seen, d = time[frames] - reference, pose[frames], air.d
-    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.own)).T
+    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.prior)).T
     design = slopes * units
     across = design / sigma[:, None] ** 2
     inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
@@ -406,7 +408,7 @@ def windows(
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
     columns, sizes = _orthogonal(np.moveaxis(slopes, -1, 0))
     # place and speed are free; an acceleration beyond that of the air is as small as those of other flights
-    priors = (0.0, 0.0, (sigma / np.maximum(air.own[0], _MIN_SUM)) ** 2)
+    priors = (0.0, 0.0, (sigma / np.maximum(air.prior[0], _MIN_SUM)) ** 2)
     leverage, line, factor = np.zeros_like(residual), residual, residual
     for column, size, prior in zip(columns, sizes, priors, strict=True):
         line, factor = residual, (column * residual).sum(1, keepdims=True) / (size + prior)
@@ -571,7 +573,7 @@ def _most_own(k: int) -> AccelerationPrior:
 
 def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "k"]]]:
     """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
-    air, options, long = replace(air, own=_most_own(air.k)), FlightOptions(), []
+    air, options, long = replace(air, prior=_most_own(air.k)), FlightOptions(), []
     for track in tracks:
         found, bent = find_flights(track, air, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
         for flight in found.flights:

@@ -198,7 +198,7 @@ def search_recording(
         searched,
         rests=find_rests(point, lies, searched.sigma),
         slides=find_slides(searched.track, lies, searched.sigma),
-        wobbles=tuple(wobble(point, flight, model.own) for flight in searched.flights),
+        wobbles=tuple(wobble(point, flight, model.prior) for flight in searched.flights),
         rocking=rocking(point, options.solid),
     )
 

@@ -319,7 +319,7 @@ def _fans(
     d = drawn.space.d
     raised = torch.zeros_like(drawn.pose)
     raised[..., d - 1] = torch.from_numpy(generator.normal(0.0, tracked.floor.scatter, (FAN, len(times))))
-    sizes = np.array(tracked.survey.model.own[0][:d])
+    sizes = np.array(tracked.survey.model.prior[0][:d])
     accelerations = torch.from_numpy(sizes * generator.standard_normal((FAN, len(times), d)))
     drawn = replace(drawn, pose=drawn.pose - raised)
     models = {
