@@ -112,7 +112,7 @@ class Tracked:
         chosen = alone if {file.stem for file in alone} == {*names} else files
         search = partial(search_recording, frame=self.survey.frame, model=self.survey.model, options=self.options)
         recordings = (one for file in chosen for one in _named(file, names, self.options.layout))
-        return map(search, (self.searched.get(key(one), one) for one in recordings))
+        return map(search, (self.searched.get(key(recording), recording) for recording in recordings))
 
 
 def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:

@@ -109,7 +109,7 @@ def confirm(
         noise=_noise(diagnosis, record.model, impacts, outside, generator, noise),
         agrees=agree(error, diagnosis.budget.named, thresholds),
         outliers=find_model_outliers(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
-        regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
+        regions=tuple(FailingRegion.of(region, int((~outside[list(region.rows)]).sum())) for region in regions),
         map=error_map(impacts, law, before, after),
     )
 
@@ -117,7 +117,7 @@ def confirm(
 def predicted(model: ContactModel, impacts: Impacts) -> Prediction:
     """Predict a chunk of trials after the other."""
     parts = [model.outcome(impacts[k : k + CHUNK]) for k in range(0, len(impacts), CHUNK)]
-    return Prediction(torch.cat([one.v_post for one in parts]), torch.cat([one.wrench for one in parts]))
+    return Prediction(torch.cat([part.v_post for part in parts]), torch.cat([part.wrench for part in parts]))
 
 
 def normal_interval(errors: Float[Tensor, " n"]) -> Interval:

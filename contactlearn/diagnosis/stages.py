@@ -227,7 +227,7 @@ def search_effects(
         question.on_event(VelocitiesAveraged(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
         impacts = correct(impacts, corrections, question.thresholds.audit)
-    starts = {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits}
+    starts = {fit.name: torch.tensor((fit.mu, fit.eps), dtype=torch.float64) for fit in fits}
     selection = select(
         question.laws if question.law is None else {law.name: law},
         impacts,
@@ -507,15 +507,15 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
 
 def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
     """Turn an open moment balance into a note where effects that were found explain the data."""
-    if diagnosis.physics is not Verdict.EFFECTS or any(one.level is not Level.FOUND for one in diagnosis.missing):
+    if diagnosis.physics is not Verdict.EFFECTS or any(effect.level is not Level.FOUND for effect in diagnosis.missing):
         return diagnosis
     findings = tuple(
-        replace(one, mistake=False, sentence=f"{one.sentence}; the effects that were found explain it")
-        if one.name == "moment_balance_open" and one.mistake
-        else one
-        for one in diagnosis.findings
+        replace(finding, mistake=False, sentence=f"{finding.sentence}; the effects that were found explain it")
+        if finding.name == "moment_balance_open" and finding.mistake
+        else finding
+        for finding in diagnosis.findings
     )
-    mistaken = any(one.mistake for one in findings)
+    mistaken = any(finding.mistake for finding in findings)
     return replace(diagnosis, findings=findings, verdict=Verdict.BAD_DATA if mistaken else diagnosis.physics)
 
 
@@ -584,7 +584,7 @@ def _undetermined(effect: Effect, found: MissingEffect) -> bool:
     Parameters of a curve may be open each and still make one of a known form.
     """
     declared = {p.name: p for p in effect.parameters}
-    known = [(one, declared[one.name]) for one in found.parameters if one.name in declared]
+    known = [(parameter, declared[parameter.name]) for parameter in found.parameters if parameter.name in declared]
     alone = len(known) == 1 and known[0][1].vanishing is not None
     sizes = [abs(one.value - (p.vanishing or 0.0)) if alone else p.high - p.low for one, p in known]
     return bool(known) and all(not one.standard_error < size for (one, _), size in zip(known, sizes, strict=True))
@@ -593,7 +593,7 @@ def _undetermined(effect: Effect, found: MissingEffect) -> bool:
 def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
     """List the user's own candidates that are in no plausible model and are no rival of an effect."""
     wanted = {effect for one in selection.plausible for effect in one.model.spec.effects} | selection.spec.effects
-    wanted |= {rival.effect for one in missing for rival in one.rivals}
+    wanted |= {rival.effect for effect in missing for rival in effect.rivals}
     return tuple(key for key in user_candidates(selection.pool.candidates) if key not in wanted)
 
 
@@ -606,7 +606,7 @@ def _frontier(selection: Selection, generator: torch.Generator) -> tuple[Frontie
     each = [[model for model in pool.models.values() if len(model.spec.effects) == size] for size in sizes]
     models = [pool.best(some) for some in each if some]
     predict_held_out(pool, selection.folds, models)
-    errors = [held_out_interval(validated(pool, selection.folds, one).error, generator) for one in models]
+    errors = [held_out_interval(validated(pool, selection.folds, model).error, generator) for model in models]
     return tuple(
         FrontierModel(law=one.spec.law, effects=tuple(sorted(one.spec.effects)), error=error)
         for one, error in zip(models, errors, strict=True)

@@ -463,7 +463,7 @@ class Impacts:
 
 def _covariate(values: Any) -> Tensor | tuple[str, ...]:
     """A covariate as numbers, or as names."""
-    if isinstance(values, Sequence) and all(isinstance(one, str) for one in values):
+    if isinstance(values, Sequence) and all(isinstance(value, str) for value in values):
         return tuple(values)
     return torch.as_tensor(values, dtype=torch.float64).clone()
 

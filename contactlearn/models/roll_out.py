@@ -467,7 +467,7 @@ def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor
 def _joined(flights: list[FreeFlights]) -> FreeFlights:
     """All flights in one."""
     parts = {
-        name: torch.cat([getattr(one, name) for one in flights])
+        name: torch.cat([getattr(flight, name) for flight in flights])
         for name, x in vars(flights[0]).items()
         if isinstance(x, Tensor)
     }

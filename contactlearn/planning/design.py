@@ -272,22 +272,22 @@ class _Belief:
 
     @property
     def probability(self) -> Float[Tensor, "m"]:
-        return torch.tensor([one.probability for one in self.models], dtype=torch.float64)
+        return torch.tensor([model.probability for model in self.models], dtype=torch.float64)
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """Effects of the catalogue that no drop shows."""
-        shown = set[str]().union(*(one.shown() for one in self.candidates))
-        every = {name for one in self.candidates for name in one.names} - {"mu", "eps"}
+        shown = set[str]().union(*(candidate.shown() for candidate in self.candidates))
+        every = {name for candidate in self.candidates for name in candidate.names} - {"mu", "eps"}
         return tuple(sorted(self.silent | (every - shown)))
 
     @property
     def possibilities(self) -> tuple[Possibility, ...]:
         """Names in question, the most probable first."""
         found = dict[tuple[str, ...], float]()
-        for one in self.models:
-            names = tuple(sorted(one.names))
-            found[names] = found.get(names, 0.0) + one.probability
+        for model in self.models:
+            names = tuple(sorted(model.names))
+            found[names] = found.get(names, 0.0) + model.probability
         ordered = sorted(found.items(), key=lambda item: -item[1])
         return tuple(Possibility(effects=names, probability=p) for names, p in ordered)
 
@@ -353,13 +353,13 @@ def _criteria(
     )
     found[Purpose.PARAMETERS] = parameters
     found[Purpose.PREDICTION] = PredictionVariance(parameters=parameters, space=space, unexplained=belief.unexplained)
-    if len({one.names for one in belief.models}) > 1:
+    if len({model.names for model in belief.models}) > 1:
         found[Purpose.NAMES] = NameInformation.of(
             belief.means,
             slopes,
             covariances,
             belief.noise,
-            names=[one.names for one in belief.models],
+            names=[model.names for model in belief.models],
             probability=belief.probability,
             repeats=_REPEATS,
         )

@@ -59,8 +59,8 @@ def hypotheses(diagnosis: Diagnosis) -> tuple[PossibleModel, ...]:
     every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in diagnosis.frontier)
     named = {name.name for name in own}
     others = [spec for spec in every if {effect.name for effect in spec[1]} != named and spec not in shares]
-    sure = min((one.confidence for one in diagnosis.missing), default=1 - _NONE_DOUBT)
-    sure = min(sure, *(1 - (one.confidence or 0.0) for one in diagnosis.candidates), 1.0)
+    sure = min((effect.confidence for effect in diagnosis.missing), default=1 - _NONE_DOUBT)
+    sure = min(sure, *(1 - (candidate.confidence or 0.0) for candidate in diagnosis.candidates), 1.0)
     sure = sure / 2 if diagnosis.verdict is Verdict.UNKNOWN else sure
     doubt = min(max(1 - sure, _LEAST_DOUBT), _MOST_DOUBT) if others else 0.0
     whole = sum(shares.values()) or 1.0
@@ -87,7 +87,7 @@ def _fitted(law: str, effects: frozenset[EffectId], diagnosis: Diagnosis, impact
     known, variant = diagnosis.model.effects, "textbook" if law != diagnosis.law else diagnosis.variant or "textbook"
     given = {one.name: known[one.name] for one in diagnosis.given if one.name in known}
     same = {EffectId(name, effect.form): effect for name, effect in known.items()}  # those of other packages among them
-    added = {one.name: same.get(one) or find_effect(one.name, one.form)() for one in sorted(effects)}
+    added = {effect.name: same.get(effect) or find_effect(effect.name, effect.form)() for effect in sorted(effects)}
     return fit(impacts, find(law, variant), given | added).model
 
 

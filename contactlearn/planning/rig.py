@@ -188,7 +188,7 @@ class Rig:
             )
         if self.noise and len(self.noise) != space.D:
             raise DataError(f"noise must have {space.D} numbers for bodies in the {space}, got {len(self.noise)}")
-        measured = [one.measured for one in specimens if one.measured is not None]
+        measured = [specimen.measured for specimen in specimens if specimen.measured is not None]
         if not measured and not {HEIGHT, vertical} & {*self.limits}:
             raise DataError(f"the rig must state its height, or {vertical} at contact")
         left = HEIGHT if vertical in self.limits or HEIGHT not in self.limits else vertical
@@ -243,10 +243,10 @@ def states(
         return None, good
     names = tuple(specimens[k].name for k in body[good].tolist())
     mass, inertia = (
-        torch.tensor([getattr(one, name) for one in specimens], dtype=torch.float64)[body[good]]
+        torch.tensor([getattr(specimen, name) for specimen in specimens], dtype=torch.float64)[body[good]]
         for name in ("mass", "inertia")
     )
-    known = {one.name: one.shape for one in specimens if one.shape is not None}
+    known = {specimen.name: specimen.shape for specimen in specimens if specimen.shape is not None}
     last = max([one.measured.order.max().item() for one in specimens if one.measured is not None], default=0.0)
     impacts = Impacts(
         mass=mass, inertia=inertia, r=r[good], q=q[good], v_pre=v[good], v_post=v[good],

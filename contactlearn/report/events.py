@@ -86,7 +86,7 @@ def event_lines(event: Event) -> list[str]:
     """Describe an event in lines of text; none for progress, numbers of trainings, and what the verdict describes."""
     match event:
         case events.AuditFindings():
-            return [_finding_line("audit", one) for one in event.findings] or [f"audit: {phrase('consistent')}"]
+            return [_finding_line("audit", finding) for finding in event.findings] or [f"audit: {phrase('consistent')}"]
         case events.SubsampleStarted():
             return [f"sample: {phrase('step', event)}"]
         case events.LawsCompared():
@@ -94,7 +94,7 @@ def event_lines(event: Event) -> list[str]:
         case events.CandidatesExcluded():
             return [f"note: {phrase('left_out', event.candidates)}"]
         case events.VelocitiesAveraged():
-            return [_finding_line("note", one) for one in event.findings]
+            return [_finding_line("note", finding) for finding in event.findings]
         case events.LimitsEstimated():
             return [f"budget: {phrase('limits', event.limits)}"]
         case events.RegionsFound():
@@ -147,7 +147,7 @@ def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
         rig = ["rig"] if any(finding.name == "rig_applied" for finding in diagnosis.findings) else []
         lines.append(f"audit: {phrase('corrected', [*rig, *diagnosis.corrections])}")
     lines += [f"audit: {sentence(one.sentence)}" for one in diagnosis.findings if one.mistake and not one.correction]
-    lines += [f"{one.level}: {phrase('named', one)}" for one in diagnosis.missing]
+    lines += [f"{effect.level}: {phrase('named', effect)}" for effect in diagnosis.missing]
     if diagnosis.candidates:
         lines.append(f"candidates: {phrase('candidates', diagnosis.candidates)}")
     if equal := undecided(diagnosis):
@@ -172,7 +172,7 @@ def _detail_lines(diagnosis: Diagnosis) -> list[str]:
         f"model: {share_of_whole(model.share)}  {listed_name(diagnosis, model)}" for model in listed_models(diagnosis)
     ]
     lines += [f"note: {note}" for note in phrases("notes", diagnosis)]
-    lines += [f"candidate: {phrase('candidate', one, diagnosis.budget)}" for one in diagnosis.candidates]
+    lines += [f"candidate: {phrase('candidate', candidate, diagnosis.budget)}" for candidate in diagnosis.candidates]
     if diagnosis.experiment is not None:
         lines += [f"next experiment: {phrase('drop', one, diagnosis.experiment)}" for one in diagnosis.experiment.drops]
         lines += [f"next experiment: {text}" for text in phrases("needed_drops", diagnosis.experiment)]

@@ -243,7 +243,7 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
     if isinstance(result, Transfer):
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, DiagnosisRun) and (budget := result.diagnosis.budget) is not None:
-        rungs = (one.error for one in result.diagnosis.ladder)
+        rungs = (rung.error for rung in result.diagnosis.ladder)
         errors = (budget.named, budget.base, budget.bound, *rungs)
         if not all(0 <= x < HIGHEST_ERROR for error in errors for x in error):
             raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {HIGHEST_ERROR:g}")

@@ -166,8 +166,8 @@ def region_buttons(found: Sequence[Region]) -> list[Component]:
 
 def effect_options(session: Session, gains: Sequence[PredictedGain], present: float) -> list[dict[str, Any]]:
     """Return all effects: those in the model, then by predicted error, then those without a predicted gain."""
-    options = [_effect_option(one.name, effect_label(one), "in the model", True) for one in session.effects]
-    best = {one.effect.name: one for one in reversed(gains)}  # the best form of each
+    options = [_effect_option(effect.name, effect_label(effect), "in the model", True) for effect in session.effects]
+    best = {gain.effect.name: gain for gain in reversed(gains)}  # the best form of each
     for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
         name = one.effect.name
         if one.gain > 0 and one.error < present:
@@ -200,19 +200,19 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     found = run.diagnosis
     frontier, residual, experiment = list[Component](), list[Component](), list[Component]()
     if found.frontier:
-        rows = [(searched_name(found, one), one.error) for one in found.frontier]
-        buttons = (_adopt_button(f"Take {len(one.effects)}", session, found, one) for one in found.frontier)
+        rows = [(searched_name(found, model), model.error) for model in found.frontier]
+        buttons = (_adopt_button(f"Take {len(model.effects)}", session, found, model) for model in found.frontier)
         head = note("The best model of each number of effects, held out:")
         frontier = [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
     if found.remainder is not None:
         formulas: list[list[Child]] = [
-            [action_button("line", "Add", of=formula_line(one)), f" {phrase('formula_change', one)}"]
-            for one in found.formulas
+            [action_button("line", "Add", of=formula_line(formula)), f" {phrase('formula_change', formula)}"]
+            for formula in found.formulas
         ]
         residual = [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
     if found.experiment is not None:
         needed = map(html.P, phrases("needed_drops", found.experiment))
-        drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
+        drops = [html.Li(phrase("drop", drop, found.experiment)) for drop in found.experiment.drops]
         experiment = [html.H4("The next experiment"), *needed, html.Ol(drops)]
     page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
     plausible: list[list[Child]] = [
@@ -251,7 +251,7 @@ def _adopt_button(
 
 def ladder_bars(session: Session, steps: Sequence[FittedModel]) -> Component:
     """Return the held-out errors of the law, then with one more effect each."""
-    names = [law_label(session.law), *(f"+ {effect_label(one)}" for one in session.effects)]
+    names = [law_label(session.law), *(f"+ {effect_label(effect)}" for effect in session.effects)]
     names += [f"+ {line.partition(';')[0]}" for line in session.lines]
     return bars(zip(names, (step.error for step in steps), strict=True), _ladder_end(steps))
 

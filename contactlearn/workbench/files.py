@@ -283,7 +283,7 @@ class FileCallbacks:
             if isinstance(ctx.triggered_id, dict):
                 self.saved.replay(ctx.triggered_id["replay"])
                 return run_list(self.saved.latest()), ""
-            self.saved.compare([one.name for one in runs if one.kind != "unreadable"])
+            self.saved.compare([run.name for run in runs if run.kind != "unreadable"])
         except ContactLearnError as error:
             return no_update, str(error)
         return run_list(runs), html.A("open the comparison", href=f"/runs/{COMPARED}", target="_blank")

@@ -43,7 +43,7 @@ def write_settings(path: Path, name: str | None) -> str:
             part.write_text(_text(path, own, contents), encoding="utf-8")
     except (OSError, UnicodeError) as error:
         raise ContactLearnError(f"{file}: cannot be written: {error}") from error
-    missing = [one.name for one in contents.settings if one.value == OPEN]
+    missing = [setting.name for setting in contents.settings if setting.value == OPEN]
     lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
     lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
     lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
@@ -60,11 +60,11 @@ def _text(path: Path, name: str, contents: FileContents) -> str:
         f"_target_: contactlearn.data.{contents.source}.load",
     ]
     section = ""
-    for one in contents.settings:
-        group, _, key = one.name.rpartition(".")
+    for setting in contents.settings:
+        group, _, key = setting.name.rpartition(".")
         lines += [f"{group}: # {_SECTIONS[group]}"] if group not in ("", section) else []
         section = group
-        lines.append(f"{'  ' if group else ''}{key}: {_value(one.value)} # {one.comment}")
+        lines.append(f"{'  ' if group else ''}{key}: {_value(setting.value)} # {setting.comment}")
     return "\n".join([*lines, ""])
 
 

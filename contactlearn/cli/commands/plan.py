@@ -117,7 +117,7 @@ def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
     before = table.load(out, body.shape) if out.exists() else None
     first = 1 if before is None else len(before) + 1
     generator = torch.Generator().manual_seed(int(source.options["seed"]) + first)
-    named = [PlannedDrop(settings=one.settings, purpose=one.purpose, body=body.name) for one in drops]
+    named = [PlannedDrop(settings=drop.settings, purpose=drop.purpose, body=body.name) for drop in drops]
     found = carry_out(rig, named, [body], laboratory, generator=generator, first=first)
     every = found if before is None else joined([before, found])
     table.save(every, out)

@@ -173,9 +173,9 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     alone = result.learned is None and result.fits
     values = record.scalars(result.fits, result.errors, result.joint)
     values |= zip(record.own_tags(result.metric), (shown[result.model], shown[IRB]), strict=True)
-    for one in result.processes:
-        values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
-        values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
+    for process in result.processes:
+        values |= {f"loss/{process.output}": process.loss, f"noise/{process.output}": process.noise}
+        values |= {f"length_scale/{process.output}/{name}": x for name, x in process.length_scales.items()}
     predictions = trained.predict(test, settings.bounds.norm)
     prediction = predictions[trained.name]
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}

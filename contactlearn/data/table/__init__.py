@@ -482,9 +482,9 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
         DataError: impacts that break a rule once corrected.
     """
     trials = 0
-    for one in tables:
+    for table in tables:
         try:
-            impacts = impacts_of(one)
+            impacts = impacts_of(table)
         except DataError as error:
             raise error.shifted_by(trials) from None
         trials += len(impacts)

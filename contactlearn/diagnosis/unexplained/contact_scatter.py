@@ -68,7 +68,7 @@ def contact_scatter(
     dependences = screen_deviations(scatter, some, thresholds)
     random = random_shares(scatter, some, dependences, thresholds)
     instrument, floor, sizes = _drawn(some, scatter, random)
-    by_name = {one.name: one for one in scatter.deviations}
+    by_name = {deviation.name: deviation for deviation in scatter.deviations}
     coefficients = dict(zip("με", (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
     components: list[ScatterComponent] = []
     for name in scatter.names:
@@ -81,7 +81,7 @@ def contact_scatter(
         )
     result = ContactScatter(
         components=tuple(sorted(components, key=lambda one: -one.share)),
-        instrument=tuple(one for one in scatter.deviations if one.name not in scatter.names),
+        instrument=tuple(deviation for deviation in scatter.deviations if deviation.name not in scatter.names),
         stated=scatter.stated,
         trials=len(some),
         bic=scatter.bic,
@@ -197,7 +197,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
     earlier = {f"{memory.variable} of earlier impacts": values for memory, values in past.items()}
     by_name, found = {one.name: one for one in scatter.deviations}, list[Deviations]()
     for name, (u, error) in scatter.each.items():
-        first = next((one.variable for one in dependences if one.component == name), "")
+        first = next((dependence.variable for dependence in dependences if dependence.component == name), "")
         if first in earlier:
             variable, unit, x = first.replace("_", " "), "standardised", earlier[first]
         elif first in ("order", "period"):

@@ -105,7 +105,7 @@ def random_shares(
     functions = torch.stack([function - function.mean() for *_, function in named], -1)
     rest, shares = dict(scatter.each), dict.fromkeys(scatter.each, 1.0)
     for name, (u, error) in scatter.each.items():
-        followed = {one.variable for one in dependences if one.component == name}
+        followed = {dependence.variable for dependence in dependences if dependence.component == name}
         own = functions[:, [variable in followed for variable, *_ in named]]
         if followed and 0 < own.shape[1] < len(u) - 1 and not followed & _SERIAL:
             left, centred = _left(u, own), u - u.mean(0)

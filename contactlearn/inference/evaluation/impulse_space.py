@@ -253,4 +253,4 @@ def slip_paths(impacts: Impacts, law: Law, steps: int = _STEPS) -> Float[Tensor,
     path, P_n = Hodograph(contact, law.coefficients[0].to(impacts.mass)), law.impulse(impacts.W, impacts.v_c)[:, 2]
     shares = torch.linspace(0, 1, steps + 1, dtype=torch.float64).to(P_n)
     points = [path.followed(path.start(), after_impulse(share * P_n)) for share in shares]
-    return torch.stack([torch.stack((one.v_1, one.v_2), -1) for one in points], 1)
+    return torch.stack([torch.stack((point.v_1, point.v_2), -1) for point in points], 1)

@@ -138,12 +138,12 @@ class ReplayErrors:
     @classmethod
     def of(cls, replays: Sequence[Replay], model: str) -> Self:
         """Return the errors of one model."""
-        means = torch.stack([one.errors(model).mean(0) for one in replays])
+        means = torch.stack([replay.errors(model).mean(0) for replay in replays])
         distance, angle = (
             Spread(mean=x.mean().item(), deviation=x.std(correction=0).item(), median=x.quantile(0.5).item())
             for x in means.unbind(-1)
         )
-        lost = float(np.median([one.lost_after(model) for one in replays]))
+        lost = float(np.median([replay.lost_after(model) for replay in replays]))
         return cls(
             distance=distance,
             angle=angle,
@@ -154,8 +154,8 @@ class ReplayErrors:
 
 def coverage(replays: Sequence[Replay], model: str) -> Float[Tensor, "{BOUNCES}"]:
     """Return the share of recorded positions within the bands of a model after each bounce; NaN where there is none."""
-    inside = torch.cat([one.inside(model).double().mean(-1) for one in replays])
-    bounces = torch.cat([one.bounces[: one.fans[model].shape[1]] for one in replays])
+    inside = torch.cat([replay.inside(model).double().mean(-1) for replay in replays])
+    bounces = torch.cat([replay.bounces[: replay.fans[model].shape[1]] for replay in replays])
     return torch.stack([inside[bounces == k + 1].mean() for k in range(BOUNCES)])
 
 

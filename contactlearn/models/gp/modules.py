@@ -223,6 +223,6 @@ def _parameters(kind: type) -> set[str]:
         if "__init__" in vars(base):
             parameters = list(inspect.signature(base.__init__).parameters.values())[1:]
             names |= {one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)}
-            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
+            if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
                 break
     return names

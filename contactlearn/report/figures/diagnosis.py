@@ -130,8 +130,8 @@ def ladder_figure(diagnosis: Diagnosis) -> Figure:
 def laws_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the held-out error of each law without effects, the least first."""
     laws = sorted(diagnosis.laws, key=lambda one: one.error)
-    errors = [Interval(one.error, one.error, one.error) for one in laws]
-    return error_bars([st.law_style(one.name).label for one in laws], errors)
+    errors = [Interval(law.error, law.error, law.error) for law in laws]
+    return error_bars([st.law_style(law.name).label for law in laws], errors)
 
 
 @st.look()
@@ -335,7 +335,7 @@ def residual_figure(remainder: Remainder, record: Record) -> Figure:
     by_name = {one.component: one for one in remainder.tested}
     tests = [by_name[name] for name in remainder.components] or [max(remainder.tested, key=lambda one: one.r_squared)]
     first = residual[:, columns[tests[0].component]]
-    shares = {one.symbol: one.share for one in remainder.variables}
+    shares = {variable.symbol: variable.share for variable in remainder.variables}
     symbols = [name for name in shares if name in known][:_SYMBOLS] or [
         max(known, key=lambda name: share_explained(known[name], first))
     ]

@@ -106,7 +106,7 @@ def of_diagnosis(
     content = {
         "title": f"Diagnosis of {source_label(provenance.data.source)}",
         "_measure": phrase("measure", "mass"),
-        "_rig": next((one.rig for one in diagnosis.findings if one.rig), ()),
+        "_rig": next((finding.rig for finding in diagnosis.findings if finding.rig), ()),
         "verdict": {
             "key": str(diagnosis.verdict),
             "headline": headline(diagnosis),
@@ -245,8 +245,8 @@ def _effects(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "no_effect": phrase("no_effect"),
         "undecided": undecided(diagnosis),
-        "candidates": [candidate_content(one, diagnosis.budget) for one in diagnosis.candidates],
-        "proxy": phrase("proxy") if any(one.proxy for one in diagnosis.candidates) else "",
+        "candidates": [candidate_content(candidate, diagnosis.budget) for candidate in diagnosis.candidates],
+        "proxy": phrase("proxy") if any(candidate.proxy for candidate in diagnosis.candidates) else "",
         "experiment": None if diagnosis.experiment is None else experiment_content(diagnosis.experiment),
         "residual": None if diagnosis.remainder is None else residual_content(diagnosis.remainder, diagnosis.formulas),
         "equation": diagnosis.equation,
@@ -276,8 +276,8 @@ def sample_content(diagnosis: Diagnosis) -> dict[str, Any]:
         "sample": {
             "sentences": phrases("sample_summary", sample),
             "answers": [
-                {"trials": counted(one.trials), "answer": phrase("answer", one), "error": bounded(one.error)}
-                for one in sample.answers
+                {"trials": counted(answer.trials), "answer": phrase("answer", answer), "error": bounded(answer.error)}
+                for answer in sample.answers
             ],
             "map": _map(sample.confirmation.map),
             "shown": f"{shown} trials one by one, every k-th of the sequence.",
@@ -300,8 +300,8 @@ def thinned(record: Record, sample: Sample | None) -> Record:
     if len(rows) == len(record.impacts):
         return record
     residuals = tuple(
-        replace(one, x=one.x[rows], measured=one.measured[rows], explained=one.explained[rows])
-        for one in record.residuals
+        replace(residual, x=residual.x[rows], measured=residual.measured[rows], explained=residual.explained[rows])
+        for residual in record.residuals
     )
     impacts, outcomes = record.impacts[rows], record.outcomes[:, rows]
     return Record(

@@ -42,5 +42,5 @@ def of_plan(plan: Plan, measured: Mapping[str, Float[Tensor, "n"]]) -> dict[str,
             ([number(drop.settings[name] * shown[name][2], 3) for name in names], PURPOSES[drop.purpose], drop.body)
             for drop in plan.drops
         ],
-        "_looks": [(one.trials, ", ".join(one.found) or "–", ", ".join(one.probable) or "–") for one in plan.looks],
+        "_looks": [(look.trials, ", ".join(look.found) or "–", ", ".join(look.probable) or "–") for look in plan.looks],
     }

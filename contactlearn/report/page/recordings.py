@@ -111,11 +111,11 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
 
 def chosen(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
-    refusals = [one for one in tracked.survey.refusals if one.reason is not Reason.NOT_READ]
+    refusals = [refusal for refusal in tracked.survey.refusals if refusal.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
     first = spread(first, most // 2)
     rest = [*dict.fromkeys(one.recording for one in (*tracked.survey.contacts, *refusals))]
-    accepted = {one.recording for one in tracked.survey.contacts}.difference(first)
+    accepted = {contact.recording for contact in tracked.survey.contacts}.difference(first)
     second = spread([name for name in rest if name in accepted], most - len(first))
     known = {*first, *second}
     third = [name for name in rest if name not in known]

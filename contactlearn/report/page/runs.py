@@ -248,7 +248,7 @@ def _columns(
     if len({run.command for run in runs}) > 1:
         found.append(column("Command", [run.command for run in runs]))
     own = [
-        column(name, [None if one is None else float(one) for one in values], "number", lambda x: f"{x:.12g}")
+        column(name, [None if value is None else float(value) for value in values], "number", lambda x: f"{x:.12g}")
         if all(value is None or _NUMBER.fullmatch(value) for value in values)
         else column(name, values)
         for name, values in settings.items()
@@ -379,7 +379,7 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str)
             points = dict.fromkeys(ends, levels[str(gid)])
         else:
             curves[str(gid)] = points
-        intervals = [digits(asdict(one), 8) for one in points.values()]
+        intervals = [digits(asdict(point), 8) for point in points.values()]
         entries.append(
             {"label": words[gid], "sizes": [*points], "intervals": intervals, "level": level, "runs": line.rows}
         )

@@ -119,7 +119,7 @@ def grounds(diagnosis: Diagnosis) -> list[str]:
 
 def names_by_level(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
-    named = [(str(one.level), phrase("named", one)) for one in diagnosis.missing]
+    named = [(str(effect.level), phrase("named", effect)) for effect in diagnosis.missing]
     return named + [(str(Level.CANDIDATE), phrase("candidate", one, diagnosis.budget)) for one in diagnosis.candidates]
 
 
@@ -133,10 +133,10 @@ def undecided(diagnosis: Diagnosis) -> list[str]:
     listed = []
     for belief in beliefs.values():
         shares = {one: share / sum(belief.values()) for one, share in belief.items()}
-        likely = sorted((one for one in shares if shares[one] >= _LEAST_BELIEF), key=lambda one: -shares[one])
+        likely = sorted((share for share in shares if shares[share] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
     laws = listed[-1] if listed and diagnosis.law in listed[-1] else {}
-    apart = [one.name for one in diagnosis.laws if one.name not in laws]
+    apart = [law.name for law in diagnosis.laws if law.name not in laws]
     agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
     return phrases("undecided", diagnosis, listed, apart if agree and len(apart) < len(laws) / 2 else None)
 
@@ -196,7 +196,7 @@ def _meaning(effect: MissingEffect | Candidate) -> str:
     if kind and isinstance(argument := getattr(kind, "argument", None), Argument):
         quantity = kind.formula.partition(" ")[0].replace("τ", "the arm of the normal impulse")
         curve = f"over {argument.symbol}{'' if argument.unit == '–' else f' in {argument.unit}'}, {quantity} "
-    named = {one.name: numbers.Quantity(one) for one in values}
+    named = {value.name: numbers.Quantity(value) for value in values}
     words = re.sub(r"\[(.*?\{(\w+).*?)\]", lambda part: part[1] * (part[2] in named), words)  # of space alone
     with suppress(KeyError):  # parameters of another version
         if words:
