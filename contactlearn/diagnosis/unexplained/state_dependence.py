@@ -239,7 +239,8 @@ def fit_state_dependence(
     model = VaryingCoefficientModel.of(ordered, fit, scores, rows)
     inputs = {name: columns[rows] for name, columns in among.items()}
     tried = _tried(found)
-    fits = [_fit_coefficient(model, one.coefficient, one.orders, inputs) for one in tried]
+    products = (torch.cat([order * inputs[name] for name, order in one.orders.items()], -1) for one in tried)
+    fits = [model.dependent(one.coefficient, product) for one, product in zip(tried, products, strict=True)]
     association, best = max(zip(tried, fits, strict=True), key=lambda one: one[1].share.mean)
     return StateDependenceFit(model=model, inputs=inputs, association=association, fit=best, p_value=p_value)
 
@@ -273,16 +274,6 @@ def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
         if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
             chosen.append(StateAssociation(coefficient=coefficient, orders=union, neg_log_p=found[0].neg_log_p))
     return chosen
-
-
-def _fit_coefficient(
-    model: VaryingCoefficientModel,
-    coefficient: Coefficient | None,
-    orders: Mapping[str, int],
-    inputs: Mapping[str, Tensor],
-) -> VaryingCoefficientFit:
-    """Let a coefficient, or the velocities, depend on variables."""
-    return model.dependent(coefficient, torch.cat([order * inputs[name] for name, order in orders.items()], -1))
 
 
 def _same_dependence(

@@ -288,12 +288,9 @@ def _words(effect: EffectId) -> str:
 
 
 def _verdict(run: ComparedRun) -> str | None:
-    diagnosis = run.diagnosis
-    return (
-        None
-        if diagnosis is None
-        else printable(conclusion(diagnosis.verdict, diagnosis.physics, diagnosis.corrections))
-    )
+    if (diagnosis := run.diagnosis) is None:
+        return None
+    return printable(conclusion(diagnosis.verdict, diagnosis.physics, diagnosis.corrections))
 
 
 def _with(run: ComparedRun) -> str:
