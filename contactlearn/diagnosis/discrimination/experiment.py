@@ -181,31 +181,37 @@ def next_experiment(
         raise DataError("an experiment that separates models needs at least one rival, got none")
     within = state_limits(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
-    apart = [*discriminations(impacts, chosen, rivals, states).values()]
-    picked = _picked(apart, _places(states, within), count)
-    at_drops = {key: one.at(picked) for key, one in zip(rivals, apart, strict=True)}
-    squared = torch.stack([one.squared() for one in at_drops.values()])
+    discriminated = discriminations(impacts, chosen, rivals, states)
+    picked = _picked([*discriminated.values()], _places(states, within), count)
+    at_drops = {key: discrimination.at(picked) for key, discrimination in discriminated.items()}
+    squared = torch.stack([discrimination.squared() for discrimination in at_drops.values()])
     names, drops = STATES[impacts.space], states[picked]
     floor = [names.index(name) for name in ("x", "y") if name in names]
     middle = drops.q.clone()
     middle[:, floor] = within[floor].mean(-1)
     moved = separations_of(impacts, chosen, rivals, drops.replace(q=middle))
     located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())  # a separation depends on the place
-    several, in_space = len({*impacts.object}) > 1, impacts.space is SPACE
-    made = tuple(
+    separations = tuple(
+        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
+        for key, discrimination in at_drops.items()
+    )
+    made = _drops(drops, squared, located=located, several=len({*impacts.object}) > 1)
+    return Experiment(separations=separations, drops=made)
+
+
+def _drops(drops: Impacts, squared: Float[Tensor, "r n"], *, located: bool, several: bool) -> tuple[Drop, ...]:
+    """Drops as they are to be made: where, if a separation depends on the place, and with which of several bodies."""
+    names, in_space = STATES[drops.space], drops.space is SPACE
+    states = torch.cat((drops.q[:, _POSE[drops.space]], drops.v_pre), 1)
+    return tuple(
         Drop(
             **{name: value for name, value in zip(names, state, strict=True) if located or name not in ("x", "y")},
             orientation=tuple(drops.q[k, 3:].tolist()) if in_space else None,
             differences=tuple(squared[:, k].sqrt().tolist()),
             body=drops.object[k] if several else None,
         )
-        for k, state in enumerate(torch.cat((drops.q[:, _POSE[impacts.space]], drops.v_pre), 1).tolist())
+        for k, state in enumerate(states.tolist())
     )
-    separations = tuple(
-        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
-        for key, discrimination in at_drops.items()
-    )
-    return Experiment(separations=separations, drops=made)
 
 
 def separations_of(

@@ -34,6 +34,7 @@ from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.identification.joint import Fit, FitOptions
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -69,7 +70,7 @@ class StateAssociation:
 
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ) or axes, each body alone, others standardised."""
-    state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
+    state, bodies = State.of(impacts), numbered(impacts.object)
     names_of = _IN_SPACE if impacts.space is SPACE else ("vn", "vt", "vx", "omega", PLACE)
     known = of_state(state)
     values = {name: known[name] for name in names_of}
@@ -86,8 +87,8 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
             found[ANGLE] = circle
     elif (axes := rotation(impacts.q[:, 3:]).flatten(1)).std(0).min() > _TURNS:
         found[ORIENTATION] = axes
-    if 1 < len(names) <= _BODIES:
-        found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
+    if 1 <= bodies.max() < _BODIES:
+        found[BODY] = one_hot(bodies).to(torch.float64)
     return found | {
         name: columns if columns.shape[1] > 1 else (columns - columns.mean(0)) / columns.std(0)
         for name, columns in impacts.covariate_columns.items()

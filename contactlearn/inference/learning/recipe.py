@@ -190,14 +190,7 @@ def learn(
         values = torch.stack((found.mu, found.eps), -1)[rows]
         regressor = fit(values, on_round=listener(values))
     else:
-        left = start.base_prediction(impacts)
-        values = {
-            "velocity": impacts.v_post - left.v_post,
-            "impulse": measured_impulse(impacts, impulse) - left.wrench[..., : impacts.space.d],
-            "wrench": impacts.wrench - left.wrench,
-        }[recipe.target]
-        size = values.shape[-1]
-        values = _at(matvec(impacts.slip_axes.mT[:, :size, :size], values), rows)
+        values = _at(_residual(recipe.target, impacts, start, impulse), rows)
         known = _scattering(impacts, start)
         stated = noise_weight(known, recipe.target), noise_variance(known, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
@@ -290,6 +283,18 @@ def _fitted_law(law: Law, impacts: Impacts, rows: Tensor, impulse: str, box: Box
     if rows.ndim == 1:
         return fitted.to_law()
     return law.at(*(values.reshape(*rows.shape[:-1], 1) for values in (fitted.mu, fitted.eps)))
+
+
+def _residual(target: str, impacts: Impacts, start: ContactModel, impulse: str) -> Tensor:
+    """Measured target less that of the base, along the axes of the slip."""
+    base = start.base_prediction(impacts)
+    values = {
+        "velocity": impacts.v_post - base.v_post,
+        "impulse": measured_impulse(impacts, impulse) - base.wrench[..., : impacts.space.d],
+        "wrench": impacts.wrench - base.wrench,
+    }[target]
+    size = values.shape[-1]
+    return matvec(impacts.slip_axes.mT[:, :size, :size], values)
 
 
 def _before_learning(recipe: Recipe, base: Law | ContactModel | None) -> ContactModel:
