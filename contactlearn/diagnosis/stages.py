@@ -119,12 +119,12 @@ def diagnose_audited(
             folds = blocked_folds(drift, search.selection, generator)
             search = search_effects(question, law, fits, impacts, folds, generator)
             search = drop_proxy_effects(question, search, generator, drift.dependence.block)
-    rungs, learned = _climb(question, search, generator)
+    rungs, learned = _fit_ladder(question, search, generator)
     confidence = _confidence(question, impacts, rungs, learned.remainder)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
-        rungs, learned = _climb(question, search, generator)
+        rungs, learned = _fit_ladder(question, search, generator)
     comparison = compare_effects(question, search, rungs, generator)
     decomposition = decompose_error(question, search, rungs, learned, generator)
     question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
@@ -278,19 +278,19 @@ def drop_proxy_effects(
     selection, impacts = search.selection, search.selection.impacts
     options, thresholds = question.options, question.thresholds
     fit = selection.present.fit
-    found = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
-    tested = replace(search, state_dependence=found)
-    if found is None or not found.large:
+    dependence = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
+    tested = replace(search, state_dependence=dependence)
+    if dependence is None or not dependence.large:
         return tested
     path = selection.path()
     spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
     reduced = selection.at(spec, thresholds.window, generator)
-    found = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
-    if found is None or not found.large:
+    dependence = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
+    if dependence is None or not dependence.large:
         return tested
-    return _reduced(question, replace(search, state_dependence=found), reduced, {}, generator)
+    return _reduced(question, replace(search, state_dependence=dependence), reduced, {}, generator)
 
 
 def without_candidates(
@@ -318,12 +318,12 @@ def _reduced(
     generator: torch.Generator,
 ) -> SearchResult:
     """Choose a smaller model, see `SearchResult.reduced`; limits and regions are those of its law."""
-    found = search.reduced(selection, confidence)
+    reduced = search.reduced(selection, confidence)
     if selection.law.name == search.selection.law.name:
-        return found
+        return reduced
     question.on_event(LawChanged(law=selection.law.name))
-    other = _with_limits_and_regions(question, selection, search.notes, None, generator)
-    return replace(found, limits=other.limits, regions=other.regions)
+    refreshed = _with_limits_and_regions(question, selection, search.notes, None, generator)
+    return replace(reduced, limits=refreshed.limits, regions=refreshed.regions)
 
 
 def _learn(
@@ -339,7 +339,9 @@ def _learn(
 # --- What the effects explain, and what they do not --------------------------------------------
 
 
-def _climb(question: Question, search: SearchResult, generator: torch.Generator) -> tuple[Ladder, LearnedRemainder]:
+def _fit_ladder(
+    question: Question, search: SearchResult, generator: torch.Generator
+) -> tuple[Ladder, LearnedRemainder]:
     """Climb the ladder, and learn what the model at its top leaves."""
     selection = search.selection
     impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
@@ -393,12 +395,12 @@ def decompose_error(
     question: Question, search: SearchResult, rungs: Ladder, learned: LearnedRemainder, generator: torch.Generator
 ) -> ErrorDecomposition:
     """Find formulas for what the full model leaves, and divide the error of the law."""
-    selection, remainder, found = search.selection, learned.remainder, ()
+    selection, remainder, described = search.selection, learned.remainder, ()
     impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
     if remainder.large:
         try:
             component = remainder.components[0]
-            found = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
+            described = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
         except ContactLearnError as error:  # the library that finds formulas is not installed
             question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
@@ -424,7 +426,7 @@ def decompose_error(
             floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
         budget = divided(floor=floor, instrument=scatter.instrument)
         judged = budget if scatter.result.random else judged
-    return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget, judged=judged)
+    return ErrorDecomposition(learned=learned, formulas=described, scatter=scatter, budget=budget, judged=judged)
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -446,8 +448,8 @@ def _result(
     choices, missing = _choices(question, selection, comparison, confidence)
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     laws = _law_fits(question, search, laws, bool(missing))
-    if (found := decomposition.scatter) is not None:
-        model = replace(model, scatter=found.model.scatter, noise=found.model.noise)
+    if (scatter := decomposition.scatter) is not None:
+        model = replace(model, scatter=scatter.model.scatter, noise=scatter.model.noise)
     physics = verdict(
         decomposition.judged,
         named=bool(missing),
@@ -501,8 +503,8 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
     """The scatter with the share of each component in the law's error; 0 of what has structure."""
     if decomposition.scatter is None:
         return None
-    found, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
-    return replace(found, components=tuple(replace(one, share=whole * one.share) for one in found.components))
+    scatter, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
+    return replace(scatter, components=tuple(replace(one, share=whole * one.share) for one in scatter.components))
 
 
 def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
@@ -568,14 +570,14 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
     missing, named = rungs.missing, rungs.rungs[-1].error.mean
-    alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
+    sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         if _undetermined(question.candidates[one.effect], one):
             sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
-        found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
-    return found
+        confidence[one.effect] = sure / sharing if question.candidates[one.effect].like_shape else sure
+    return confidence
 
 
 def _undetermined(effect: Effect, found: MissingEffect) -> bool:

@@ -284,11 +284,11 @@ class _Belief:
     @property
     def possibilities(self) -> tuple[Possibility, ...]:
         """Names in question, the most probable first."""
-        found = dict[tuple[str, ...], float]()
+        probability = dict[tuple[str, ...], float]()
         for model in self.models:
             names = tuple(sorted(model.names))
-            found[names] = found.get(names, 0.0) + model.probability
-        ordered = sorted(found.items(), key=lambda item: -item[1])
+            probability[names] = probability.get(names, 0.0) + model.probability
+        ordered = sorted(probability.items(), key=lambda item: -item[1])
         return tuple(Possibility(effects=names, probability=p) for names, p in ordered)
 
 
@@ -339,9 +339,9 @@ def _criteria(
         probability=torch.full((len(about),), 1 / len(about), dtype=torch.float64),
         repeats=_REPEATS,
     )
-    found: dict[Purpose, Criterion] = {Purpose.SPACE: space, Purpose.EFFECTS: effects}
+    criteria: dict[Purpose, Criterion] = {Purpose.SPACE: space, Purpose.EFFECTS: effects}
     if not belief.models:
-        return found
+        return criteria
     slopes, covariances = zip(*belief.slopes, strict=True)
     root, most = torch.linalg.cholesky(belief.noise), max(c.shape[-1] for c in covariances)
     white = [torch.linalg.solve_triangular(root, one, upper=False).nan_to_num(0.0, 0.0, 0.0) for one in slopes]
@@ -351,10 +351,12 @@ def _criteria(
         probability=belief.probability,
         repeats=_REPEATS,
     )
-    found[Purpose.PARAMETERS] = parameters
-    found[Purpose.PREDICTION] = PredictionVariance(parameters=parameters, space=space, unexplained=belief.unexplained)
+    criteria[Purpose.PARAMETERS] = parameters
+    criteria[Purpose.PREDICTION] = PredictionVariance(
+        parameters=parameters, space=space, unexplained=belief.unexplained
+    )
     if len({model.names for model in belief.models}) > 1:
-        found[Purpose.NAMES] = NameInformation.of(
+        criteria[Purpose.NAMES] = NameInformation.of(
             belief.means,
             slopes,
             covariances,
@@ -363,7 +365,7 @@ def _criteria(
             probability=belief.probability,
             repeats=_REPEATS,
         )
-    return found
+    return criteria
 
 
 # --- The batch ----------------------------------------------------------------------------------

@@ -173,11 +173,11 @@ def visible(states: Impacts) -> tuple[dict[str, Effect], set[str]]:
     and those that are only tried in the place of others are neither.
     """
     some = states[:: -(-len(states) // _LOOKED_AT)]
-    found, ordered = dict[str, Effect](), some.replace(order=torch.arange(1, len(some) + 1))
+    acting, ordered = dict[str, Effect](), some.replace(order=torch.arange(1, len(some) + 1))
     every = {key: effect for key, effect in all_candidates(states.space).items() if not effect.refines}
     able = usable(every, ordered)
     following = {key.name for key, effect in able.items() if follows_order(effect, ordered)}
     for key, effect in sorted(able.items(), key=lambda item: len(item[1].parameters)):
         if key.name not in following:
-            found.setdefault(key.name, effect)
-    return found, {key.name for key in every} - {key.name for key in able}
+            acting.setdefault(key.name, effect)
+    return acting, {key.name for key in every} - {key.name for key in able}

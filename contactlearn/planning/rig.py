@@ -102,14 +102,14 @@ class Specimen:
     @classmethod
     def of(cls, impacts: Impacts) -> "tuple[Specimen, ...]":
         """Return the bodies of measured impacts."""
-        shapes, found = shapes_among(impacts.shape), list[Specimen]()
+        shapes, specimens = shapes_among(impacts.shape), list[Specimen]()
         for name in dict.fromkeys(impacts.object):
             own = impacts[[k for k, other in enumerate(impacts.object) if other == name]]
             moments = own.inertia.median(0).values.reshape(-1).tolist()
             inertia = moments[0] if len(moments) == 1 else tuple(moments)
             shape = shapes.get(name, shapes.get(""))
-            found.append(cls(mass=own.mass.median().item(), inertia=inertia, shape=shape, name=name, measured=own))
-        return tuple(found)
+            specimens.append(cls(mass=own.mass.median().item(), inertia=inertia, shape=shape, name=name, measured=own))
+        return tuple(specimens)
 
     @property
     def space(self) -> Space:

@@ -114,13 +114,13 @@ def _differs(model: ContactModel, scene: mujoco.Scene, impacts: Impacts) -> str:
     """By how much MuJoCo's outcomes differ from the model's, if the engine is here."""
     state = actual_state(model.effects, State.of(impacts))
     try:
-        found = mujoco_drops.outcomes(
+        outcomes = mujoco_drops.outcomes(
             scene, impacts, actual_coefficients(model.effects, state, *model.law.coefficients)
         )
     except ContactLearnError as missing:
         return f"by how much a spring and a dashpot differ from {model.law.name} is not known: {missing}"
-    ended = found.isfinite().all(-1)
-    share = mujoco.difference(model.predict(impacts).v_post[ended], found[ended], impacts[ended])
+    ended = outcomes.isfinite().all(-1)
+    share = mujoco.difference(model.predict(impacts).v_post[ended], outcomes[ended], impacts[ended])
     return (
         f"MuJoCo's contact is a spring and a dashpot; its outcomes differ from those of {model.law.name} by "
         f"{share:.1%} ({int(ended.sum())} impacts)"

@@ -113,18 +113,18 @@ def discriminations(
 ) -> dict[Key, ModelDiscrimination]:
     """Set a chosen model against each rival at states; all are fitted to the impacts."""
     noise = robust_covariance(impacts.v_post - chosen.predict(impacts).v_post)
-    mean, (slope, covariance), found = chosen.predict(states).v_post, parameter_slopes(chosen, states), {}
+    mean, (slope, covariance), discriminated = chosen.predict(states).v_post, parameter_slopes(chosen, states), {}
     for key, rival in rivals.items():
         other, spread = parameter_slopes(rival, states)
         difference, both = mean - rival.predict(states).v_post, torch.cat((slope, -other), -1)
         good = difference.isfinite().all(-1) & both.isfinite().all(-1).all(-1)
-        found[key] = ModelDiscrimination(
+        discriminated[key] = ModelDiscrimination(
             difference=torch.where(good[:, None], difference, 0.0),
             slope=torch.where(good[:, None, None], both, 0.0),
             covariance=torch.block_diag(covariance, spread),
             noise=noise.expand(len(states), -1, -1),
         )
-    return found
+    return discriminated
 
 
 def parameter_slopes(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n D k"], Float[Tensor, "k k"]]:

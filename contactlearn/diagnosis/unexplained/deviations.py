@@ -106,13 +106,13 @@ def random_shares(
     rest, shares = dict(scatter.each), dict.fromkeys(scatter.each, 1.0)
     for name, (u, error) in scatter.each.items():
         followed = {dependence.variable for dependence in dependences if dependence.component == name}
-        own = functions[:, [variable in followed for variable, *_ in named]]
-        if followed and 0 < own.shape[1] < len(u) - 1 and not followed & _SERIAL:
-            left, centred = _left(u, own), u - u.mean(0)
-            lost = (len(u) - 1) / (len(u) - own.shape[1] - 1)
+        following = functions[:, [variable in followed for variable, *_ in named]]
+        if followed and 0 < following.shape[1] < len(u) - 1 and not followed & _SERIAL:
+            rest_of, centred = _left(u, following), u - u.mean(0)
+            lost = (len(u) - 1) / (len(u) - following.shape[1] - 1)
             rest[name], shares[name] = (
-                (left, error),
-                min(1.0, (left.square().sum() / centred.square().sum() * lost).item()),
+                (rest_of, error),
+                min(1.0, (rest_of.square().sum() / centred.square().sum() * lost).item()),
             )
         elif followed:
             shares[name] = 0.0
@@ -131,8 +131,8 @@ def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float
     n, k = functions.shape
     if not 0 < k < n - 1:
         return None
-    left, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
-    return 1 - (left / whole).item() * (n - 1) / (n - k - 1)
+    residual, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
+    return 1 - (residual / whole).item() * (n - 1) / (n - k - 1)
 
 
 def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Float[Tensor, " n"]]]:

@@ -94,9 +94,9 @@ class Scores:
     def flipped(self, signs: Float[Tensor, "flips n"]) -> Float[Tensor, "flips n 2"]:
         """Compute the scores [flips, n, 2] of residuals with other signs, projected again."""
         each = (self.slope * self.residual[..., None]).sum(1)
-        found = signs @ (self.reach * self.residual[..., None]).sum(1)  # [flips, q]
+        along = signs @ (self.reach * self.residual[..., None]).sum(1)  # [flips, q]
         back = torch.einsum("ncp,ncq->qnp", self.slope, self.reach)
-        return signs[..., None] * each - torch.einsum("fq,qnp->fnp", found, back)
+        return signs[..., None] * each - torch.einsum("fq,qnp->fnp", along, back)
 
     def terms(self, change: Float[Tensor, "n D"], functions: Float[Tensor, "n k"]) -> Float[Tensor, "n k"]:
         """Return residuals times a change that follows functions of the trials, without what is projected out."""

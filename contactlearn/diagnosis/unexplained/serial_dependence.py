@@ -127,13 +127,13 @@ def screen_associations(
     D = scores.residual.shape[-1]
     historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory, D)]
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *historical]
-    found = [
-        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=own)
-        for (coefficient, memory, x), own in zip(names, neg_log_p[0].tolist(), strict=True)
-        if own > enough
+    associations = [
+        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=significance)
+        for (coefficient, memory, x), significance in zip(names, neg_log_p[0].tolist(), strict=True)
+        if significance > enough
     ]
     best: dict[tuple[Coefficient | None, LaggedVariable], Association] = {}
-    for one in sorted(found, key=lambda one: -one.neg_log_p):
+    for one in sorted(associations, key=lambda one: -one.neg_log_p):
         best.setdefault((one.coefficient, one.variable), one)
     return chance, tuple(best.values()) if chance <= level else ()
 

@@ -76,7 +76,7 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     values = {name: known[name] for name in names_of}
     if impacts.space is SPACE:  # stripes are narrower than a body, so the place is that of its contact
         values |= {name: known[name] + impacts.r[:, k] for k, name in enumerate(_PLACES)}
-    found = {
+    variables = {
         name: ((value - value.mean()) / value.std())[:, None]
         for name, value in values.items()
         if value.std() > 1e-9 * value.abs().max()
@@ -84,12 +84,12 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     if impacts.space is PLANE:
         circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
         if circle.std(0).max() > 1e-9:
-            found[ANGLE] = circle
+            variables[ANGLE] = circle
     elif (axes := rotation(impacts.q[:, 3:]).flatten(1)).std(0).min() > _TURNS:
-        found[ORIENTATION] = axes
+        variables[ORIENTATION] = axes
     if 1 <= bodies.max() < _BODIES:
-        found[BODY] = one_hot(bodies).to(torch.float64)
-    return found | {
+        variables[BODY] = one_hot(bodies).to(torch.float64)
+    return variables | {
         name: columns if columns.shape[1] > 1 else (columns - columns.mean(0)) / columns.std(0)
         for name, columns in impacts.covariate_columns.items()
     }
@@ -107,8 +107,8 @@ def screen_state_associations(
     D = scores.residual.shape[-1]
     alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
     kinds = (*Coefficient, *[None] * D)  # that may depend on the state: coefficients, whitened velocities
-    changes, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
-    functions = torch.cat([own - own.mean(0) for _, own in groups], 1)
+    changes, associations, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
+    functions = torch.cat([columns - columns.mean(0) for _, columns in groups], 1)
     for kind, change in zip(kinds, changes.unbind(-1), strict=True):
         every = signs @ scores.terms(change, functions)
         for (orders, _), sums in zip(groups, every.split([len(orders) for orders, _ in groups], 1), strict=True):
@@ -116,12 +116,14 @@ def screen_state_associations(
             each, together = normal_neg_log_p(sums), gamma_neg_log_p(z.square().sum(1, keepdim=True))
             largest.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
             strongest = orders[int(each[0].argmax())]
-            found.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
+            associations.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
     overall = torch.stack(largest, 1).amax(1)
     chance, enough = exceedance(overall), overall[1:].quantile(1 - level).item()
     if chance > level:
         return chance, ()
-    return chance, tuple(sorted((one for one in found if one.neg_log_p > enough), key=lambda one: -one.neg_log_p))
+    return chance, tuple(
+        sorted((one for one in associations if one.neg_log_p > enough), key=lambda one: -one.neg_log_p)
+    )
 
 
 def screened_functions(

@@ -154,9 +154,9 @@ def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor) 
     while half > 1e-9:
         eps = (centre + half * line).clamp(low, high)
         mu = ((1 - 1e-12) * _slope(*problem.impulse(problem.box.mu[1], eps))).clamp(*problem.box.mu)
-        found = _lowest(problem.cost(mu, eps), mu, eps)
-        best = _lower(found, best)
-        centre, half = found[2], half * 0.1
+        lowest = _lowest(problem.cost(mu, eps), mu, eps)
+        best = _lower(lowest, best)
+        centre, half = lowest[2], half * 0.1
     return best
 
 

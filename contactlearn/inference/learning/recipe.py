@@ -186,8 +186,8 @@ def learn(
         P = measured_impulse(impacts, impulse)
         regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, listener)
     elif recipe.target == "parameters_identified":
-        found = fit_trials(impacts, start.law, target=impulse, box=box)
-        values = torch.stack((found.mu, found.eps), -1)[rows]
+        trials = fit_trials(impacts, start.law, target=impulse, box=box)
+        values = torch.stack((trials.mu, trials.eps), -1)[rows]
         regressor = fit(values, on_round=listener(values))
     else:
         values = _at(_residual(recipe.target, impacts, start, impulse), rows)

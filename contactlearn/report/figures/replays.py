@@ -115,10 +115,10 @@ def _quartiles(errors: Sequence[torch.Tensor], places: Sequence[torch.Tensor], c
         for k in place.unique().tolist():
             if k < count:
                 means[row, k] = error[place == k].mean()
-    found = np.full((count, 3), np.nan)
+    quartiles = np.full((count, 3), np.nan)
     enough = np.isfinite(means).sum(0) >= min(_MIN_RECORDINGS, len(errors))
-    found[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
-    return found
+    quartiles[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
+    return quartiles
 
 
 def _draw(axes: Axes, x: np.ndarray, quartiles: np.ndarray, color: str, label: str) -> None:
