@@ -29,18 +29,18 @@ def write_settings(path: Path, name: str | None) -> str:
         ContactLearnError: a name that `data=` cannot choose, or of another file; or the file cannot be written.
         DataError: see `contactlearn.data.headers.propose`.
     """
-    own = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
-    file = Path(f"{own}.yaml")
-    if not DATA_NAME.fullmatch(own):
-        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {own!r}")
-    if own in choices("data") and own not in own_data():
-        raise ContactLearnError(f"data={own} is a source of this package; choose another name, --name my{own}")
+    word = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
+    file = Path(f"{word}.yaml")
+    if not DATA_NAME.fullmatch(word):
+        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {word!r}")
+    if word in choices("data") and word not in own_data():
+        raise ContactLearnError(f"data={word} is a source of this package; choose another name, --name my{word}")
     if file.exists():
         raise ContactLearnError(f"{file} exists already and is not replaced; edit it, or choose another --name")
     contents = propose(path)
     try:
         with atomic_write(file) as part:
-            part.write_text(_text(path, own, contents), encoding="utf-8")
+            part.write_text(_text(path, word, contents), encoding="utf-8")
     except (OSError, UnicodeError) as error:
         raise ContactLearnError(f"{file}: cannot be written: {error}") from error
     missing = [setting.name for setting in contents.settings if setting.value == OPEN]
@@ -48,7 +48,7 @@ def write_settings(path: Path, name: str | None) -> str:
     lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
     lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
-    lines.append(f"then     contactlearn audit data={own}, and data={own} on every command in this folder")
+    lines.append(f"then     contactlearn audit data={word}, and data={word} on every command in this folder")
     return "\n".join(lines)
 
 

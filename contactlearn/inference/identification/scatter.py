@@ -478,8 +478,8 @@ def _calibrated(scatter: Scatter, impacts: Impacts) -> Scatter:
 
 def _prior(problem: _Problem, variances: Tensor) -> Tensor:
     """Variance [q] of each deviation."""
-    own = variances[_FIRST:]
-    return torch.cat([x.expand(size) for x, size in zip(own, problem.sizes, strict=True)]) if len(own) else own
+    each = variances[_FIRST:]
+    return torch.cat([x.expand(size) for x, size in zip(each, problem.sizes, strict=True)]) if len(each) else each
 
 
 def _most_probable(
@@ -527,8 +527,8 @@ def _described(
         near = min(error / (2 * value), math.sqrt(error))  # of a variance that may be 0
         deviations.append(StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=near))
     values = {deviation.name: deviation.value for deviation in deviations}
-    own = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
-    scatter = {name: one for name, one in own.items() if not one.of_instrument}
+    estimated = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
+    scatter = {name: one for name, one in estimated.items() if not one.of_instrument}
     inverse = torch.linalg.inv(fit.precision)
     model = assemble(problem.model.law, problem.model.effects, best.theta, inverse)
     prior = _prior(problem, fit.variances)
@@ -545,8 +545,8 @@ def _described(
         bic=best.bic(penalty) - without.bic(penalty),
         rivals=rivals,
         mixture=fit.mixture,
-        each={one.name: (u, error) for one, u, error in each if one.name in own},
+        each={one.name: (u, error) for one, u, error in each if one.name in estimated},
         distance=fit.distance,
         converged=best.converged,
-        recorded={name: one for name, one in own.items() if one.of_instrument},
+        recorded={name: one for name, one in estimated.items() if one.of_instrument},
     )
