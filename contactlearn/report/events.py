@@ -13,9 +13,9 @@ from contactlearn.diagnosis.events import FILE, Event, OnEvent, append_event
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, print_line
-from contactlearn.report.text import (
-    base_label,
-    error,
+from contactlearn.report.text.names import base_label, rung_label, sentence
+from contactlearn.report.text.numbers import error, share_of_whole
+from contactlearn.report.text.sentences import (
     formula_overrides,
     headline,
     listed_models,
@@ -23,10 +23,7 @@ from contactlearn.report.text import (
     misfit,
     phrase,
     phrases,
-    rung_label,
     searched_name,
-    sentence,
-    share_of_whole,
     undecided,
 )
 

@@ -15,22 +15,15 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.core.errors import ContactLearnError, terminal_safe
+from contactlearn.core.numerics import measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.table.descriptions import SURFACES
 from contactlearn.data.table.names import name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import (
-    NO_INTERVAL,
-    correct_setting,
-    join_words,
-    law_label,
-    measured,
-    model_label,
-    model_labels,
-    phrase,
-    sentence,
-)
+from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
+from contactlearn.report.text.numbers import NO_INTERVAL
+from contactlearn.report.text.sentences import correct_setting, phrase
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,

@@ -16,26 +16,25 @@ from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleMod
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.apparatus import Row
-from contactlearn.report.text import (
-    brief_interval,
+from contactlearn.report.text.names import (
+    NOISE_SOURCES,
     capitalize_first,
-    correct_setting,
     effect_label,
-    error,
-    fix_spacing,
-    headline,
     label,
     law_label,
+    model_label,
+    sentence,
+)
+from contactlearn.report.text.numbers import brief_interval, error, fix_spacing, percent, share_of_whole
+from contactlearn.report.text.sentences import (
+    correct_setting,
+    headline,
     listed_models,
     names_by_level,
-    percent,
     phrase,
     phrases,
     searched_name,
-    sentence,
-    share_of_whole,
 )
-from contactlearn.report.text.names import NOISE_SOURCES, model_label
 from contactlearn.results.types import DiagnosisRun
 from contactlearn.workbench.components import Child, action_button, bar, bars, controls, items, note
 from contactlearn.workbench.lines import formula_line, line_name

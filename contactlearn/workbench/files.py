@@ -22,7 +22,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.report.page.page import FILE, RECORDINGS, REPLAY, has_recordings
 from contactlearn.report.page.runs import write_runs
-from contactlearn.report.text import headline
+from contactlearn.report.text.sentences import headline
 from contactlearn.results.folder import Result, find_results, read_result
 from contactlearn.results.types import DiagnosisRun
 from contactlearn.simulation.hidden_effects import reveal

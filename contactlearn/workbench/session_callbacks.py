@@ -33,7 +33,7 @@ from contactlearn.inference.evaluation.variables import map_variables, variables
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.report.page.trials import impulse_figure
-from contactlearn.report.text import law_label, sentence
+from contactlearn.report.text.names import law_label, sentence
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
 from contactlearn.workbench.lines import completions, parse_effect

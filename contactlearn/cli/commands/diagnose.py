@@ -27,7 +27,8 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import FLOORS, base_label, capitalize_first, headline, names_by_level, rung_label
+from contactlearn.report.text.names import FLOORS, base_label, capitalize_first, rung_label
+from contactlearn.report.text.sentences import headline, names_by_level
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 

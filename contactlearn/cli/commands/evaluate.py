@@ -36,7 +36,8 @@ from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import best_learned, model_labels, phrase
+from contactlearn.report.text.names import model_labels
+from contactlearn.report.text.sentences import best_learned, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation

@@ -15,7 +15,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export import mujoco, onnx, source
-from contactlearn.report.text import label
+from contactlearn.report.text.names import label
 from contactlearn.simulation import mujoco as mujoco_drops, synthetic
 
 TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "onnx": ".onnx", "mujoco": ".xml", "json": ".json"}

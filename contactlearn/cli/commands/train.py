@@ -31,7 +31,8 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import model_labels, phrase
+from contactlearn.report.text.names import model_labels
+from contactlearn.report.text.sentences import phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 

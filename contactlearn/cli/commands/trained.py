@@ -10,7 +10,7 @@ from contactlearn.mechanics.features import Features, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
-from contactlearn.report.text import phrase
+from contactlearn.report.text.sentences import phrase
 from contactlearn.results.types import DataSource, Pair
 
 _SAME_BODY = 0.01  # relative difference of masses, or of moments of inertia, up to which bodies count as one

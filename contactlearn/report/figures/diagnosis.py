@@ -51,7 +51,9 @@ from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import scattered_impulses
-from contactlearn.report.text import base_label, effect_label, error, fix_spacing, percent, phrase, rung_label, sentence
+from contactlearn.report.text.names import base_label, effect_label, rung_label, sentence
+from contactlearn.report.text.numbers import error, fix_spacing, percent
+from contactlearn.report.text.sentences import phrase
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _INKS = {

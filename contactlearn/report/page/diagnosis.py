@@ -43,24 +43,18 @@ from contactlearn.report.page.trials import (
     of_outcomes,
     of_trials,
 )
-from contactlearn.report.text import (
-    base_label,
-    effect_label,
+from contactlearn.report.text.names import base_label, effect_label, label, rung_label, sentence, source_label
+from contactlearn.report.text.numbers import counted, share_of_whole
+from contactlearn.report.text.sentences import (
     grounds,
     headline,
-    label,
     listed_models,
     listed_name,
     phrase,
     phrases,
-    rung_label,
     searched_name,
-    sentence,
-    share_of_whole,
-    source_label,
     undecided,
 )
-from contactlearn.report.text.numbers import counted
 from contactlearn.results.types import DataSource, Provenance
 
 

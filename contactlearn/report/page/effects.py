@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import (
     Candidate,
     ErrorBudget,
@@ -20,18 +21,9 @@ from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Part
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
 from contactlearn.report.page.trials import bounded, digits, finely
-from contactlearn.report.text import (
-    WRENCH,
-    confidence,
-    effect_label,
-    fine_percent,
-    formula_overrides,
-    in_words,
-    measured,
-    phrase,
-    phrases,
-    sentence,
-)
+from contactlearn.report.text.names import WRENCH, effect_label, sentence
+from contactlearn.report.text.numbers import fine_percent
+from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases
 
 
 class _Axis(NamedTuple):

@@ -13,7 +13,8 @@ from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.plan import plan_figure
 from contactlearn.report.page.page import render, save
 from contactlearn.report.page.trials import digits
-from contactlearn.report.text import capitalize_first, fine_percent
+from contactlearn.report.text.names import capitalize_first
+from contactlearn.report.text.numbers import fine_percent
 from contactlearn.report.text.plan import PURPOSES, plan_summary, possibility, setting
 
 PLAN = "plan.html"

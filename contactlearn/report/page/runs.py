@@ -32,16 +32,8 @@ from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
 from contactlearn.report.terminal import next_command
-from contactlearn.report.text import (
-    base_label,
-    conclusion,
-    effect_label,
-    join_words,
-    label,
-    phrase,
-    phrases,
-    rung_label,
-)
+from contactlearn.report.text.names import base_label, effect_label, join_words, label, rung_label
+from contactlearn.report.text.sentences import conclusion, phrase, phrases
 from contactlearn.results import folder as run_folder
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
