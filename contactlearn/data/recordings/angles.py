@@ -192,7 +192,7 @@ def _residual(searched: Searched, shape: Shape, gyration_squared: Any, sense: in
     body in space that is no ball, it is multiplied with the scatter of the floor's heights over that of the heights of
     the body's lowest points.
     """
-    contacts = [contact for found in searched.values() for contact in found.contacts]
+    contacts = [contact for track in searched.values() for contact in track.contacts]
     if len(contacts) < NEEDED.contacts_of_reading:
         return math.inf
     pose = np.stack([contact.pose for contact in contacts])

@@ -317,24 +317,24 @@ def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, r
     design = slopes * units
     across = design / sigma[:, None] ** 2
     inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
-    turning, found, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
+    turning, coefficients, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
     if d == 3:
         middle = int(np.abs(tau).argmin())
         steps = rotation_vector(product(seen[1:, 3:], conjugate(seen[:-1, 3:]))) / np.diff(tau)[:, None]
         turning = Turning(q=seen[middle, 3:], spin=np.median(steps, 0), moments=air.moments)
     for _ in range(1 if turning is None else _TURNS):
         if turning is not None:
-            if found.any():
-                (q,), (spin,) = turning.placed(found[None, d:, 0], found[None, d:, 1], np.zeros(1))
+            if coefficients.any():
+                (q,), (spin,) = turning.placed(coefficients[None, d:, 0], coefficients[None, d:, 1], np.zeros(1))
                 turning = replace(turning, q=q, spin=spin)
             y = np.concatenate((seen[:, :d], turning.counted(seen[:, d:], tau)), 1) - slopes[..., 2] * air.pull()
-        found = np.einsum("kij,tkj,tk->ki", inverse, across, y)
+        coefficients = np.einsum("kij,tkj,tk->ki", inverse, across, y)
     return Flight(
         frames=frames,
         reference=reference,
-        state=(found * units).T,
+        state=(coefficients * units).T,
         covariance=inverse * units[:, :, None] * units[:, None],
-        residual=y - np.einsum("tki,ki->tk", design, found),
+        residual=y - np.einsum("tki,ki->tk", design, coefficients),
         sigma=sigma,
         air=air,
         turning=turning,
@@ -522,15 +522,15 @@ def find_flights(
     touches = _touches(track)
     good &= ~sliding_window_view(touches, width)[:, 1:-1].any(-1)
     pose[touches] = np.nan  # `_extended` decides on them
-    found = [_first(time, pose, run, sigma, air, width) for run in _runs(good, width)]
-    found = _joined(time, track.pose, [flight for flight in found if flight is not None], width)
-    found = [_extended(track, flight, sigma, width) for flight in found]
-    freedom = sum(len(f.residual) - 2 for f in found)
-    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(air.k))
+    firsts = (_first(time, pose, run, sigma, air, width) for run in _runs(good, width))
+    joined = _joined(time, track.pose, [flight for flight in firsts if flight is not None], width)
+    extended = [_extended(track, flight, sigma, width) for flight in joined]
+    freedom = sum(len(flight.residual) - 2 for flight in extended)
+    total = sum(((flight.residual**2).sum(0) for flight in extended), np.zeros(air.k))
     # As if eight frames more had the noise of the windows.
     sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(air.k)))
-    flights = (fit(time, track.pose, f.frames, flight_noise(f, sigma), f.air) for f in found)
-    return Flights(flights=tuple(flights), sigma=sigma, width=width)
+    flights = tuple(fit(time, track.pose, f.frames, flight_noise(f, sigma), f.air) for f in extended)
+    return Flights(flights=flights, sigma=sigma, width=width)
 
 
 def _touches(track: Track) -> Bool[Mask, " t"]:
@@ -559,27 +559,30 @@ def flight_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
     return sigma * np.repeat(np.sqrt((share + 24) / (3 * len(flight.residual) + 18)), 3)
 
 
-_OWN = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
+_WIDEST_PRIOR = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
 """Of position and rotation, at most: with more of it a body at rest would be in flight.  No plates brake one in space,
 and short flights would not show that their accelerations are steady."""
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
-def _most_own(k: int) -> AccelerationPrior:
+def _widest_prior(k: int) -> AccelerationPrior:
     d = k // 3 + 1
-    (a, a_turn), (j, j_turn) = _OWN[d]
+    (a, a_turn), (j, j_turn) = _WIDEST_PRIOR[d]
     return (a,) * d + (a_turn,) * (k - d), (j,) * d + (j_turn,) * (k - d)
 
 
 def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "k"]]]:
     """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
-    air, options, long = replace(air, prior=_most_own(air.k)), FlightOptions(), []
+    air, options, long = replace(air, prior=_widest_prior(air.k)), FlightOptions(), []
     for track in tracks:
-        found, bent = find_flights(track, air, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
-        for flight in found.flights:
-            if len(flight.frames) >= 2 * found.width + 2 * bent:
+        search, bent = (
+            find_flights(track, air, options),
+            round(options.contact_time / 2 / track.step) + 1,
+        )  # by contacts
+        for flight in search.flights:
+            if len(flight.frames) >= 2 * search.width + 2 * bent:
                 frames = flight.frames[bent:-bent]
-                long.append((track, fit(track.time, track.pose, frames, found.sigma, air), found.sigma))
+                long.append((track, fit(track.time, track.pose, frames, search.sigma, air), search.sigma))
     return long
 
 
@@ -592,7 +595,7 @@ def own_accelerations(long: Sequence[Flight], k: int = 3) -> AccelerationPrior:
     """
     if len(long) < NEEDED.flights_of_accelerations:
         return (0.0,) * k, (0.0,) * k
-    D = most = np.array(_most_own(k)).T ** 2
+    D = most = np.array(_widest_prior(k)).T ** 2
     inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
     J, h = (
         inverse - np.apply_along_axis(np.diag, -1, 1 / D),
@@ -744,10 +747,10 @@ def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> b
     return float(difference @ np.linalg.solve(covariance, difference)) <= _MAX_CHI2_SAME_FLIGHT
 
 
-def _joined(time: Array, pose: Array, found: Sequence[Flight], width: int) -> list[Flight]:
+def _joined(time: Array, pose: Array, flights: Sequence[Flight], width: int) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
-    for flight in found:
+    for flight in flights:
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2

@@ -109,7 +109,7 @@ def find_rests(
     """
     size = max(round(_BLOCK / track.step), 2)
     fewest = max(round(_LASTS / (size * track.step)), 2)
-    found, floor_noise = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
+    rests, floor_noise = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
     least = np.maximum(sigma, floor_noise)
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
@@ -125,8 +125,8 @@ def find_rests(
         if len(run) >= fewest:
             error, mean = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
             pose = displaced(0 * mean if track.d == 2 else last, mean)
-            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, floor_noise / size)))
-    return tuple(found)
+            rests.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, floor_noise / size)))
+    return tuple(rests)
 
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
@@ -247,18 +247,18 @@ def _under_solid(
     used, changes, floor = np.ones(len(contacts), dtype=np.bool_), dict[str, float](), None
     for _ in range(_TURNS + 1):  # each about the outline that the one before has found
         design = _solid_design(contacts, lying, down, shape, changes, limits)
-        found, scatter, above, (_, on, *_) = design.solved(used, (within, 0.0))
-        found = {name: replace(one, value=one.value + changes.get(name, 0.0)) for name, one in found.items()}
-        if isinstance(shape, Cornered) and "corner" in found:  # no radius is less than 0
-            found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
-        changes = {name: found[name].value for name in _changes(shape) if name in found}
+        estimates, scatter, above, (_, on, *_) = design.solved(used, (within, 0.0))
+        estimates = {name: replace(one, value=one.value + changes.get(name, 0.0)) for name, one in estimates.items()}
+        if isinstance(shape, Cornered) and "corner" in estimates:  # no radius is less than 0
+            estimates["corner"] = replace(estimates["corner"], value=max(estimates["corner"].value, -shape.corner))
+        changes = {name: estimates[name].value for name in _changes(shape) if name in estimates}
         floor = Floor(
-            height=found["height"],
-            slope=found.get("slope"),
-            slope_b=found.get("slope_b"),
+            height=estimates["height"],
+            slope=estimates.get("slope"),
+            slope_b=estimates.get("slope_b"),
             orientation=None,
-            outline={name: found[name] for name in _OUTLINE if name in found},
-            sinking=found.get("sinking"),
+            outline={name: estimates[name] for name in _OUTLINE if name in estimates},
+            sinking=estimates.get("sinking"),
             scatter=scatter,
             rests=int(on.sum()),
             above=above,
@@ -328,11 +328,11 @@ class _Design:
         contacts, kinds[0] = kinds[0], kinds[0][used]
         good = _near(matrix, value, kinds, within[1])
         fit, deviations, scatter = _weighted(matrix, value, [rows[good[rows]] for rows in kinds], within)
-        found = {
+        estimates = {
             name: Estimate(value=float(x), error=float(error))
             for name, x, error in zip(self.columns, fit, deviations, strict=True)
         }
-        return found, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
+        return estimates, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
 
 
 def _solid_design(
@@ -393,23 +393,23 @@ class _Problem:
         change = {name: outline[name].value for name in _changes(self.shape) if name in outline}
         design, rests = self._design(turned, change), self.rests
         _, lies, turns = np.sqrt(np.mean([r.error**2 for r in rests], axis=0)).tolist() if rests else (0.0,) * 3
-        found, scatter, above, (_, on_floor, flat, _) = design.solved(self._single(turned), (lies, turns))
-        slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
+        estimates, scatter, above, (_, on_floor, flat, _) = design.solved(self._single(turned), (lies, turns))
+        slope, zero, sinking = (estimates.get(name) for name in ("slope", "orientation", "sinking"))
         depth = abs(sinking.value) if sinking else 0.0
-        for name in _LASTING_SHARES.keys() & found.keys():  # what the course of the force in a lasting contact adds
+        for name in _LASTING_SHARES.keys() & estimates.keys():  # what the course of the force in a lasting contact adds
             typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if depth else 0.0
             speed = 1.0 if name == "late" else typical
-            found[name] = replace(
-                found[name], error=math.hypot(found[name].error, _LASTING_SHARES[name] * depth * speed)
+            estimates[name] = replace(
+                estimates[name], error=math.hypot(estimates[name].error, _LASTING_SHARES[name] * depth * speed)
             )
         floor = Floor(
-            height=found["height"],
+            height=estimates["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
             orientation=zero and replace(zero, value=turned + zero.value),
             outline={
-                name: replace(found[name], value=found[name].value + change.get(name, 0.0))
+                name: replace(estimates[name], value=estimates[name].value + change.get(name, 0.0))
                 for name in _OUTLINE
-                if name in found
+                if name in estimates
             },
             sinking=sinking,
             scatter=scatter,

@@ -71,11 +71,11 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
         contacts[contact.recording].append(contact)
     for refusal in tracked.survey.refusals:
         refusals[refusal.recording].append(refusal)
-    founds = dict[str, SearchedTrack]()
+    tracks = dict[str, SearchedTrack]()
     for one in tracked.reload({*chosen(tracked)}):  # the first where two have one name
-        founds.setdefault(one.track.name, one)
-    shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
-    scores, floor, space = standardised([*founds.values()]), tracked.floor, tracked.impacts.space
+        tracks.setdefault(one.track.name, one)
+    shown = [of_recording(one, contacts[name], refusals[name]) for name, one in tracks.items()]
+    scores, floor, space = standardised([*tracks.values()]), tracked.floor, tracked.impacts.space
     outline = tracked.shape.outline(91).T.tolist()
     packed = json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return {
@@ -91,7 +91,7 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
             "height": digits(floor.height.value, 6),
             "slope": digits(floor.slope.value if floor.slope else 0.0, 4),
         },
-        "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
+        "figures": {"residuals": digits(as_plotly(residuals_figure([*tracks.values()])))},
         "block": compressed(packed.encode(errors="replace")),
         "_symbols": [f"{symbol}{when} ({unit})" for when in ("", "⁺") for symbol, unit in space.symbols.items()],
         "_freedom": space.D - 1,
@@ -102,7 +102,7 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
         "_unread": [(r.recording, r.message) for r in tracked.survey.refusals if r.reason is Reason.NOT_READ],
         "_sketches": [
             sketch(one, refusals[name]) | {"recording": k}
-            for k, (name, one) in enumerate(founds.items())
+            for k, (name, one) in enumerate(tracks.items())
             if any(part.reason is not Reason.REST for part in refusals[name])
         ],
         "_residuals": _residuals(scores),
