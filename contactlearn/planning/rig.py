@@ -192,7 +192,7 @@ class Rig:
         if not measured and not {HEIGHT, vertical} & {*self.limits}:
             raise DataError(f"the rig must state its height, or {vertical} at contact")
         left = HEIGHT if vertical in self.limits or HEIGHT not in self.limits else vertical
-        complete = {name: self.limits.get(name) or _by_chance(name, space, measured) for name in names if name != left}
+        complete = {name: self.limits.get(name) or _by_chance(name, measured) for name in names if name != left}
         return replace(self, limits=complete)
 
     def draw(self, count: int, seed: int) -> dict[str, Float[Tensor, "n"]]:
@@ -283,7 +283,7 @@ def _quaternions(
     return turn_quaternion(turned, torch.stack((-heading.sin() * tilt, heading.cos() * tilt, zero), -1))
 
 
-def _by_chance(name: str, space: Space, measured: Sequence[Impacts]) -> Limits:
+def _by_chance(name: str, measured: Sequence[Impacts]) -> Limits:
     """Limits of a quantity that the rig does not name: the measured ones, else none of an angle and 0 of all else."""
     if name in ANGLES:
         return Limits(low=-math.pi, high=math.pi, settable=False)
