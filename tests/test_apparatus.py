@@ -28,7 +28,7 @@ from contactlearn.inference.identification.shared import Box
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.shapes import Disc, Ellipse, contact_point
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import phrase
+from contactlearn.report.text.sentences import phrase
 from contactlearn.simulation import synthetic
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings

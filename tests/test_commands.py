@@ -38,7 +38,7 @@ from contactlearn.inference.learning import curves
 from contactlearn.mechanics.features import Features
 from contactlearn.models import checkpoint
 from contactlearn.report.figures import laws as drawings
-from contactlearn.report.text import model_label
+from contactlearn.report.text.names import model_label
 from contactlearn.simulation import synthetic
 
 CURVES = ("model=[x1_wrench,parameters_likelihood]", "curves.sizes=[10,20,500]", "curves.seeds=3", "workers=1")

@@ -103,12 +103,6 @@ def assert_alike(found, expected, device, tolerance):
         assert (apart <= tolerance * scale).all(), f"{name} is {apart.max():.2g} off, of {scale:.2g}"
 
 
-def test_what_is_there_already_is_not_copied(drops):
-    model = learn(drops, RECIPES["wrench"], rows=torch.arange(30), base=ROUTH.at(0.1, 0.5))
-    for thing in (drops, model, {"a": (model, [drops.mass])}, ROUTH, "text", None):
-        assert moved(thing, "cpu") is thing
-
-
 def test_impacts_move_there_and_back(drops, device):
     drops = drops.replace(v_post_cov=torch.eye(3, dtype=torch.float64).expand(len(drops), 3, 3))
     there = moved(drops, device)

@@ -42,7 +42,7 @@ from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.models.contact_model import ContactModel, predict_with
 from contactlearn.report.events import show_verdict
 from contactlearn.report.page.effects import residual_content
-from contactlearn.report.text import grounds, headline, phrase, phrases
+from contactlearn.report.text.sentences import grounds, headline, phrase, phrases
 
 OPTIONS = FitOptions()
 

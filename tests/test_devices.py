@@ -9,6 +9,7 @@ from contactlearn.core.devices import moved
 from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.inference.evaluation import bounds
 from contactlearn.inference.learning.recipe import Recipe, learn
+from contactlearn.laws import find
 from contactlearn.simulation import synthetic
 
 SMALL = ("data.size=32", "train.size=10", "train.repetitions=2", "bootstrap=20", "model=analytical")
@@ -16,8 +17,9 @@ SMALL = ("data.size=32", "train.size=10", "train.repetitions=2", "bootstrap=20",
 
 def test_what_is_there_already_is_not_copied():
     drops = synthetic.load(size=40)
-    model = learn(drops, Recipe("x1", "velocity"), rows=torch.arange(30))
-    for thing in (drops, model, {"a": (model, [drops.mass])}, "text", None):
+    law = find("wang_mason").at(0.1, 0.5)
+    model = learn(drops, Recipe("x1", "wrench", law), rows=torch.arange(30), base=law)
+    for thing in (drops, model, {"a": (model, [drops.mass])}, law, "text", None):
         assert moved(thing, "cpu") is thing
 
 

@@ -24,7 +24,7 @@ from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.report.events import event_lines
-from contactlearn.report.text import grounds, headline
+from contactlearn.report.text.sentences import grounds, headline
 from contactlearn.simulation import hidden_effects, synthetic
 
 

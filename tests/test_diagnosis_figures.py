@@ -30,7 +30,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.diagnosis import audit_figure, drawn, ladder_figure, regions_figure, residual_figure
 from contactlearn.report.figures.effects import effect_curve
-from contactlearn.report.text import rung_label, sentence
+from contactlearn.report.text.names import rung_label, sentence
 from contactlearn.simulation import hidden_effects
 
 UNIT = re.compile(r"\((\$10\^\{-?\d+\}\$ )?(mN m s|mN s|mm|m/s|rad/s|rad|°|kg|m|s|–|count)\)")

@@ -31,7 +31,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.shapes import contact_point
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import phrase
+from contactlearn.report.text.sentences import phrase
 from contactlearn.simulation import synthetic
 
 NOISE = torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)

@@ -144,16 +144,6 @@ def test_every_law_in_numpy(name, variant, space):
 
 
 @pytest.mark.parametrize("space", BOTH, ids=str)
-@pytest.mark.parametrize("to", ["numpy", "torch"])
-def test_effects_of_all_places_in_python(to, space):
-    model, drops = with_effects(space)
-    names = source.trace(model, drops.shape, space).arguments
-    assert [*names][-2:] == ["order", "body"]
-    found = run_python(source.source_code(model, to, drops[:10]), drops, names)
-    assert differs(found, model, drops) < ROUNDING
-
-
-@pytest.mark.parametrize("space", BOTH, ids=str)
 def test_a_law_alone_in_torch(space):
     impacts, *_ = contacts(space, 100)
     model = ContactModel(find("wang_mason").at(0.2, 0.5))
@@ -267,12 +257,14 @@ def test_laws_in_c(name, space, tmp_path):
     assert differs(found, model.at((mu, eps)), impacts) < ROUNDING
 
 
-@needs_compiler
 @pytest.mark.parametrize("space", BOTH, ids=str)
-def test_effects_of_all_places_in_c(space, tmp_path):
+@pytest.mark.parametrize("to", ["numpy", "torch", pytest.param("c", marks=needs_compiler)])
+def test_effects_of_all_places(to, space, tmp_path):
     model, drops = with_effects(space)
     names = source.trace(model, drops.shape, space).arguments
-    found = run_c(source.source_code(model, "c", drops[:10]), tmp_path, drops, names)
+    assert [*names][-2:] == ["order", "body"]
+    text = source.source_code(model, to, drops[:10])
+    found = run_c(text, tmp_path, drops, names) if to == "c" else run_python(text, drops, names)
     assert differs(found, model, drops) < ROUNDING
 
 

@@ -234,7 +234,7 @@ def test_effects_of_the_recording_are_left_out():
     fitted = joint.fit(drops, "mirtich", ["gravity_impulse", "side_drag"]).model
     kept = torch.tensor([0, 1, 3])
     assert torch.equal(fitted.physical.parameter_covariance, fitted.parameter_covariance[kept][:, kept])
-    on_top = ContactModel(fitted).physical.under
+    on_top = ContactModel(fitted).physical.law_model
     assert list(on_top.effects) == ["side_drag"]
 
 

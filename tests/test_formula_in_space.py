@@ -27,7 +27,7 @@ from contactlearn.mechanics.rigid_body import apply_wrench, matvec, turn_quatern
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report import text
+from contactlearn.report.text.sentences import phrase
 from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
 from contactlearn.workbench import lines
@@ -214,7 +214,7 @@ def test_a_planted_dependence_is_found_by_its_formula(component, axis, planted, 
     assert from_json(Formula, to_json(best)) == best
     again = lines.parse_effect(lines.formula_line(best))
     assert again.spaces in ((SPACE,), BOTH)
-    assert text.phrase("formula_change", best).startswith(KNOWN[SPACE][best.output].letter)
+    assert phrase("formula_change", best).startswith(KNOWN[SPACE][best.output].letter)
 
 
 @pytest.mark.parametrize("component", WrenchComponent)

@@ -44,7 +44,7 @@ FEW = {"starts": 1, "iterations": 20}
 
 
 def learned(impacts: Impacts, features: str, target: str, base=None, **options) -> ContactModel:
-    under = base.under.base if isinstance(base, ContactModel) else base
+    under = base.law_model.base if isinstance(base, ContactModel) else base
     law = under if target.startswith("parameters") or base is under else None
     return learn(impacts, Recipe(features, target, law, ProcessOptions(**options)), rows=ROWS, base=base)
 
@@ -187,7 +187,7 @@ STEPPED = [kind for kind in KINDS if "x1" in kind or "para" in kind or "fit" in 
 @pytest.mark.parametrize("kind", STEPPED)
 def test_a_step_has_its_derivatives_and_so_has_its_covariance(kind):
     model, (inputs, back) = KINDS[kind][1](), states_of(STATES[kind.split()[0]])
-    sure = model.noise is not None or model.under.parameter_covariance is not None
+    sure = model.noise is not None or model.law_model.parameter_covariance is not None
 
     def outcome(flat: Tensor) -> Tensor:
         found = model.step(back(flat), uncertainty=sure)

@@ -25,7 +25,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.page.diagnosis import of_diagnosis
 from contactlearn.report.page.page import render
 from contactlearn.report.page.trials import EMBEDDED
-from contactlearn.report.text import phrase, phrases
+from contactlearn.report.text.sentences import phrase, phrases
 from contactlearn.simulation import hidden_effects, synthetic
 
 SMALL = Thresholds(whole=375)  # subsamples of 150, 300 and 600 trials

@@ -13,7 +13,7 @@ from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import brief_interval
+from contactlearn.report.text.numbers import brief_interval
 from contactlearn.simulation import synthetic
 
 EXACT = 1e-13  # relative: a few roundings

@@ -19,8 +19,8 @@ from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import phrase
 from contactlearn.report.text.names import effect_label
+from contactlearn.report.text.sentences import phrase
 
 STAND_IN, TRUE = "slip_dependent_restitution", "side_drag"
 

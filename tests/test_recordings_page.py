@@ -27,7 +27,14 @@ from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.shapes import Ellipse
 from contactlearn.report.figures.tracks import standardised
 from contactlearn.report.page.page import render, reproduced
-from contactlearn.report.page.recordings import FRAMES, MOST, chosen, of_recording, of_recordings, write_recordings_page
+from contactlearn.report.page.recordings import (
+    FRAMES,
+    MAX_RECORDINGS,
+    chosen,
+    of_recording,
+    of_recordings,
+    write_recordings_page,
+)
 from contactlearn.report.text.tracks import tracks_facts, tracks_summary
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import MASS, SEMI_AXES, simulate, write_recordings
@@ -117,9 +124,9 @@ def test_long_recordings_are_thinned(found, tmp_path):
     refusals += [replace(rest, recording=f"{k:04d}") for k in range(1000)]
     many = replace(survey, contacts=tuple(contacts), refusals=tuple(refusals), recordings=1000)
     names = chosen(replace(found, survey=many))
-    assert len(names) == len(set(names)) == MOST
+    assert len(names) == len(set(names)) == MAX_RECORDINGS
     even = [int(name) for name in names if int(name) % 2 == 0]
-    assert len(even) >= MOST // 2
+    assert len(even) >= MAX_RECORDINGS // 2
     assert min(even) < 20
     assert max(even) > 980
     assert (

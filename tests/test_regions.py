@@ -115,7 +115,7 @@ def test_limits_are_nearly_right():
 def test_the_p_value_is_of_the_half_that_was_not_searched(monkeypatch):
     """Against SciPy's rank-sum test; the corrected one is five times that of the surest of five."""
     drops, prediction, _ = plant("location", size=300)
-    monkeypatch.setattr("contactlearn.diagnosis.regions._MOST", 1)
+    monkeypatch.setattr("contactlearn.diagnosis.regions._MAX_REGIONS", 1)
     alone = find_regions(drops, prediction, generator=seeded(0))[0]
     monkeypatch.undo()
     rest = torch.randperm(300, generator=seeded(0))[150:]

@@ -20,7 +20,7 @@ from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.figures.style import law_style
 from contactlearn.report.page.runs import write_runs
-from contactlearn.report.text import conclusion
+from contactlearn.report.text.sentences import conclusion
 from contactlearn.results.types import DiagnosisRun
 
 METRIC = "mass_error"

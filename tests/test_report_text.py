@@ -11,13 +11,18 @@ from diagnoses import SIX, made_up, missing, remainder
 from evaluations import evaluation, joint_estimate
 
 import contactlearn
+from contactlearn.core.numerics import measured
 from contactlearn.data.audit.result import Finding
 from contactlearn.diagnosis import result
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report import text
 from contactlearn.report.events import TerminalObserver, show_verdict
+from contactlearn.report.text import (
+    names as text_names,
+    numbers as text_numbers,
+    sentences as text,
+)
 
 SNAPSHOT = Path(__file__).with_name("sentences.txt")
 TILT, DRAG = EffectId("surface_tilt", "computed"), EffectId("side_drag", "linear")
@@ -55,28 +60,28 @@ def said(found) -> str:
 
 
 def numbers() -> Iterator[tuple[str, str]]:
-    yield "value and error", text.measured(0.10512, 0.00412, "m")
-    yield "small value", text.measured(-3.2e-7, 4e-8)
+    yield "value and error", measured(0.10512, 0.00412, "m")
+    yield "small value", measured(-3.2e-7, 4e-8)
     for x in (0.18114, 0.00042, 2e-5, 0.0):
-        yield f"error {x}", text.error(x)
-    yield "interval across 0", text.interval(Interval(0.1, -0.02, 0.3))
+        yield f"error {x}", text_numbers.error(x)
+    yield "interval across 0", text_numbers.interval(Interval(0.1, -0.02, 0.3))
     for x, y in ((0.1, 0.39), (0.09, 0.1), (0.11, 0.1), (0.03988, 0.04), (3.0, 0.1), (0.0, 0.1), (0.0, 0.0)):
-        yield f"{x} beside {y}", text.compared(x, y)
+        yield f"{x} beside {y}", text_numbers.compared(x, y)
 
 
 def names() -> Iterator[tuple[str, str]]:
     for effect in (("velocity_dependent_restitution", "kuwabara_kono"), ("velocity_dependent_friction", "stribeck")):
-        yield "effect", text.effect_label(EffectId(*effect))
+        yield "effect", text_names.effect_label(EffectId(*effect))
         rung = result.Rung(kind=result.RungKind.EFFECT, error=Interval(0, 0, 0), effect=EffectId(*effect))
-        yield "rung of an effect", text.rung_label(rung, "Mirtich")
+        yield "rung of an effect", text_names.rung_label(rung, "Mirtich")
     for kind in result.RungKind:
         if kind is not result.RungKind.EFFECT:
-            yield f"rung {kind}", text.rung_label(result.Rung(kind=kind, error=Interval(0, 0, 0)), "Mirtich")
+            yield f"rung {kind}", text_names.rung_label(result.Rung(kind=kind, error=Interval(0, 0, 0)), "Mirtich")
     joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
-    for name, label in text.model_labels(replace(evaluation(), joint=joint)).items():
+    for name, label in text_names.model_labels(replace(evaluation(), joint=joint)).items():
         yield f"model {name}", label
-    yield "clause", text.sentence("x points left")
-    yield "question", text.sentence("no balance. Is it?")
+    yield "clause", text_names.sentence("x points left")
+    yield "question", text_names.sentence("no balance. Is it?")
     verdicts = result.Verdict
     yield "corrected", text.conclusion(verdicts.BAD_DATA, verdicts.NONE, ("mirrored_x",))
     yield "refused", text.conclusion(verdicts.BAD_DATA, None)
@@ -238,7 +243,7 @@ def models() -> Iterator[tuple[str, str]]:
     for name, those in (("many", (*others, chosen)), ("one", (replace(chosen, share=1.0),))):
         found = replace(FOUND, models=those)
         for model in text.listed_models(found):
-            yield f"of {name} models", f"{text.listed_name(found, model)} {text.share_of_whole(model.share)}"
+            yield f"of {name} models", f"{text.listed_name(found, model)} {text_numbers.share_of_whole(model.share)}"
     rejected = replace(FOUND, unwanted=(EffectId("kick"), EffectId("wind")))
     yield "notes", " ".join(text.phrases("notes", FOUND))
     yield "notes, candidates of the user", " ".join(text.phrases("notes", rejected))
@@ -307,7 +312,7 @@ def test_every_phrase_has_its_macro():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("phrase", "phrases"):
                 name, *values = node.args
                 if isinstance(name, ast.Constant):
-                    macro = text.sentences.macro(str(name.value))
+                    macro = text.macro(str(name.value))
                     assert len(macro.arguments) == len(values), f"{path.name}: {name.value}"
 
 

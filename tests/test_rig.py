@@ -150,19 +150,19 @@ def test_a_sloping_floor_becomes_level():
 def test_the_centre_of_mass_is_found_from_the_wobble_within_its_error():
     """Sets of flights, a third of which spin fast: in 60 numbers one or two are beyond 2.3 errors by chance."""
     rng, centre, sigma = np.random.default_rng(1), np.array((5e-4, -8e-4)), np.array((3e-5, 3e-5, 1e-3))
-    air, scores, found = Air(own=((0.1, 0.1, 3.0), (1e-3, 1e-3, 1e-3))), [], []
+    air, scores, found = Air(prior=((0.1, 0.1, 3.0), (1e-3, 1e-3, 1e-3))), [], []
     for _ in range(30):
         found = []
         for k in range(30):
             time, theta_0, spin = np.arange(40) / 250, rng.uniform(-3, 3), rng.uniform(10, 25) / (1 + k % 3)
             theta = theta_0 + spin * time + rng.normal(0, 3) * time**2 / 2
             c, s = np.cos(theta), np.sin(theta)
-            (x, y), own = np.array((0.4, 0.3))[:, None] * time, rng.normal(0, 0.1, 2)
-            x = x + own[0] * time**2 / 2 - c * centre[0] + s * centre[1]
-            y = y + (own[1] - GRAVITY.value) * time**2 / 2 - s * centre[0] - c * centre[1]
+            (x, y), push = np.array((0.4, 0.3))[:, None] * time, rng.normal(0, 0.1, 2)
+            x = x + push[0] * time**2 / 2 - c * centre[0] + s * centre[1]
+            y = y + (push[1] - GRAVITY.value) * time**2 / 2 - s * centre[0] - c * centre[1]
             pose = np.stack((x, y, theta), 1) + sigma * rng.standard_normal((40, 3))
             track = Track(name="", time=time, pose=pose)
-            found.append(wobble(track, fit(time, pose, np.arange(40), sigma, air), air.own))
+            found.append(wobble(track, fit(time, pose, np.arange(40), sigma, air), air.prior))
         scores += [(one.value - truth) / one.error for one, truth in zip(centre_of_mass(found), centre, strict=True)]
     assert 0.65 < np.sqrt(np.mean(np.square(scores))) < 1.25  # noise alone is no less
     assert (np.abs(scores) > 2.3).sum() <= 4

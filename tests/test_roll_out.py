@@ -197,11 +197,11 @@ def test_drag_takes_the_speed_of_the_closed_form():
 
 def test_a_body_with_an_acceleration_of_its_own_falls_and_drifts_by_it():
     state = BodyState(pose=[(0, 1.02, 0)] * 2, velocity=(1, 0, 0), **BODY)
-    own = torch.tensor([[0.0, 0.0], [0.4, -0.3]], dtype=torch.float64)
-    found = MODEL.roll_out(state, Disc(0.02), until=Until(bounces=1), own=own)
-    expected = (2 / (GRAVITY - own[:, 1])).sqrt()
+    acceleration = torch.tensor([[0.0, 0.0], [0.4, -0.3]], dtype=torch.float64)
+    found = MODEL.roll_out(state, Disc(0.02), until=Until(bounces=1), acceleration=acceleration)
+    expected = (2 / (GRAVITY - acceleration[:, 1])).sqrt()
     assert torch.allclose(found.times[:, 0], expected, atol=EXACT)
-    assert torch.allclose(found.poses[:, 0, 0], expected + own[:, 0] * expected.square() / 2, atol=EXACT)
+    assert torch.allclose(found.poses[:, 0, 0], expected + acceleration[:, 0] * expected.square() / 2, atol=EXACT)
 
 
 def test_it_ends_as_asked_and_says_why():

@@ -33,7 +33,7 @@ from contactlearn.models.checkpoint import load, save
 from contactlearn.models.contact_model import ContactModel, linearised, resolve
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.figures.impulse_space import scattered_impulses
-from contactlearn.report.text import grounds, headline
+from contactlearn.report.text.sentences import grounds, headline
 from contactlearn.scatter import (
     COMPONENTS,
     Component,

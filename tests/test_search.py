@@ -22,7 +22,7 @@ from contactlearn.inference.identification.joint import FitOptions, linearise
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.text import headline
+from contactlearn.report.text.sentences import headline
 from contactlearn.simulation import hidden_effects, synthetic
 
 PATCH, INERTIA = EffectId("contact_patch", "linear"), EffectId("inertia_error", "uniform")

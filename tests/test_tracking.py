@@ -29,7 +29,7 @@ from contactlearn.laws import find
 from contactlearn.mechanics.features import SPACES
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.tensorboard import Tracker, ends
-from contactlearn.report.text import base_label, rung_label
+from contactlearn.report.text.names import base_label, rung_label
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import process_estimates
 from contactlearn.simulation import hidden_effects, synthetic

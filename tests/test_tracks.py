@@ -61,14 +61,15 @@ def test_flights_that_plates_brake_show_their_own_accelerations_and_meet_within_
     gravity = find_gravity(recordings)
     frame = find_frame(recordings, gravity)
     model = find_flight_model(recordings, frame, gravity)
-    np.testing.assert_allclose(model.own[0] / np.array((1, 1, 30)), 0.15, rtol=0.5)
+    np.testing.assert_allclose(model.prior[0] / np.array((1, 1, 30)), 0.15, rtol=0.5)
     tracks = [frame.track(recording) for recording in recordings]
-    own, steady = (
-        [find_contacts(track, physics).contacts for track in tracks] for physics in (model, replace(model, own=STEADY))
+    free, steady = (
+        [find_contacts(track, physics).contacts for track in tracks]
+        for physics in (model, replace(model, prior=STEADY))
     )
-    assert sum(map(len, own)) > 1.3 * sum(map(len, steady))
+    assert sum(map(len, free)) > 1.3 * sum(map(len, steady))
     scores = []
-    for k, hit in [(k, hit) for k, hits in enumerate(own) for hit in hits]:
+    for k, hit in [(k, hit) for k, hits in enumerate(free) for hit in hits]:
         mine = np.flatnonzero(truth.recording == k)
         error = hit.v_pre - truth.v_pre[mine[np.abs(truth.time[mine] - hit.time).argmin()]]
         scores.append(error @ np.linalg.solve(hit.covariance[:3, :3], error))

@@ -56,7 +56,7 @@ def test_free_turning_obeys_euler(moments):
 
 @pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
 def test_a_flight_in_space_is_fitted_with_its_covariance(moments):
-    air, scores = Air(gravity=(0.0, 0.0, -GRAVITY), own=((0.0,) * 6,) * 2, moments=moments), []
+    air, scores = Air(gravity=(0.0, 0.0, -GRAVITY), prior=((0.0,) * 6,) * 2, moments=moments), []
     time, rng, sigma = np.arange(24) / RATE, np.random.default_rng(1), np.repeat(NOISE, 3)
     q, spin, v = np.array((1.0, 0, 0, 0)), np.array((4.0, -2.5, 3.0)), np.array((0.4, -0.3, 1.0))
     turned, _ = poses.free_turn(q, spin, time, moments)

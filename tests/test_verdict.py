@@ -30,7 +30,8 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification.scatter import StandardDeviation
-from contactlearn.report.text import grounds, headline, label, phrase
+from contactlearn.report.text.names import label
+from contactlearn.report.text.sentences import grounds, headline, phrase
 
 MUCH = Thresholds().form_error
 FRICTION = StateDependence(

@@ -28,8 +28,8 @@ from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.inference.evaluation.variables import map_variables
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
-from contactlearn.report.text import brief_interval, names_by_level
-from contactlearn.report.text.numbers import error
+from contactlearn.report.text.numbers import brief_interval, error
+from contactlearn.report.text.sentences import names_by_level
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
 from contactlearn.workbench import background, commands, content, lines

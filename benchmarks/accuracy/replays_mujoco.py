@@ -70,7 +70,7 @@ class Engine:
     hook: str | None = None
 
     @property
-    def under(self) -> ContactModel:
+    def law_model(self) -> ContactModel:
         """The model whose scene it is."""
         return self.body
 

@@ -32,19 +32,19 @@ class TrainedModel:
     provenance: Provenance | None
 
     @property
-    def under(self) -> ContactModel:
+    def law_model(self) -> ContactModel:
         """The model that has the law and the effects."""
-        return self.model.under
+        return self.model.law_model
 
     @property
     def law(self) -> Law | None:
         """The law that the model is, or builds on; None without a law."""
-        return self.under.base if isinstance(self.under.base, Law) else None
+        return self.law_model.base if isinstance(self.law_model.base, Law) else None
 
     @property
     def effects(self) -> Mapping[str, Effect]:
         """The effects around its law, by name."""
-        return self.under.effects
+        return self.law_model.effects
 
     @property
     def learned(self) -> str:

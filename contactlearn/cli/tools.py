@@ -250,7 +250,8 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     """
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
-    from contactlearn.report.text import correct_setting, phrase, sentence
+    from contactlearn.report.text.names import sentence
+    from contactlearn.report.text.sentences import correct_setting, phrase
 
     path, words = _path_and_words("audit", options)
     source = _source("audit", words if path is None else ["data=table", *words], path)

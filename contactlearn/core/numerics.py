@@ -5,6 +5,7 @@
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` for an integer
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
+    mahalanobis         squared distances of residuals in a scatter
     number, measured    a number as text; a value with its standard error and unit as text, `readable` in mm, ms and °
     bin_edges           of a histogram of values that may all be equal
     atomic_write        a file that appears whole or not at all
@@ -67,6 +68,12 @@ def random_share(
     held_out = torch.zeros(trials, dtype=torch.bool)
     held_out[torch.randperm(trials, generator=generator)[:count]] = True
     return held_out
+
+
+def mahalanobis(residual: Tensor, scatter: Tensor) -> Tensor:
+    """Squared distances d² = rᵀ Σ⁻¹ r [..., n] of residuals [..., n, D] in a scatter [..., D, D]."""
+    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
+    return white.square().sum(-2)
 
 
 def is_number(value: Any) -> TypeGuard[float]:

@@ -3,11 +3,6 @@
 Every recording of a file or folder is searched for contacts between two free flights (`contactlearn.data.recordings`).
 Units, axes and orders that are not stated are found from the flights; what cannot be found must be stated.  Each
 refusal has its reason and number.
-
-Unit and sense of angles follow from the moment balance of the impacts, I Δω = r_x P_n − r_y P_t: it holds in the right
-unit and sense alone, of bodies that spin, at some zero of θ.  (Heights of contacts do not show the sense of a body with
-an axis of symmetry.)  A stated reading in which it does not hold, though it holds in another one, contradicts the
-recordings.
 """
 
 import math
@@ -18,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
-from itertools import pairwise, permutations
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +25,16 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
 from contactlearn.data.audit.rig import with_balance
-from contactlearn.data.recordings.conventions import (
-    ANGLES,
-    SENSES,
-    Conventions,
-    Gravity,
-    find_flight_model,
-    find_frame,
-    find_gravity,
+from contactlearn.data.recordings.angles import (
+    find_angles,
+    reading_residual,
+    refuse_left_handed_axes,
+    search_reading,
+    without_angles,
 )
-from contactlearn.data.recordings.flights import FlightModel, FlightOptions
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
+from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
-from contactlearn.data.recordings.frame import Clue, Frame, orders_of
 from contactlearn.data.recordings.markers import (
     Centre,
     MarkerHull,
@@ -50,9 +43,9 @@ from contactlearn.data.recordings.markers import (
     places_on_corners,
     places_turned,
 )
-from contactlearn.data.recordings.poses import Array, conjugate, orientation, product, quaternion, rotated
+from contactlearn.data.recordings.poses import Array, orientation
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import REASONS, Found, RecordedContact
+from contactlearn.data.recordings.result import REASONS, RecordedContact, SearchedTrack
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.sufficiency import NEEDED
@@ -63,30 +56,23 @@ from contactlearn.data.recordings.survey import (
     TrackOptions,
     key,
     sample,
-    search_sample,
+    search_recording,
     survey,
-    tracked,
 )
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.recordings.wobble import centre_of_mass
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.bodies import make_shapes, principal_moments
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import matvec, moment, rotation
-from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Ellipsoid, Polygon, Shape, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, Shape, Solid, Sphere, contact_point
 
-_Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 _ORIENTATIONS = ("euler", "matrix")  # other descriptions of an orientation, in place of a quaternion
 _COLUMNS = ("time", "position", "angle", "quaternion", "recording", "markers")
 _ROUNDING = 1e-9
-_CLOSES = 0.1  # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
-_FAR = 0.3  # residual of the best reading, from which on the shape is doubted
-_LEVELLINGS, _ROUNDS = 3, 12  # turns of the axes towards the floor, and weights of its fit
+_ROUNDS = 12  # weights of a robust fit
 _MOVING = 0.1  # of the velocity of approach, that of a surface which moves
 _MOVING_ROUND = 0.02  # the same of round bodies, whose contact heights no zero of θ and no outline change
-_SURE = 5.0  # standard errors of a slope that is allowed for
-_MOMENT_SIGMAS = 5.0  # errors of a moment, of which one that is as large has half the weight
-_ZEROS: Sequence[float] = np.radians(np.linspace(-6, 6, 25)).tolist()  # of θ that are tried
+_VELOCITY_SIGMAS = 5.0  # standard errors of the velocity of a surface
 _INSTANT = 1e-6  # s, error of the instants at which flights meet, at least
 
 
@@ -129,7 +115,7 @@ class Tracked:
         """Covariances of the contact points in m² where the shape is the hull of the markers."""
         return None if self.hull is None else self.hull.contact_covariance(self.survey.contacts)
 
-    def reload(self, names: Collection[str]) -> Iterator[Found]:
+    def reload(self, names: Collection[str]) -> Iterator[SearchedTrack]:
         """Search some recordings once more for their tracks and flights, which a survey does not keep.
 
         Files that cannot be read are left out.
@@ -137,9 +123,9 @@ class Tracked:
         files = recording_files(self.path)
         alone = [file for file in files if file.stem in names]
         chosen = alone if {file.stem for file in alone} == {*names} else files
-        search = partial(tracked, frame=self.survey.frame, model=self.survey.model, options=self.options)
+        search = partial(search_recording, frame=self.survey.frame, model=self.survey.model, options=self.options)
         recordings = (one for file in chosen for one in _named(file, names, self.options.layout))
-        return map(search, (self.searched.get(key(one), one) for one in recordings))
+        return map(search, (self.searched.get(key(recording), recording) for recording in recordings))
 
 
 def _named(file: Path, names: Collection[str], layout: Layout) -> Iterator[Recording]:
@@ -267,20 +253,20 @@ def find_impacts(
     if isinstance(known, Solid):
         options = replace(options, solid=known, moments=tuple(gyration.tolist()))
     turning = any(np.ptp(one.rotation[one.seen], axis=0).any() for one in recordings if one.seen.any())
-    find = _find_angles if turning else _without_angles
+    find = find_angles if turning else without_angles
     frame, model, searched = find(recordings, options, known, gyration)
-    found = survey(files, frame, model, options, searched=searched, progress=progress)
-    _check_contacts(path, found)
+    surveyed = survey(files, frame, model, options, searched=searched, progress=progress)
+    _check_contacts(path, surveyed)
     limits = options.thresholds
-    floor = find_floor(found.contacts, known, found.rests, lean=model.lean, limits=limits)
-    _check_still(path, found.contacts, known)
-    contacts, refusals = off_the_floor(found.contacts, known, floor, limits, longest=options.flight.contact_time)
-    found = replace(found, contacts=tuple(contacts), refusals=(*found.refusals, *refusals))
-    _check_contacts(path, found)
+    floor = find_floor(surveyed.contacts, known, surveyed.rests, lean=model.lean, limits=limits)
+    _check_still(path, surveyed.contacts, known)
+    contacts, refusals = off_the_floor(surveyed.contacts, known, floor, limits, longest=options.flight.contact_time)
+    surveyed = replace(surveyed, contacts=tuple(contacts), refusals=(*surveyed.refusals, *refusals))
+    _check_contacts(path, surveyed)
     if isinstance(known, Solid):
-        _check_handedness(path, contacts, known, gyration, limits.reading)
+        refuse_left_handed_axes(path, contacts, known, gyration, limits.reading)
     name = options.layout.body or type(known).__name__.lower()
-    apparatus = _apparatus(found if turning else replace(found, wobbles=()), floor, options)
+    apparatus = _apparatus(surveyed if turning else replace(surveyed, wobbles=()), floor, options)
     impacts = _impacts(contacts, known, mass, gyration * mass, name, f"tracks of {path}", apparatus)
     if turning:
         impacts = impacts.replace(apparatus=with_balance(impacts, apparatus, floor.sinking))
@@ -289,7 +275,7 @@ def find_impacts(
     return Tracked(
         path=path,
         impacts=impacts,
-        survey=found,
+        survey=surveyed,
         floor=floor,
         shape=known,
         options=options,
@@ -308,12 +294,12 @@ def _gyration(shape: Shape, mass: float, inertia: float | Sequence[float] | None
     return principal_moments(inertia) / mass
 
 
-def _check_contacts(path: Path, found: Survey) -> None:
-    if not found.contacts:
-        counter = Counter(REASONS[refusal.reason] for refusal in found.refusals)
+def _check_contacts(path: Path, surveyed: Survey) -> None:
+    if not surveyed.contacts:
+        counter = Counter(REASONS[refusal.reason] for refusal in surveyed.refusals)
         counts = ", ".join(f"{reason} ({count})" for reason, count in counter.items()) or "nothing"
         raise DataError(
-            f"{path}: no contact between two free flights in {found.recordings} recordings; refused: {counts}"
+            f"{path}: no contact between two free flights in {surveyed.recordings} recordings; refused: {counts}"
         )
 
 
@@ -355,13 +341,13 @@ def _on_shape(
     frame = find_frame(recordings, gravity, options.conventions, options.thresholds, in_space=in_space)
     places = places_on_corners(recordings, frame, shape)
     if places is None and isinstance(shape, Polygon | Ellipse):
-        _, model, _ = _searched(recordings, gravity, options.conventions, options)
+        _, model, _ = search_reading(recordings, gravity, options.conventions, options)
         places = places_turned(recordings, frame, np.eye(2), np.array(model.centre))  # about the centre of mass
         centred = replace(options, layout=replace(options.layout, places=places.tolist()))
         moved = sample(files, centred.layout)
-        frame, _, searched = _searched(moved, gravity, options.conventions, centred)
+        frame, _, searched = search_reading(moved, gravity, options.conventions, centred)
         angles = np.radians(np.arange(360))
-        left = np.array([_residual(searched, shape, gyration, 1, about=a, zeros=(0.0,)) for a in angles])
+        left = np.array([reading_residual(searched, shape, gyration, 1, about=a, zeros=(0.0,)) for a in angles])
         a = angles[left.argmin()]
         turned = np.array(((np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))))
         clear = left.min() <= options.thresholds.reading * np.median(left) < math.inf
@@ -383,31 +369,31 @@ def _by_markers(
     return replace(options, layout=replace(options.layout, places=hull.places.tolist())), hull
 
 
-def _apparatus(found: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
+def _apparatus(surveyed: Survey, floor: Floor, options: TrackOptions) -> Apparatus:
     """Estimates without any impact; states at contact may be off by a part of its duration."""
-    (gravity, drag), shown = found.model.measured, len(found.contacts) + floor.rests
-    lasting = float(np.median([contact.lasting for contact in found.contacts]))
+    (gravity, drag), shown = surveyed.model.measured, len(surveyed.contacts) + floor.rests
+    lasting = float(np.median([contact.lasting for contact in surveyed.contacts]))
     return Apparatus(
         gravity=gravity,
-        friction=friction_of(found.slides, gravity.value, drag.value),
+        friction=friction_of(surveyed.slides, gravity.value, drag.value),
         drag=drag if math.isfinite(drag.error) else None,
         slope=floor.slope if shown >= options.thresholds.contacts_of_a_slope else None,
         slope_b=floor.slope_b if shown >= options.thresholds.contacts_of_a_slope else None,
         orientation=floor.orientation,
         **floor.outline,
-        **_centre(found, floor.orientation),
+        **_centre(surveyed, floor.orientation),
         delay=Estimate(value=0.0, error=max(lasting / math.sqrt(12), _INSTANT)),
         **(
-            rocked(found.rocking, np.array(options.moments), found.model.gravity, floor.outline)
-            if found.rocking
+            rocked(surveyed.rocking, np.array(options.moments), surveyed.model.gravity, floor.outline)
+            if surveyed.rocking
             else {}
         ),
     )
 
 
-def _centre(found: Survey, zero: Estimate | None) -> dict[str, Estimate]:
+def _centre(surveyed: Survey, zero: Estimate | None) -> dict[str, Estimate]:
     """The centre of mass that flights show, in the plane along the axes of the body whose zero of θ is right."""
-    centre = centre_of_mass(found.wobbles) or ()
+    centre = centre_of_mass(surveyed.wobbles) or ()
     if zero is not None and len(centre) == 2:
         (a, b), c, s = centre, math.cos(zero.value), math.sin(zero.value)
         centre = (
@@ -415,156 +401,6 @@ def _centre(found: Survey, zero: Estimate | None) -> dict[str, Estimate]:
             Estimate(value=c * b.value - s * a.value, error=math.hypot(c * b.error, s * a.error)),
         )
     return {f"centre_{axis}": one for axis, one in zip("abc", centre, strict=False)}
-
-
-def _find_angles(
-    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: Any
-) -> tuple[Frame, FlightModel, Searched]:
-    """Find the unit and sense of angles that are not stated, and check those that are.
-
-    Returns:
-        The frame of the recordings, the model of their flights, and the recordings that were searched with both.
-
-    Raises:
-        DataError: a stated reading contradicts the impacts, or one is neither stated nor found.
-    """
-    stated, limit, source = options.conventions, options.thresholds.reading, recordings[0].source
-    gravity = find_gravity(recordings, stated.drag)
-    setting, named = (
-        ("angle", stated.angle) if options.moments is None else ("order", stated.order or recordings[0].order)
-    )
-    known = (
-        [*orders_of(recordings)] if setting == "order" else [*ANGLES] if recordings[0].quaternion is None else [named]
-    )
-    units = [named] if named else known
-    searches: dict[str | None, tuple[Frame, FlightModel, Searched]] = {}
-
-    def residuals(units: Sequence[str | None], senses: Sequence[str]) -> dict[_Reading, float]:
-        for unit in units:
-            if unit not in searches:
-                conventions = replace(stated, **{setting: unit}, sense="as_read")
-                searches[unit] = _searched(recordings, gravity, conventions, options)
-        return {
-            (unit, sense): _residual(searches[unit][2], shape, gyration, SENSES[sense])
-            for unit in units
-            for sense in senses
-        }
-
-    by_reading = residuals(units, [stated.sense] if stated.sense else [*SENSES])
-    best, *others = sorted(by_reading, key=lambda reading: by_reading[reading])
-    least = by_reading[best]
-    if recordings[0].markers is None and least > _CLOSES:
-        readings = {reading: searches[reading[0]][2] for reading in by_reading}
-        _check_edges(recordings, gravity, options, shape, gyration, readings, min(least, 1.0))
-    if recordings[0].markers is None and least > _CLOSES and (len(units) < len(known) or stated.sense):
-        every = residuals(known, [*SENSES])
-        closing = min(every, key=lambda reading: every[reading])
-        if every[closing] <= limit * min(least, 1.0):
-            leaves = f"is {least:.2g} with it" if least < math.inf else "is unknown with it"
-            raise DataError(
-                f"{source}: the impacts contradict {_settings(setting, named, stated.sense)}: {_evidence(shape)} "
-                f"{leaves}, and {every[closing]:.2g} with {_settings(setting, *closing)}"
-            )
-    evidence = _evidence(shape)
-    if others and not least <= limit * (second := by_reading[others[0]]):
-        if not least <= options.thresholds.likely * second < math.inf:
-            raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
-        evidence = f"{evidence} not clearly less than {second:.2g} with {', '.join(filter(None, others[0]))},"
-    clue = Clue(
-        convention="angles",
-        value=", ".join(name for name in best if name),
-        stated=not others,
-        quantity=evidence,
-        number=least,
-        unit="–",
-    )
-    unit, sense = best
-    frame, model, searched = searches[unit]
-    if SENSES[sense] != frame.sense:  # flights and the centre of mass are others where bodies turn the other way
-        conventions = replace(stated, **{setting: unit}, sense=sense)
-        frame, model, searched = _searched(recordings, gravity, conventions, options)
-    return replace(frame, clues=(*frame.clues, clue)), model, searched
-
-
-def _check_edges(
-    recordings: Sequence[Recording],
-    gravity: Gravity,
-    options: TrackOptions,
-    shape: Shape,
-    gyration: Any,
-    readings: Mapping[_Reading, Searched],
-    least: float,
-) -> None:
-    """Refuse a shape that the impacts contradict, and not if it lies otherwise in the body's axes.
-
-    Flights do not close with wrong moments of inertia, so that few contacts are found: those show nothing.
-
-    Args:
-        recordings: a few.
-        gravity: that they show.
-        options: of the search.
-        shape: as it is stated.
-        gyration: I/m in m².
-        readings: the recordings, searched in every reading of their orientations.
-        least: residual of the best one.
-
-    Raises:
-        DataError: naming how it fits.
-    """
-    fits, counts = dict[str, float](), dict[str, int]()
-    if not isinstance(shape, Solid):
-        for quarter in (1, 2, 3) if isinstance(shape, Polygon) else (1,):
-            about = quarter * math.pi / 2
-            fits[f"turned by {90 * quarter}°"] = min(
-                _residual(searched, shape, gyration, SENSES[sense], about=about)
-                for (_, sense), searched in readings.items()
-            )
-    box = shape if isinstance(shape, Cuboid | Ellipsoid) else None
-    name = "half" if isinstance(box, Cuboid) else "semi_axes"
-    lengths = tuple(getattr(box, name, ()))
-    orders = {tuple(lengths[k] for k in order): order for order in permutations(range(len(lengths)))}
-    for edges, order in orders.items():
-        if box is None or edges == lengths:
-            continue
-        other, moments = replace(box, **{name: edges}), gyration[[*order]]
-        changed = replace(options, solid=other, moments=tuple(moments.tolist()))
-        units = dict.fromkeys(unit for unit, _ in readings)
-        conventions = [replace(options.conventions, order=unit, sense="as_read") for unit in units]
-        again = dict(zip(units, (_searched(recordings, gravity, c, changed)[2] for c in conventions), strict=True))
-        said = f"as {name}: [{', '.join(f'{edge:g}' for edge in edges)}]"
-        fits[said] = min(_residual(again[unit], other, moments, SENSES[sense]) for unit, sense in readings)
-        counts[said] = max(sum(len(one.contacts) for one in found.values()) for found in again.values())
-    most = max(counts.values(), default=0)
-    fits = {said: residual for said, residual in fits.items() if counts.get(said, most) >= most / 2}
-    if fits and fits[best := min(fits, key=lambda said: fits[said])] <= options.thresholds.reading * least:
-        raise DataError(
-            f"{recordings[0].source}: the impacts contradict data.shape: {_evidence(shape)} is {least:.2g} with it, "
-            f"and {fits[best]:.2g} with it {best}; are its edges of other lengths, or along other axes of the body?"
-        )
-
-
-def _without_angles(
-    recordings: Sequence[Recording], options: TrackOptions, shape: Shape, gyration: Any
-) -> tuple[Frame, FlightModel, Searched]:
-    """Frame, flights and contacts of round bodies whose angle is missing, or the same in all frames: it is no angle.
-
-    The tracked point is taken for the centre of mass, of which nothing shows that it is off.
-
-    Raises:
-        DataError: the contact point of the body depends on its angle.
-    """
-    source, stated = recordings[0].source, options.conventions
-    if not isinstance(shape, Disc | Sphere):
-        raise DataError(
-            f"{source}: no orientation was measured: it is missing, or the same in every frame; contact points of a "
-            f"{type(shape).__name__.lower()} depend on it; name its columns (data.columns), or state a disc or a ball"
-        )
-    conventions = replace(stated, angle="rad", order=stated.order or orders_of(recordings)[0], sense="as_read")
-    frame, model, searched = _searched(
-        recordings, find_gravity(recordings, stated.drag), conventions, options, turning=False
-    )
-    clue = Clue(convention="angles", value="not measured", stated=False, quantity="range of θ", number=0.0, unit="rad")
-    return replace(frame, clues=(*frame.clues, clue)), model, searched
 
 
 def _with_unknown_spin(impacts: Impacts) -> Impacts:
@@ -582,177 +418,6 @@ def _with_unknown_spin(impacts: Impacts) -> Impacts:
     return impacts.replace(
         v_pre_cov=unknown(impacts.v_pre, impacts.v_pre_cov), v_post_cov=unknown(impacts.v_post, impacts.v_post_cov)
     )
-
-
-def _unclear(
-    source: str, setting: str, residuals: Mapping[_Reading, float], best: _Reading, second: _Reading, shape: Shape
-) -> str:
-    """The message that asks for a reading, with the values that it can have."""
-    units, senses = ([*dict.fromkeys(values)] for values in zip(*residuals, strict=True))
-    open_settings = [
-        f"data.{name}={' or '.join(str(value) for value in values)}"
-        for name, values in ((setting, units), ("sense", senses))
-        if len(values) > 1
-    ]
-    if math.isinf(residuals[best]):
-        why = f"fewer than {NEEDED.contacts_of_reading} contacts between two flights show them"
-    else:
-        one, other = (", ".join(name for name in reading if name) for reading in (best, second))
-        why = f"{_evidence(shape)} is {residuals[best]:.2f} with {one}, and {residuals[second]:.2f} with {other}"
-        if residuals[best] > _FAR:
-            why += ", where the right one leaves far less; check lengths and axes of data.shape"
-    which = "unit" if setting == "angle" else "order"
-    return f"{source}: the {which} and sense of angles are not clear: {why}; state {', and '.join(open_settings)}"
-
-
-def _searched(
-    recordings: Sequence[Recording],
-    gravity: Gravity,
-    conventions: Conventions,
-    options: TrackOptions,
-    *,
-    turning: bool = True,
-) -> tuple[Frame, FlightModel, Searched]:
-    """The frame of recordings in which conventions are as stated, the model of their flights, and what they hold."""
-    in_space = options.moments is not None
-    frame = find_frame(recordings, gravity, conventions, options.thresholds, in_space=in_space)
-    model = find_flight_model(recordings, frame, gravity, options.moments)
-    if not turning:
-        model = replace(model, centre=(0.0,) * len(model.centre))
-    return frame, model, search_sample(recordings, frame, model, options)
-
-
-def _evidence(shape: Shape) -> str:
-    """The quantity that shows the reading of angles."""
-    if isinstance(shape, Solid) and not isinstance(shape, Sphere):
-        return "scatter of the floor over that of the body's height, times the residual of the moment balance,"
-    return "residual of the moment balance"
-
-
-def _settings(setting: str, unit: str | None, sense: str | None) -> str:
-    """The settings of a reading, as they are stated."""
-    named = ((setting, unit), ("sense", sense))
-    return " and ".join(f"data.{name}={value}" for name, value in named if value)
-
-
-def _residual(
-    searched: Searched,
-    shape: Shape,
-    gyration_squared: Any,
-    sense: int,
-    *,
-    about: float = 0.0,
-    zeros: Sequence[float] = _ZEROS,
-) -> float:
-    """Residual of a reading of angles, in the plane with zeros of θ about one in rad; infinite of too few contacts.
-
-    It is that of the moment balance, in [0, 1], on the floor that contact points then show: level or inclined.  Of a
-    body in space that is no ball, it is multiplied with the scatter of the floor's heights over that of the heights of
-    the body's lowest points.
-    """
-    contacts = [contact for found in searched.values() for contact in found.contacts]
-    if len(contacts) < NEEDED.contacts_of_reading:
-        return math.inf
-    pose = np.stack([contact.pose for contact in contacts])
-    change = np.stack([contact.v_post - contact.v_pre for contact in contacts])
-    k = change.shape[1]
-    errors = np.stack([contact.covariance for contact in contacts])
-    errors = errors[:, :k, :k] + errors[:, k : 2 * k, k : 2 * k]
-    if sense < 0 and k == 3:
-        pose, change = pose * (1, 1, -1), change * (1, 1, -1)
-    elif sense < 0:  # quaternions turn the world's axes into the body's
-        turned = conjugate(pose[:, 3:])
-        pose = np.concatenate((pose[:, :3], turned), 1)
-        change = np.concatenate((change[:, :3], -rotated(turned, change[:, 3:])), 1)
-    if k == 3:
-        pose = pose + np.array((0, 0, about))
-    pose, change = _on_a_level_floor(pose, change, shape)
-    if k == 3:
-        turned = (pose + np.array((0, 0, zero)) for zero in zeros)
-        return min(_unbalanced_in_plane(one, change, errors, shape, gyration_squared) for one in turned)
-    q = torch.from_numpy(pose[:, 3:])
-    r = contact_point(shape, q)
-    unbalanced = _unbalanced(q, torch.from_numpy(change), r, gyration_squared, torch.from_numpy(errors))
-    if isinstance(shape, Sphere):
-        return unbalanced
-    body, floor = ((x - x.median()).abs().median().item() for x in (r[:, 2], r[:, 2] + torch.from_numpy(pose[:, 2])))
-    return unbalanced * floor / max(body, 1e-12)
-
-
-def _on_a_level_floor(pose: Array, change: Array, shape: Shape) -> tuple[Array, Array]:
-    """Poses and changes of velocity in axes in which the floor that contact points show is level."""
-    d = 2 if pose.shape[1] == 3 else 3
-    for _ in range(_LEVELLINGS):
-        points = pose[:, :d] + contact_point(shape, torch.from_numpy(orientation(pose))).numpy()
-        slope = _slope(points)
-        if not slope.any():
-            break
-        angle = np.arctan(np.linalg.norm(slope))
-        if d == 2:
-            c, s = np.cos(angle), np.sin(angle) * np.sign(slope[0])
-            level = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
-            pose, change = pose @ level.T - (0, 0, np.sign(slope[0]) * angle), change @ level.T
-        else:
-            level = quaternion(np.array((-slope[1], slope[0], 0.0)) * angle / np.linalg.norm(slope))
-            pose = np.concatenate((rotated(level, pose[:, :3]), product(level, pose[:, 3:])), 1)
-            change = np.concatenate((rotated(level, change[:, :3]), rotated(level, change[:, 3:])), 1)
-    return pose, change
-
-
-def _slope(points: Float[Array, "n d"]) -> Float[Array, " s"]:
-    """Slopes of the floor under contact points by least absolute deviations; 0 where they are not clear."""
-    across, height = points[:, :-1] - np.median(points[:, :-1], 0), points[:, -1]
-    design = np.column_stack((np.ones(len(points)), across))
-    weight, fit, residual = np.ones(len(points)), np.zeros(design.shape[1]), height
-    for _ in range(_ROUNDS):
-        fit = np.linalg.lstsq(design * weight[:, None], height * weight, rcond=None)[0]
-        residual = height - design @ fit
-        middle = max(float(np.median(np.abs(residual))), 1e-9)
-        weight = np.maximum(np.abs(residual), middle / 10) ** -0.5
-    errors = MAD_SCALE * float(np.median(np.abs(residual))) * np.sqrt(np.linalg.pinv(design.T @ design).diagonal())
-    clear = bool((np.abs(fit[1:]) > _SURE * errors[1:]).any())
-    return np.asarray(fit[1:] * clear, dtype=np.float64)
-
-
-def _unbalanced_in_plane(pose: Array, change: Array, errors: Array, shape: Shape, gyration_squared: Any) -> float:
-    """Typical residual of the moment balance relative to its terms, in [0, 1]."""
-    r = contact_point(shape, torch.from_numpy(pose[:, 2])).numpy()
-    arm = np.column_stack((r[:, 1] / gyration_squared, -r[:, 0] / gyration_squared, np.ones(len(r))))
-    terms, noise = arm * change, np.sqrt(np.einsum("ni,nij,nj->n", arm, errors, arm))
-    return _typical(np.abs(terms.sum(1)), np.abs(terms).sum(1), noise)
-
-
-def _unbalanced(
-    q: Float[Tensor, "n 4"],
-    change: Float[Tensor, "n 6"],
-    r: Float[Tensor, "n 3"],
-    gyration_squared: Any,
-    errors: Float[Tensor, "n 6 6"],
-) -> float:
-    """Typical residual of the moment balance in space relative to its terms, in [0, 1]."""
-    R = rotation(q)
-    gyration = (R * gyration_squared) @ R.mT
-    spun, moved = matvec(gyration, change[:, 3:]), moment(r, change[:, :3])
-    x, y, z = r.unbind(-1)
-    zero = torch.zeros_like(x)
-    across = torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).reshape(-1, 3, 3)  # r × as a matrix
-    slope = torch.cat((-across, gyration), -1)
-    noise = (slope @ errors @ slope.mT).diagonal(dim1=-2, dim2=-1).sum(-1).sqrt()
-    return _typical(
-        (spun - moved).norm(dim=-1).numpy(), (spun.norm(dim=-1) + moved.norm(dim=-1)).numpy(), noise.numpy()
-    )
-
-
-def _typical(residual: Array, size: Array, noise: Array) -> float:
-    """Weighted median of residuals relative to the size of their terms.
-
-    A contact at which these are within a few errors of 0 shows no reading: that of a ball that rolls has no moment.
-    """
-    weight = size**2 / np.maximum(size**2 + (_MOMENT_SIGMAS * noise) ** 2, 1e-300)
-    share = residual / np.maximum(size, 1e-12)
-    order = np.argsort(share)
-    summed = np.cumsum(weight[order])
-    return float(share[order][min(int(np.searchsorted(summed, summed[-1] / 2)), len(share) - 1)])
 
 
 def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) -> None:
@@ -773,49 +438,21 @@ def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) 
     if len(change) < NEEDED.contacts_of_reading:
         return
     A, b = change[:, :-1], change[:, -1]
-    weight, found, scale = np.ones(len(b)), np.zeros(A.shape[1]), 0.0
+    weight, fit, scale = np.ones(len(b)), np.zeros(A.shape[1]), 0.0
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)
-        found, *_ = np.linalg.lstsq(A * root[:, None], b * root, rcond=None)
-        off = np.abs(b - A @ found)
-        scale = max(MAD_SCALE * float(np.median(off)), _ROUNDING)
-        weight = 1 / (1 + (off / (3 * scale)) ** 2)
+        fit, *_ = np.linalg.lstsq(A * root[:, None], b * root, rcond=None)
+        distance = np.abs(b - A @ fit)
+        scale = max(MAD_SCALE * float(np.median(distance)), _ROUNDING)
+        weight = 1 / (1 + (distance / (3 * scale)) ** 2)
     error = scale * np.sqrt(np.linalg.pinv((A * weight[:, None]).T @ A)[-1, -1])
-    velocity, fall = float(found[-1]), float(np.median([-contact.v_pre[d - 1] for contact in contacts]))
+    velocity, fall = float(fit[-1]), float(np.median([-contact.v_pre[d - 1] for contact in contacts]))
     least = _MOVING_ROUND if isinstance(shape, Disc | Sphere) else _MOVING
-    if abs(velocity) > max(_SURE * error, least * fall):
+    if abs(velocity) > max(_VELOCITY_SIGMAS * error, least * fall):
         raise DataError(
             f"{path}: contacts {'rise' if velocity > 0 else 'sink'} by {abs(velocity):.3g} ± {error:.1g} m/s within "
             "recordings: that surface moves, as a racket does; take its position off that of the body, or "
             "write a table of impacts with its velocities (racket_vx, racket_vy)"
-        )
-
-
-def _check_handedness(
-    path: Path, contacts: Sequence[RecordedContact], shape: Solid, gyration_squared: Any, limit: float
-) -> None:
-    """Refuse positions in left-handed axes: the moment balance then closes with one of them mirrored.
-
-    Raises:
-        DataError: naming the axis.
-    """
-    q = torch.from_numpy(np.stack([contact.pose[3:] for contact in contacts]))
-    change, r = (
-        torch.from_numpy(np.stack([contact.v_post - contact.v_pre for contact in contacts])),
-        contact_point(shape, q),
-    )
-    errors = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
-    errors = errors[:, :6, :6] + errors[:, 6:12, 6:12]
-    mirrors = {"": (1.0, 1.0), "x": (-1.0, 1.0), "y": (1.0, -1.0)}
-    left = {
-        axis: _unbalanced(q, change * change.new_tensor((*signs, *(1.0,) * 4)), r, gyration_squared, errors)
-        for axis, signs in mirrors.items()
-    }
-    best = min(left, key=lambda axis: left[axis])
-    if best and len(contacts) >= NEEDED.contacts_of_reading and left[best] <= limit * left[""]:
-        raise DataError(
-            f"{path}: axes must be right-handed: the moment balance of impacts leaves {left['']:.2g}, and "
-            f"{left[best]:.2g} with {best} of the positions mirrored; mirror that column"
         )
 
 

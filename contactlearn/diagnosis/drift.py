@@ -39,14 +39,14 @@ from contactlearn.mechanics.space import Space
 
 _CLIP = 2.5  # robust standard deviations beyond which a residual counts no more
 _CONSTANT = 1e-6  # variance, in robust ones, of a component that is the same in all trials
-_FEWEST = 20  # trials below which nothing is tested
+_MIN_TRIALS = 20  # trials below which nothing is tested
 _LAGS = 60  # of the autocorrelation at most, and no more than a quarter of the trials
 _SCALES = 24  # correlation times that are tried
 _CURVES = 40  # cosines over the sequence at most, and no more than a quarter of the trials
-_DECIDES = 6.0  # difference of BIC: "strong evidence", Kass & Raftery 1995
+_DECISIVE_BIC = 6.0  # difference of BIC: "strong evidence", Kass & Raftery 1995
 _FOLDS = 5
 _BLOCKS = 20  # at least, to test effects over the order beside a drift
-_SLOW = 4  # cosines over the sequence by which velocities may change alike in place of an effect
+_SLOW_COSINES = 4  # cosines over the sequence by which velocities may change alike in place of an effect
 
 
 # --- Dependence ------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def dependence(
     """
     rows = order.argsort(stable=True)
     rows = rows if inliers is None else rows[inliers[rows]]
-    if len(rows) < _FEWEST:
+    if len(rows) < _MIN_TRIALS:
         return None
     white, scale = _winsorised(residual[rows])
     chance = _chance(white)
@@ -171,7 +171,7 @@ def drift_kind(
     measurement = _evidence(white, alike) - 0.5 * (D + 1) * math.log(D * n)
     parameter = _evidence(white, slopes) - 0.5 * (parts + 1) * math.log(D * n)
     difference = 2 * (measurement - parameter)
-    if abs(difference) <= _DECIDES:
+    if abs(difference) <= _DECISIVE_BIC:
         return "undecided"
     return "measurement" if difference > 0 else "parameter"
 
@@ -194,9 +194,9 @@ def _evidence(white: Float[Tensor, "n D"], columns: Float[Tensor, "n D k"]) -> f
             tried = chosen.repeat(len(variances), 1)
             tried[:, part] = variances
             prior = (spectrum * tried[:, None]).flatten(1)  # [tried, q k]
-            found = _likelihood(gram, moment, total, prior, D * n)
-            chosen = tried[found.argmax()]
-            best = max(best, found.max().item())
+            likelihood = _likelihood(gram, moment, total, prior, D * n)
+            chosen = tried[likelihood.argmax()]
+            best = max(best, likelihood.max().item())
     return best
 
 
@@ -208,8 +208,8 @@ def _likelihood(
     inner = root[:, :, None] * gram * root[:, None, :] + torch.eye(len(gram), dtype=gram.dtype)
     factor = torch.linalg.cholesky(inner)
     inside = torch.linalg.solve_triangular(factor, (root * moment)[..., None], upper=False)[..., 0]
-    left = (total - inside.square().sum(-1)).clamp_min(1e-300)
-    return -0.5 * count * (left / count).log() - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+    misfit = (total - inside.square().sum(-1)).clamp_min(1e-300)
+    return -0.5 * count * (misfit / count).log() - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
 
 
 # --- Folds -----------------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ def blocks(order: Float[Tensor, " n"], length: int, folds: int, generator: torch
 class Drift:
     """A measurement that drifts: what it leaves, and effects over the order that last beside it."""
 
-    found: Dependence
+    dependence: Dependence
     lasting: frozenset[EffectId] = frozenset()
 
 
@@ -258,17 +258,17 @@ def measurement_drift(selection: Selection, thresholds: Thresholds, generator: t
     unordered = frozenset(key for key in spec.effects if not follows_order(pool.candidates[key], selection.impacts))
     without_order = Spec(spec.law, unordered)
     without = pool.fitted(without_order, pool.start(without_order, selection.chosen, {}))
-    found = drifts(without.fit, selection.impacts, pool.options, thresholds)
+    before = drifts(without.fit, selection.impacts, pool.options, thresholds)
     lasting = selection.spec.effects - without.spec.effects
-    if found is None or not lasting:
-        return None if found is None else Drift(found)
+    if before is None or not lasting:
+        return None if before is None else Drift(before)
     impacts, fit = selection.impacts, selection.present.fit
-    left = impacts.v_post - fit.model.predict(impacts).v_post
-    rest = dependence(left, impacts.order, fit.inliers, thresholds.dependence_level)
-    if rest is None or rest.block * _BLOCKS > len(impacts):
-        return Drift(found)
-    lasts = lasts_beside(rest, pool, selection.chosen, without, thresholds.gain_sigmas, generator)
-    return Drift(rest, lasting) if lasts else Drift(found)
+    residual = impacts.v_post - fit.model.predict(impacts).v_post
+    after = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
+    if after is None or after.block * _BLOCKS > len(impacts):
+        return Drift(before)
+    lasts = lasts_beside(after, pool, selection.chosen, without, thresholds.gain_sigmas, generator)
+    return Drift(after, lasting) if lasts else Drift(before)
 
 
 def lasts_beside(
@@ -289,12 +289,12 @@ def lasts_beside(
     folds = Folds.of(blocks(impacts.order, drift.block, _FOLDS, generator), trials)
     scatter = robust_covariance(impacts.residual(whole.fit.model.predict(impacts).v_post))
     with_them, nothing = (validated(pool, folds, one, scatter).loss for one in (whole, without))
-    waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW + 1)).cos()
-    left = impacts.residual(without.fit.model.predict(impacts).v_post)
+    waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW_COSINES + 1)).cos()
+    residual = impacts.residual(without.fit.model.predict(impacts).v_post)
     each = torch.zeros(_FOLDS, trials, dtype=torch.float64)
     for k, rows in enumerate(folds.fitted):
-        alike = left - waves @ torch.linalg.lstsq(waves[rows], left[rows]).solution
-        each[k] = robust_distance(alike, scatter) + 0.5 * scatter.logdet()
+        unexplained = residual - waves @ torch.linalg.lstsq(waves[rows], residual[rows]).solution
+        each[k] = robust_distance(unexplained, scatter) + 0.5 * scatter.logdet()
     gain, over = nothing - with_them, folds.scores(each) - with_them
     held = gain.isfinite()
     sums = torch.zeros(int(place.max()) // drift.block + 1, dtype=torch.float64)
@@ -309,39 +309,39 @@ def drifts(fit: Fit, impacts: Impacts, options: FitOptions, thresholds: Threshol
         impacts.replace(outcome_cov=None, outcome_shift=None),
     )  # an instrument drifts in its own units
     residual = impacts.residual(model.predict(impacts).v_post)
-    found = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
-    if found is None:
+    course = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
+    if course is None:
         return None
     unit = torch.eye(impacts.space.D, dtype=torch.float64)
     about = linearise(model.law, model.effects, impacts, fit.values, unit, options=options)
     kind = drift_kind(residual, -about.slope[..., :2].nan_to_num(), impacts.order)
-    return found if kind == "measurement" else None
+    return course if kind == "measurement" else None
 
 
 def blocked_folds(drift: Drift, selection: Selection, generator: torch.Generator) -> Folds:
     """Draw folds of blocks that are longer than the dependence, or as long as there are trials for."""
     order = selection.impacts.order
-    length = min(drift.found.block, len(order) // (2 * _FOLDS))
+    length = min(drift.dependence.block, len(order) // (2 * _FOLDS))
     return Folds.of(blocks(order, length, _FOLDS, generator), len(order))
 
 
 def drift_finding(drift: Drift, space: Space) -> Finding:
     """Describe the drift by its size and time scale."""
-    found = drift.found
-    sizes = [(name, size, unit) for (name, unit), size in zip(space.symbols.items(), found.size, strict=True)]
+    course = drift.dependence
+    sizes = [(name, size, unit) for (name, unit), size in zip(space.symbols.items(), course.size, strict=True)]
     *first, last = (f"{size:.2g} {unit}" for _, size, unit in sizes)
     some = "Other effects" if drift.lasting else "Effects"
     sentence = (
-        f"the measurement drifts: neighbouring residuals correlate by {found.correlation:.2f} "
-        f"(95 %: {found.interval[0]:.2f} to {found.interval[1]:.2f}), over about {found.time_scale:.0f} trials; the "
+        f"the measurement drifts: neighbouring residuals correlate by {course.correlation:.2f} "
+        f"(95 %: {course.interval[0]:.2f} to {course.interval[1]:.2f}), over about {course.time_scale:.0f} trials; the "
         f"drifting part has standard deviations of {', '.join(first)} and {last}, "
-        f"{found.share:.0%} of the residual's variance. {some} over the order are left out, and blocks of trials are "
+        f"{course.share:.0%} of the residual's variance. {some} over the order are left out, and blocks of trials are "
         "held out together"
     )
     evidence = (
-        Evidence(quantity="correlation", value=found.correlation),
-        Evidence(quantity="time_scale", value=found.time_scale, unit="trials"),
-        Evidence(quantity="share", value=found.share),
+        Evidence(quantity="correlation", value=course.correlation),
+        Evidence(quantity="time_scale", value=course.time_scale, unit="trials"),
+        Evidence(quantity="share", value=course.share),
         *(Evidence(quantity=name.replace("ω", "omega"), value=size, unit=unit) for name, size, unit in sizes),
     )
     return Finding(name="measurement_drift", sentence=sentence, evidence=evidence)

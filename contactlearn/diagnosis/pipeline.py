@@ -78,9 +78,9 @@ def diagnose(
     )
     with threadpool_limits(1):  # tensors here are small: two threads take longer, up to seven times
         if len(impacts) <= thresholds.whole and affordable(len(impacts), options.memory):
-            found = diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(options.seed))
+            diagnosis = diagnose_audited(question, impacts, findings, torch.Generator().manual_seed(options.seed))
         else:
-            found = diagnose_subsamples(
+            diagnosis = diagnose_subsamples(
                 question,
                 impacts,
                 findings,
@@ -88,7 +88,7 @@ def diagnose(
                 memory=options.memory,
                 resume_folder=options.resume_folder,
             )
-    return replace(found, evidence=evidence)
+    return replace(diagnosis, evidence=evidence)
 
 
 def _check(impacts: Impacts, options: DiagnoseOptions) -> None:

@@ -176,9 +176,9 @@ def _evidence_arrays(prefix: str, evidence: tuple[Partial, ...] | tuple[Deviatio
 def _evidence(arrays: Mapping[str, np.ndarray], prefix: str, kind: type[_Evidence]) -> tuple[_Evidence, ...]:
     """Read what `_evidence_arrays` wrote."""
     names = [field.name for field in fields(kind)]
-    found, count = list[_Evidence](), sum(name.startswith(f"{prefix}{names[0]}_") for name in arrays)
+    evidence, count = list[_Evidence](), sum(name.startswith(f"{prefix}{names[0]}_") for name in arrays)
     for k in range(count):
         read = {name: arrays[f"{prefix}{name}_{k}"] for name in names}
         values: dict[str, Any] = {n: str(x) if x.dtype.kind == "U" else torch.from_numpy(x) for n, x in read.items()}
-        found.append(kind(**values))
-    return tuple(found)
+        evidence.append(kind(**values))
+    return tuple(evidence)

@@ -36,7 +36,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 _CELLS, _OF_MANY = 48, 200  # quantiles of a variable, at most; of tables that leave each of them `_MANY` trials
 _MANY = 250
 _FINEST = 4  # trials between two of them in the half that is searched, at least
-_MOST = 5  # regions that are tested; the correction for their number costs power
+_MAX_REGIONS = 5  # regions that are tested; the correction for their number costs power
 _GROSS = 5.0  # medians at which an error is curbed, inside and in the rest, so that no outlier makes a region
 _NEW = 0.5  # share of a region's trials that are in no region before it
 _SMALLEST = 10  # trials of a region, and of its rest, in the half that is searched
@@ -201,7 +201,7 @@ def _search(grids: Sequence[Grid], errors: Float[Tensor, " n"], searched: Bool[T
     """The best windows, best first; each without the trials of those before it."""
     found, free = [], torch.ones_like(searched)
     size = [grid.sums(searched.double())[0] for grid in grids]
-    while len(found) < _MOST and (searched & free).sum() >= 2 * _SMALLEST:
+    while len(found) < _MAX_REGIONS and (searched & free).sum() >= 2 * _SMALLEST:
         within = (searched & free).double()
         ranks = _ranks(errors, searched & free)
         best = (0.0, None, 0)

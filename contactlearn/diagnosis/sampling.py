@@ -50,22 +50,24 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import inlier_mask
 from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.evaluation.variables import Variable, variables
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel
 
 CHUNK = 50_000
 """Trials that are predicted at once."""
-_WORST = 0.02  # share of the trials whose errors a failing region has many of
+_WORST_SHARE = 0.02  # share of the trials whose errors a failing region has many of
 _NEIGHBOURS = 4000  # trials for the noise floor, at most
 _ACROSS, _UP = 48, 32  # cells
 _PREFERRED = ("theta_folded", "theta", "incidence", "approach_speed", "spin", "order")  # the first two that vary
 _TAIL = 0.001  # share of the trials at either end of a variable that counts to its outermost cell
 _BYTES, _BYTES_A_TRIAL = 0.3e9, 1.7e5  # of a diagnosis, measured: benchmarks/speed/large_tables.py
 _SECONDS, _SECONDS_A_TRIAL = 13.0, 3e-3  # likewise, of one core; of later ones the first says how fast it is
-_FIRST, _LARGEST = 0.4, 1.6  # trials of the first and of the largest subsample, of those that are diagnosed at once
-_LEAST = 250  # trials of a subsample, whatever the memory
-_OUTSIDE = 0.2  # share of the trials that is in no subsample, at least
+# trials of the first and of the largest subsample, of those that are diagnosed at once
+_FIRST_SHARE, _LARGEST_SHARE = 0.4, 1.6
+_MIN_TRIALS = 250  # trials of a subsample, whatever the memory
+_OUTSIDE_SHARE = 0.2  # share of the trials that is in no subsample, at least
 _RESULT = "diagnosis.json"
 
 
@@ -73,7 +75,7 @@ _RESULT = "diagnosis.json"
 
 
 def confirm(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     record: Record,
     impacts: Impacts,
     rows: Int[Tensor, " k"],
@@ -85,7 +87,7 @@ def confirm(
     """Compute errors, noise, outliers and failing regions of the model of a subsample on all trials.
 
     Args:
-        found: of the subsample.
+        diagnosis: of the subsample.
         record: of the same.
         impacts: all trials, corrected as those of the subsample.
         rows: of the subsample, fewer than all.
@@ -93,21 +95,21 @@ def confirm(
         noise: standard deviations of the measured velocities, where they are stated, see `diagnose`.
         thresholds: limits of what is reported.
     """
-    assert found.budget is not None
+    assert diagnosis.budget is not None
     outside = torch.ones(len(impacts), dtype=torch.bool)
     outside[rows] = False
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
     before, after = (mass_error(impacts, one) for one in (law, named))
     error = normal_interval(after[outside])
-    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST)
+    regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST_SHARE)
     return Confirmation(
         trials=int(outside.sum()),
         base=normal_interval(before[outside]),
         named=error,
-        noise=_noise(found, record.model, impacts, outside, generator, noise),
-        agrees=agree(error, found.budget.named, thresholds),
+        noise=_noise(diagnosis, record.model, impacts, outside, generator, noise),
+        agrees=agree(error, diagnosis.budget.named, thresholds),
         outliers=find_model_outliers(impacts, lambda some: predicted(record.model, some).v_post, thresholds.audit),
-        regions=tuple(FailingRegion.of(one, int((~outside[list(one.rows)]).sum())) for one in regions),
+        regions=tuple(FailingRegion.of(region, int((~outside[list(region.rows)]).sum())) for region in regions),
         map=error_map(impacts, law, before, after),
     )
 
@@ -115,7 +117,7 @@ def confirm(
 def predicted(model: ContactModel, impacts: Impacts) -> Prediction:
     """Predict a chunk of trials after the other."""
     parts = [model.outcome(impacts[k : k + CHUNK]) for k in range(0, len(impacts), CHUNK)]
-    return Prediction(torch.cat([one.v_post for one in parts]), torch.cat([one.wrench for one in parts]))
+    return Prediction(torch.cat([part.v_post for part in parts]), torch.cat([part.wrench for part in parts]))
 
 
 def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
@@ -131,7 +133,7 @@ def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
 
 
 def _noise(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     model: ContactModel,
     impacts: Impacts,
     outside: Bool[Tensor, " n"],
@@ -139,7 +141,7 @@ def _noise(
     noise: Sequence[float] | None,
 ) -> Interval | None:
     """Estimate the noise floor of trials outside the subsample; None for a model that misses something."""
-    if found.remainder is not None and found.remainder.unknown:
+    if diagnosis.remainder is not None and diagnosis.remainder.unknown:
         return None
     others = outside.nonzero()[:, 0]
     some = impacts[others[torch.randperm(len(others), generator=generator)[:_NEIGHBOURS]].sort().values]
@@ -219,12 +221,12 @@ def diagnose_subsamples(
         resume_folder: folder for the results of finished subsamples, which a later run reuses.
     """
     sizes, limit = _sizes(len(impacts), question.thresholds, memory)
-    answers, found, rows, speed = list[Answer](), None, torch.empty(0), 1.0
-    objects = object_numbers(impacts)
+    answers, diagnosis, rows, speed = list[Answer](), None, torch.empty(0), 1.0
+    objects = numbered(impacts.object)
     for k, size in enumerate(sizes):
         generator = torch.Generator().manual_seed(seed + k)
         rows = space_filling(impacts, size, generator)
-        found = None if resume_folder is None else _finished(resume_folder / str(size))
+        diagnosis = None if resume_folder is None else _finished(resume_folder / str(size))
         expected = _SECONDS + _SECONDS_A_TRIAL * size
         question.on_event(
             SubsampleStarted(
@@ -234,26 +236,26 @@ def diagnose_subsamples(
                 objects_seen=len(objects[rows].unique()),
                 seconds=speed * expected,
                 gigabytes=1e-9 * (_BYTES + _BYTES_A_TRIAL * size),
-                resumed=found is not None,
+                resumed=diagnosis is not None,
             )
         )
-        if found is None:
+        if diagnosis is None:
             began = time.monotonic()
-            found = diagnose_audited(question, impacts[rows], findings, generator)
+            diagnosis = diagnose_audited(question, impacts[rows], findings, generator)
             speed = (time.monotonic() - began) / expected
             if resume_folder is not None:
-                _finish(resume_folder / str(size), found)
-        answers.append(_answer(found, size))
+                _finish(resume_folder / str(size), diagnosis)
+        answers.append(_answer(diagnosis, size))
         if len(answers) > 1 and answers[-1].agrees(answers[-2]):
             limit = None
             break
-    assert found is not None
-    return _confirmed(question, found, impacts, findings, rows, tuple(answers), limit, seed)
+    assert diagnosis is not None
+    return _confirmed(question, diagnosis, impacts, findings, rows, tuple(answers), limit, seed)
 
 
 def _confirmed(
     question: Question,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     impacts: Impacts,
     findings: Sequence[Finding],
     rows: Int[Tensor, " k"],
@@ -262,12 +264,12 @@ def _confirmed(
     seed: int,
 ) -> Diagnosis:
     """Test the diagnosis of the last subsample on all trials; outliers then refer to the whole table."""
-    assert found.record is not None
-    objects = object_numbers(impacts)
-    corrections = found.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
+    assert diagnosis.record is not None
+    objects = numbered(impacts.object)
+    corrections = diagnosis.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
     confirmation = confirm(
-        found,
-        found.record,
+        diagnosis,
+        diagnosis.record,
         correct(impacts, corrections),
         rows,
         generator=torch.Generator().manual_seed(seed),
@@ -283,48 +285,51 @@ def _confirmed(
         confirmation=confirmation,
     )
     question.on_event(SampleConfirmed(sample=sample))
-    left = [one for one in found.findings if one.name != "model_outliers"]  # those of the whole table take their place
-    left += [confirmation.outliers] if confirmation.outliers is not None else []
-    return replace(found, findings=tuple(left), sample=sample)
+    # Outliers of the whole table take the place of those of the subsample.
+    kept = [finding for finding in diagnosis.findings if finding.name != "model_outliers"]
+    kept += [confirmation.outliers] if confirmation.outliers is not None else []
+    return replace(diagnosis, findings=tuple(kept), sample=sample)
 
 
 def _sizes(trials: int, thresholds: Thresholds, memory: float | None) -> tuple[list[int], Limit]:
     """Plan the sizes of the subsamples, and name what limits the last one."""
-    most = int((1 - _OUTSIDE) * trials)
-    first = min(int(_FIRST * thresholds.whole), most)
-    while first > _LEAST and not affordable(first, memory):
-        first = max(_LEAST, first // 2)
+    most = int((1 - _OUTSIDE_SHARE) * trials)
+    first = min(int(_FIRST_SHARE * thresholds.whole), most)
+    while first > _MIN_TRIALS and not affordable(first, memory):
+        first = max(_MIN_TRIALS, first // 2)
     sizes = [first]
-    while 2 * sizes[-1] <= min(int(_LARGEST * thresholds.whole), most):
+    while 2 * sizes[-1] <= min(int(_LARGEST_SHARE * thresholds.whole), most):
         if not affordable(2 * sizes[-1], memory):
             return sizes, Limit.MEMORY
         sizes.append(2 * sizes[-1])
     return sizes, Limit.SIZE
 
 
-def _answer(found: Diagnosis, trials: int) -> Answer:
+def _answer(diagnosis: Diagnosis, trials: int) -> Answer:
     """Return the answer of a subsample."""
-    assert found.law is not None
-    assert found.physics is not None
-    assert found.budget is not None
-    effects = tuple(missing.effect for missing in found.missing)
-    return Answer(trials=trials, law=found.law, effects=effects, physics=found.physics, error=found.budget.named)
+    assert diagnosis.law is not None
+    assert diagnosis.physics is not None
+    assert diagnosis.budget is not None
+    effects = tuple(missing.effect for missing in diagnosis.missing)
+    return Answer(
+        trials=trials, law=diagnosis.law, effects=effects, physics=diagnosis.physics, error=diagnosis.budget.named
+    )
 
 
-def _finish(folder: Path, found: Diagnosis) -> None:
+def _finish(folder: Path, diagnosis: Diagnosis) -> None:
     """Write the diagnosis of a subsample."""
-    assert found.record is not None
+    assert diagnosis.record is not None
     with suppress(FileNotFoundError):  # the same command beside this one has ended, and removed the folder
-        found.record.save(folder, {})
+        diagnosis.record.save(folder, {})
         with atomic_write(folder / _RESULT) as path:
-            path.write_text(found.to_json(), encoding="utf-8")
+            path.write_text(diagnosis.to_json(), encoding="utf-8")
 
 
 def _finished(folder: Path) -> Diagnosis | None:
     """Read the diagnosis of a subsample; None if it was not finished."""
     try:
-        found = Diagnosis.from_json((folder / _RESULT).read_bytes())
-        return replace(found, record=Record.load(folder))
+        diagnosis = Diagnosis.from_json((folder / _RESULT).read_bytes())
+        return replace(diagnosis, record=Record.load(folder))
     except (OSError, ContactLearnError):
         return None
 
@@ -345,17 +350,11 @@ def space_filling(impacts: Impacts, size: int, generator: torch.Generator) -> In
     """
     n = len(impacts)
     shuffled = torch.randperm(n, generator=generator)  # ties, and places within a cell, are at random
-    objects = object_numbers(impacts)
+    objects = numbered(impacts.object)
     along = _cells(impacts, objects, size, shuffled)
     place = (torch.arange(size, dtype=torch.float64) + torch.rand(1, generator=generator).double()) * (n / size)
     rows = along[place.long().clamp_max(n - 1)]
     return _with_every_object(rows, objects, shuffled).sort().values
-
-
-def object_numbers(impacts: Impacts) -> Int[Tensor, " n"]:
-    """Number the objects from 0, in the order in which they appear."""
-    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    return torch.tensor([known[name] for name in impacts.object])
 
 
 def _cells(impacts: Impacts, objects: Int[Tensor, " n"], size: int, shuffled: Tensor) -> Int[Tensor, " n"]:

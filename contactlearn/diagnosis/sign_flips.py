@@ -10,7 +10,7 @@ Sources: Efron 1969 and Wu 1986 for the signs; Wilson & Hilferty 1931 for sums o
 import math
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 SIGNS = 499
@@ -31,6 +31,14 @@ def window_spread(flipped: Float[Tensor, "flips n c"]) -> Float[Tensor, "flips w
     windows = ((sums[:, w :: max(1, w // 4)], sums[:, : -w : max(1, w // 4)]) for w in widths)
     total = flipped.square().sum(1).clamp_min(1e-300)  # the mean is a part of it, which the random signs change
     return torch.stack([(last - first).square().sum(1) / total for last, first in windows], 1)
+
+
+def periodogram_peak(flipped: Float[Tensor, "flips n c"]) -> tuple[Float[Tensor, "flips c"], Int[Tensor, "flips c"]]:
+    """Compute the largest share of a period in the sum of squares, and the number of its halves in the sequence."""
+    n = flipped.shape[1]
+    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
+    peak, place = power.max(1)
+    return peak, place + 2
 
 
 def exceedance(statistic: Float[Tensor, " flips"]) -> float:

@@ -84,8 +84,9 @@ from contactlearn.inference.validation import CrossValidation, Folds, ValidatedF
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
-_OPEN = 0.49  # probability of a name at most, where the data leave its parameters open: it is a candidate
-_FEW = 600  # trials up to which the cross-validation is repeated
+# probability of a name at most, where the data leave its parameters open: it is a candidate
+_MAX_CONFIDENCE_UNDETERMINED = 0.49
+_REPEATED_UP_TO = 600  # trials up to which the cross-validation is repeated
 
 
 def diagnose_audited(
@@ -102,7 +103,7 @@ def diagnose_audited(
     if any(finding.name == "sorted_trials" for finding in findings):
         candidates = usable(question.candidates, impacts, question.thresholds)
         question = question.without_order({key for key, one in candidates.items() if follows_order(one, impacts)})
-    folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _FEW else 1)
+    folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _REPEATED_UP_TO else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
     question.on_event(LawsCompared(law=law.name, fits=fits))
@@ -117,13 +118,13 @@ def diagnose_audited(
             question.on_event(AuditFindings(findings=findings[-1:]))
             folds = blocked_folds(drift, search.selection, generator)
             search = search_effects(question, law, fits, impacts, folds, generator)
-            search = drop_proxy_effects(question, search, generator, drift.found.block)
-    rungs, learned = _climb(question, search, generator)
+            search = drop_proxy_effects(question, search, generator, drift.dependence.block)
+    rungs, learned = _fit_ladder(question, search, generator)
     confidence = _confidence(question, impacts, rungs, learned.remainder)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
-        rungs, learned = _climb(question, search, generator)
+        rungs, learned = _fit_ladder(question, search, generator)
     comparison = compare_effects(question, search, rungs, generator)
     decomposition = decompose_error(question, search, rungs, learned, generator)
     question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
@@ -226,7 +227,7 @@ def search_effects(
         question.on_event(VelocitiesAveraged(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
         impacts = correct(impacts, corrections, question.thresholds.audit)
-    starts = {one.name: torch.tensor((one.mu, one.eps), dtype=torch.float64) for one in fits}
+    starts = {fit.name: torch.tensor((fit.mu, fit.eps), dtype=torch.float64) for fit in fits}
     selection = select(
         question.laws if question.law is None else {law.name: law},
         impacts,
@@ -277,19 +278,19 @@ def drop_proxy_effects(
     selection, impacts = search.selection, search.selection.impacts
     options, thresholds = question.options, question.thresholds
     fit = selection.present.fit
-    found = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
-    tested = replace(search, state_dependence=found)
-    if found is None or not found.large:
+    dependence = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
+    tested = replace(search, state_dependence=dependence)
+    if dependence is None or not dependence.large:
         return tested
     path = selection.path()
     spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
     reduced = selection.at(spec, thresholds.window, generator)
-    found = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
-    if found is None or not found.large:
+    dependence = find_state_dependence(impacts, reduced.present.fit, reduced.present.fit, options, thresholds, block)
+    if dependence is None or not dependence.large:
         return tested
-    return _reduced(question, replace(search, state_dependence=found), reduced, {}, generator)
+    return _reduced(question, replace(search, state_dependence=dependence), reduced, {}, generator)
 
 
 def without_candidates(
@@ -317,12 +318,12 @@ def _reduced(
     generator: torch.Generator,
 ) -> SearchResult:
     """Choose a smaller model, see `SearchResult.reduced`; limits and regions are those of its law."""
-    found = search.reduced(selection, confidence)
+    reduced = search.reduced(selection, confidence)
     if selection.law.name == search.selection.law.name:
-        return found
+        return reduced
     question.on_event(LawChanged(law=selection.law.name))
-    other = _with_limits_and_regions(question, selection, search.notes, None, generator)
-    return replace(found, limits=other.limits, regions=other.regions)
+    refreshed = _with_limits_and_regions(question, selection, search.notes, None, generator)
+    return replace(reduced, limits=refreshed.limits, regions=refreshed.regions)
 
 
 def _learn(
@@ -338,7 +339,9 @@ def _learn(
 # --- What the effects explain, and what they do not --------------------------------------------
 
 
-def _climb(question: Question, search: SearchResult, generator: torch.Generator) -> tuple[Ladder, LearnedRemainder]:
+def _fit_ladder(
+    question: Question, search: SearchResult, generator: torch.Generator
+) -> tuple[Ladder, LearnedRemainder]:
     """Climb the ladder, and learn what the model at its top leaves."""
     selection = search.selection
     impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
@@ -392,12 +395,12 @@ def decompose_error(
     question: Question, search: SearchResult, rungs: Ladder, learned: LearnedRemainder, generator: torch.Generator
 ) -> ErrorDecomposition:
     """Find formulas for what the full model leaves, and divide the error of the law."""
-    selection, remainder, found = search.selection, learned.remainder, ()
+    selection, remainder, described = search.selection, learned.remainder, ()
     impacts, fit, thresholds = selection.impacts, selection.present.fit, question.thresholds
     if remainder.large:
         try:
             component = remainder.components[0]
-            found = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
+            described = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
         except ContactLearnError as error:  # the library that finds formulas is not installed
             question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
@@ -423,7 +426,7 @@ def decompose_error(
             floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
         budget = divided(floor=floor, instrument=scatter.instrument)
         judged = budget if scatter.result.random else judged
-    return ErrorDecomposition(learned=learned, formulas=found, scatter=scatter, budget=budget, judged=judged)
+    return ErrorDecomposition(learned=learned, formulas=described, scatter=scatter, budget=budget, judged=judged)
 
 
 # --- The result --------------------------------------------------------------------------------
@@ -445,8 +448,8 @@ def _result(
     choices, missing = _choices(question, selection, comparison, confidence)
     outliers = find_model_outliers(impacts, lambda some: model.predict(some).v_post, thresholds.audit)
     laws = _law_fits(question, search, laws, bool(missing))
-    if (found := decomposition.scatter) is not None:
-        model = replace(model, scatter=found.model.scatter, noise=found.model.noise)
+    if (scatter := decomposition.scatter) is not None:
+        model = replace(model, scatter=scatter.model.scatter, noise=scatter.model.noise)
     physics = verdict(
         decomposition.judged,
         named=bool(missing),
@@ -500,22 +503,22 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
     """The scatter with the share of each component in the law's error; 0 of what has structure."""
     if decomposition.scatter is None:
         return None
-    found, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
-    return replace(found, components=tuple(replace(one, share=whole * one.share) for one in found.components))
+    scatter, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
+    return replace(scatter, components=tuple(replace(one, share=whole * one.share) for one in scatter.components))
 
 
-def trust_balance(found: Diagnosis) -> Diagnosis:
+def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
     """Turn an open moment balance into a note where effects that were found explain the data."""
-    if found.physics is not Verdict.EFFECTS or any(one.level is not Level.FOUND for one in found.missing):
-        return found
+    if diagnosis.physics is not Verdict.EFFECTS or any(effect.level is not Level.FOUND for effect in diagnosis.missing):
+        return diagnosis
     findings = tuple(
-        replace(one, mistake=False, sentence=f"{one.sentence}; the effects that were found explain it")
-        if one.name == "moment_balance_open" and one.mistake
-        else one
-        for one in found.findings
+        replace(finding, mistake=False, sentence=f"{finding.sentence}; the effects that were found explain it")
+        if finding.name == "moment_balance_open" and finding.mistake
+        else finding
+        for finding in diagnosis.findings
     )
-    mistaken = any(one.mistake for one in findings)
-    return replace(found, findings=findings, verdict=Verdict.BAD_DATA if mistaken else found.physics)
+    mistaken = any(finding.mistake for finding in findings)
+    return replace(diagnosis, findings=findings, verdict=Verdict.BAD_DATA if mistaken else diagnosis.physics)
 
 
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:
@@ -567,14 +570,14 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
     missing, named = rungs.missing, rungs.rungs[-1].error.mean
-    alike, found = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
+    sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
         gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
         sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
         if _undetermined(question.candidates[one.effect], one):
-            sure = min(sure, _OPEN)
-        found[one.effect] = sure / alike if question.candidates[one.effect].like_shape else sure
-    return found
+            sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
+        confidence[one.effect] = sure / sharing if question.candidates[one.effect].like_shape else sure
+    return confidence
 
 
 def _undetermined(effect: Effect, found: MissingEffect) -> bool:
@@ -583,7 +586,7 @@ def _undetermined(effect: Effect, found: MissingEffect) -> bool:
     Parameters of a curve may be open each and still make one of a known form.
     """
     declared = {p.name: p for p in effect.parameters}
-    known = [(one, declared[one.name]) for one in found.parameters if one.name in declared]
+    known = [(parameter, declared[parameter.name]) for parameter in found.parameters if parameter.name in declared]
     alone = len(known) == 1 and known[0][1].vanishing is not None
     sizes = [abs(one.value - (p.vanishing or 0.0)) if alone else p.high - p.low for one, p in known]
     return bool(known) and all(not one.standard_error < size for (one, _), size in zip(known, sizes, strict=True))
@@ -592,7 +595,7 @@ def _undetermined(effect: Effect, found: MissingEffect) -> bool:
 def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
     """List the user's own candidates that are in no plausible model and are no rival of an effect."""
     wanted = {effect for one in selection.plausible for effect in one.model.spec.effects} | selection.spec.effects
-    wanted |= {rival.effect for one in missing for rival in one.rivals}
+    wanted |= {rival.effect for effect in missing for rival in effect.rivals}
     return tuple(key for key in user_candidates(selection.pool.candidates) if key not in wanted)
 
 
@@ -605,7 +608,7 @@ def _frontier(selection: Selection, generator: torch.Generator) -> tuple[Frontie
     each = [[model for model in pool.models.values() if len(model.spec.effects) == size] for size in sizes]
     models = [pool.best(some) for some in each if some]
     predict_held_out(pool, selection.folds, models)
-    errors = [held_out_interval(validated(pool, selection.folds, one).error, generator) for one in models]
+    errors = [held_out_interval(validated(pool, selection.folds, model).error, generator) for model in models]
     return tuple(
         FrontierModel(law=one.spec.law, effects=tuple(sorted(one.spec.effects)), error=error)
         for one, error in zip(models, errors, strict=True)

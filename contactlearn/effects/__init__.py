@@ -84,7 +84,7 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Ef
         found = {one.name: find_effect(one.name, one.form)() for one in names}
     if found is None or not all(isinstance(effect, Effect) for effect in found.values()):
         raise ContactLearnError(
-            f"effects are names, such as ['spin_damping:during'], or effects by name, such as {{'spin': SpinDamping()}}; "
+            "effects are names, such as ['spin_damping:during'], or effects by name, such as {'spin': SpinDamping()}; "
             f"got {effects!r}"
         )
     return dict(found)

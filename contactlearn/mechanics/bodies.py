@@ -95,6 +95,12 @@ def body_code(name: str) -> int:
     return crc32(name.encode())
 
 
+def numbered(names: Sequence[str]) -> Int[Tensor, "n"]:
+    """Return the numbers [N] of names, counted from 0 in the order in which they appear."""
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    return torch.tensor([numbers[name] for name in names])
+
+
 @lru_cache(maxsize=16)
 def body_codes(names: tuple[str, ...]) -> Int[Tensor, "n"]:
     """Return the numbers [N] of bodies by name."""

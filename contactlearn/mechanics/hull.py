@@ -16,7 +16,7 @@ from contactlearn.core.errors import DataError
 
 _FLAT = 1e-8  # 1 − cos of the angle between triangles of one face, which single precision bends
 _THIN = 1e-6  # thickness of a body over its length, at least
-_MOST = 1000  # corners: contact points are sought among all of them
+_MAX_CORNERS = 1000  # corners: contact points are sought among all of them
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -55,8 +55,10 @@ def convex_hull(points: tuple[tuple[float, ...], ...]) -> Hull:
     if not width[2] > _THIN * width[0]:
         raise DataError(f"the vertices of a polyhedron must not be all in a plane, got {len(points)} that are")
     found = ConvexHull(places)
-    if len(found.vertices) > _MOST:
-        raise DataError(f"a polyhedron has at most {_MOST} corners, got {len(found.vertices)}; simplify the mesh")
+    if len(found.vertices) > _MAX_CORNERS:
+        raise DataError(
+            f"a polyhedron has at most {_MAX_CORNERS} corners, got {len(found.vertices)}; simplify the mesh"
+        )
     normals = found.equations[:, :3]
     first, face = np.unique((normals @ normals.T > 1 - _FLAT).argmax(1), return_inverse=True)
     touches = np.zeros((len(first), len(points)), dtype=np.bool_)

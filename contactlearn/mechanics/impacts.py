@@ -38,7 +38,7 @@ from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.core.numerics import random_share
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Apparatus
-from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, shapes_among
+from contactlearn.mechanics.bodies import AnyShape, body_codes, complete_shapes, contact_points, numbered, shapes_among
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _ROUNDING = 1e-9  # of a correlation
-_FEWEST, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
+_MIN_TRIALS, _OPPOSITE = 5, 0.5  # trials; ratio of distances from which on spins turn against the axes
 UNIT = 1e-3
 """Difference from 1 that the length of a quaternion may have, as numbers of a few digits do."""
 
@@ -191,7 +191,7 @@ class Impacts:
 
     def _check_scalar(self) -> None:
         """Refuse quaternions with the scalar last: the shape then touches the floor where the bodies do."""
-        if self.shape is None or len(self) < _FEWEST:
+        if self.shape is None or len(self) < _MIN_TRIALS:
             return
         turns = self.q[:, 3:], self.q[:, 3:].roll(1, -1)
         points = (contact_points(self.shape, self.body, turn) for turn in turns)
@@ -208,7 +208,7 @@ class Impacts:
         spun = rigid_body.spin_momentum(self.world_inertia, change[:, 3:])
         moment = rigid_body.moment(self.r, self.mass[:, None] * change[:, :3])
         apart, opposite = ((spun - sign * moment).norm(dim=-1).median().item() for sign in (1, -1))
-        if len(self) >= _FEWEST and opposite < _OPPOSITE * apart:
+        if len(self) >= _MIN_TRIALS and opposite < _OPPOSITE * apart:
             raise DataError(
                 f"{self.source}: axes must be right-handed, and I Δω is nearer to −r × m Δv ({opposite:.3g} N m s) "
                 f"than to r × m Δv ({apart:.3g}); turn the signs of wx, wy, wz, or mirror one axis of all columns"
@@ -346,8 +346,7 @@ class Impacts:
     @cached_property
     def groups(self) -> Int[Tensor, "n"] | None:
         """Number of each trial's recording, counted from 0; None where recordings are not named."""
-        numbers = {name: number for number, name in enumerate(dict.fromkeys(self.recording))}
-        return torch.tensor([numbers[name] for name in self.recording]) if self.recording else None
+        return numbered(self.recording) if self.recording else None
 
     @cached_property
     def covariate_codes(self) -> dict[str, Float[Tensor, "n"]]:
@@ -464,7 +463,7 @@ class Impacts:
 
 def _covariate(values: Any) -> Tensor | tuple[str, ...]:
     """A covariate as numbers, or as names."""
-    if isinstance(values, Sequence) and all(isinstance(one, str) for one in values):
+    if isinstance(values, Sequence) and all(isinstance(value, str) for value in values):
         return tuple(values)
     return torch.as_tensor(values, dtype=torch.float64).clone()
 

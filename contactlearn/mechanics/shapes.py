@@ -309,7 +309,7 @@ class Ellipsoid(Solid):
 
     def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """A² d / |A d|, A = diag(a, b, c)."""
-        axes = _like(direction, self.semi_axes)
+        axes = direction.new_tensor(self.semi_axes)
         scaled = axes * direction
         return axes * scaled / scaled.norm(dim=-1, keepdim=True)
 
@@ -568,11 +568,6 @@ def _points(vertices: tuple[tuple[float, ...], ...]) -> Float[Tensor, "v d"]:
 def _with_gaps(lines: Sequence[Float[Tensor, "_ 3"]]) -> Float[Tensor, "all 3"]:
     """Lines behind each other, with a gap (nan) behind each."""
     return torch.cat([torch.cat((line, torch.full_like(line[:1], torch.nan))) for line in lines])
-
-
-def _like(tensor: Tensor, values: Any) -> Tensor:
-    """Numbers of the type and on the device of a tensor."""
-    return torch.tensor(values, dtype=tensor.dtype, device=tensor.device)
 
 
 def _plain(value: Any) -> Any:

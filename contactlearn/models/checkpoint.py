@@ -141,19 +141,19 @@ def _describe(part: Any, name: str, tensors: dict[str, Tensor]) -> Any:
         return {"kind": "scatter", "name": part.name, "sigma": _describe(part.sigma, f"{name}.sigma", tensors)}
     if isinstance(part, Law):
         plain = {key: value for key, value in part.options.items() if not isinstance(value, Tensor | float)}
-        own = {key: value for key, value in vars(part).items() if key not in plain}
+        parts = {key: value for key, value in vars(part).items() if key not in plain}
         about = {"kind": "Law", "name": part.name, "variant": part.variant} | ({"options": plain} if plain else {})
-        return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    if isinstance(part, torch.nn.Module):
+    elif isinstance(part, torch.nn.Module):
         from contactlearn.models.gp.modules import as_text  # GPyTorch takes long to load
 
         gps: Any = part
         x, y, weight, options, noise = gps.data()
-        own = {"x": x, "y": y, "weight": weight, "noise": noise} | gps.state_dict()
+        parts = {"x": x, "y": y, "weight": weight, "noise": noise} | gps.state_dict()
         about = {"kind": type(part).__name__, "options": as_text(vars(replace(options, optimiser=None)))}
-        return about | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
-    own = {field.name: getattr(part, field.name) for field in fields(part) if field.name not in _NOT_KEPT}
-    return {"kind": type(part).__name__} | {key: _describe(own[key], f"{name}.{key}", tensors) for key in own}
+    else:
+        parts = {field.name: getattr(part, field.name) for field in fields(part) if field.name not in _NOT_KEPT}
+        about = {"kind": type(part).__name__}
+    return about | {key: _describe(value, f"{name}.{key}", tensors) for key, value in parts.items()}
 
 
 def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
@@ -173,10 +173,10 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     if kind == "Law":
         return _build_law(description, name, tensors)
     options = description.pop("options", {"prior": False})
-    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    parts = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if kind not in _KINDS:
-        return _build_processes(kind, own, options)
-    part = _KINDS[kind](**own)
+        return _build_processes(kind, parts, options)
+    part = _KINDS[kind](**parts)
     if isinstance(part, ContactModel) and part.target not in RESIDUALS:
         raise UnknownNameError("target", part.target, RESIDUALS)
     if isinstance(part, Regressor):
@@ -184,17 +184,17 @@ def _build(description: Any, name: str, tensors: dict[str, Tensor]) -> Any:
     return part
 
 
-def _build_processes(kind: str, own: dict[str, Any], options: dict[str, Any]) -> torch.nn.Module:
+def _build_processes(kind: str, parts: dict[str, Any], options: dict[str, Any]) -> torch.nn.Module:
     """Gaussian processes of a class by name, from their training data, the other tensors, and their modules."""
     from contactlearn.models.gp.exact import ExactGPs, checked_options  # GPyTorch takes long to load
     from contactlearn.models.gp.sparse import SparseGPs
 
     family = {"ExactGPs": ExactGPs, "SparseGPs": SparseGPs}[kind]
-    own = {"noise": None} | own
-    x, y, weight, noise = (own.pop(key) for key in ("x", "y", "weight", "noise"))
+    parts = {"noise": None} | parts
+    x, y, weight, noise = (parts.pop(key) for key in ("x", "y", "weight", "noise"))
     columns = list(map(str, range(x.shape[-1])))  # a file has their numbers
     gps = family(x, y, weight, checked_options(ProcessOptions(**options), columns), noise)
-    gps.load_state_dict(own)
+    gps.load_state_dict(parts)
     return gps.eval()
 
 
@@ -219,10 +219,10 @@ def _build_effect(description: dict[str, Any]) -> Effect:
 def _build_law(description: dict[str, Any], name: str, tensors: dict[str, Tensor]) -> Law:
     """The law of a description; in older files every law has an e_t, which most laws ignored."""
     law = laws.find(description.pop("name"), description.pop("variant"), **_tuples(description.pop("options", {})))
-    own = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
+    parts = {key: _build(value, f"{name}.{key}", tensors) for key, value in description.items()}
     if "e_t" not in law.options:
-        own.pop("e_t", None)
-    return replace(law, **own)
+        parts.pop("e_t", None)
+    return replace(law, **parts)
 
 
 def _tuples(value: Any) -> Any:

@@ -101,7 +101,7 @@ class ContactModel:
                 return prediction
             parts.append(self.spread(impacts, mean, variance))
         parts += [] if self.noise is None else [self._noise_of(impacts)]
-        parts += [self.scatter_covariance(impacts)] if self.under.scatter else []
+        parts += [self.scatter_covariance(impacts)] if self.law_model.scatter else []
         return replace(prediction, covariance=sum(parts[1:], parts[0])) if parts else prediction
 
     def outcome(self, impacts: Impacts, deviations: Deviations = ()) -> Prediction:
@@ -138,7 +138,7 @@ class ContactModel:
         """
         impacts = state.as_impacts()
         predicted = self.predict(impacts) if uncertainty else self.outcome(impacts)
-        offset = actual_state(self.under.effects, State.of(impacts)).mass_centre
+        offset = actual_state(self.law_model.effects, State.of(impacts)).mass_centre
         outcome = BodyOutcome(
             pose=impacts.q.expand(*predicted.v_post.shape[:-1], -1),
             velocity=predicted.v_post,
@@ -150,7 +150,7 @@ class ContactModel:
 
     def contact_heights(self, impacts: Impacts) -> Float[Tensor, "... n"]:
         """Return the heights [N] in m of the contact points of the body as its roll-outs have it."""
-        return actual_state(self.physical.under.effects, State.of(impacts)).height
+        return actual_state(self.physical.law_model.effects, State.of(impacts)).height
 
     def roll_out(
         self,
@@ -161,7 +161,7 @@ class ContactModel:
         gravity: float = GRAVITY,
         drag: float = 0.0,
         friction: float | None = None,
-        own: Float[Tensor, "*#batch d"] | None = None,
+        acceleration: Float[Tensor, "*#batch d"] | None = None,
         samples: int | None = None,
         generator: torch.Generator | None = None,
     ) -> RollOut:
@@ -169,15 +169,15 @@ class ContactModel:
 
         With `samples` each body is followed so many times, along a new first axis: a fan of trajectories.  Parameters
         are drawn from their covariance once for each, the contact's scatter anew at every bounce.  `friction` is
-        that of bodies whose contacts have piled up, by default the law's with its effects, and `own` [..., d] an
-        acceleration of each body in flight beside gravity.  Effects of the recording, such as a sampling delay, are
+        that of bodies whose contacts have piled up, by default the law's with its effects, and `acceleration`
+        [..., d] is that of each body in flight beside gravity.  Effects of the recording, such as a sampling delay, are
         left out.
 
         Raises:
             ContactLearnError: samples of a model without scatter and without a covariance of its parameters.
             DataError: the shape is not known, or a body starts inside the floor.
         """
-        model, scatters = self.physical, samples is not None and bool(self.under.scatter)
+        model, scatters = self.physical, samples is not None and bool(self.law_model.scatter)
         values: list[Tensor] | None = None
         if samples is not None:
             if self.parameter_covariance is not None:
@@ -193,10 +193,10 @@ class ContactModel:
             return model if values is None else model.at([x[rows] for x in values])
 
         def steady(impacts: Impacts, rows: Tensor) -> Prediction:
-            own = at(rows).under
+            physics = at(rows).law_model
             places = ("state", "law") if friction is None else ("state",)
-            acting = {name: effect for name, effect in own.effects.items() if effect.place in places}
-            law = own.law if friction is None else own.law.at(friction, own.law.eps)
+            acting = {name: effect for name, effect in physics.effects.items() if effect.place in places}
+            law = physics.law if friction is None else physics.law.at(friction, physics.law.eps)
             return ContactModel(law, effects=acting).predict(impacts)
 
         def bounced(impacts: Impacts, rows: Tensor) -> Prediction:
@@ -204,9 +204,9 @@ class ContactModel:
 
         found = follow(
             bounced,
-            None if self.under.base is None else steady,
-            lambda measured, rows: actual_state(at(rows).under.effects, measured),
-            *(state, shape, until, gravity, drag, own),
+            None if self.law_model.base is None else steady,
+            lambda measured, rows: actual_state(at(rows).law_model.effects, measured),
+            *(state, shape, until, gravity, drag, acceleration),
         )
         return replace(found, left_out=self.recorded)
 
@@ -215,7 +215,10 @@ class ContactModel:
         shape = (len(impacts),) if samples is None else (samples, len(impacts))
         return self.outcome(
             impacts,
-            [(one, one.draw(shape, impacts.space, generator).to(impacts.v_pre)) for one in self.under.scatter.values()],
+            [
+                (one, one.draw(shape, impacts.space, generator).to(impacts.v_pre))
+                for one in self.law_model.scatter.values()
+            ],
         )
 
     def scatter_covariance(self, impacts: Impacts) -> Float[Tensor, "n D D"]:
@@ -246,7 +249,7 @@ class ContactModel:
     def _covariance(self, impacts: Impacts, predicted: Prediction) -> Float[Tensor, "... n 3 3"]:
         """Covariance [..., N, 3, 3] of v_post; see `step`."""
         parts = [] if predicted.covariance is None else [predicted.covariance]
-        under = self.under
+        under = self.law_model
         if under.parameter_covariance is not None and self.parameters is None:
             shape = predicted.v_post.shape[:-1]
 
@@ -268,14 +271,14 @@ class ContactModel:
         return impacts.slip_axes @ self.noise[..., None, :, :] @ impacts.slip_axes.mT
 
     @property
-    def under(self) -> "ContactModel":
+    def law_model(self) -> "ContactModel":
         """The model that has the law and the effects: this one, or the one that it is built on."""
-        return self.base.under if isinstance(self.base, ContactModel) else self
+        return self.base.law_model if isinstance(self.base, ContactModel) else self
 
     @property
     def recorded(self) -> tuple[str, ...]:
         """Names of the effects of the recording, which `physical` leaves out."""
-        return tuple(name for name, effect in self.under.effects.items() if effect.of_recording)
+        return tuple(name for name, effect in self.law_model.effects.items() if effect.of_recording)
 
     @property
     def physical(self) -> "ContactModel":

@@ -48,13 +48,13 @@ FAINT = 4e-3
 ENDS = ("bounces", "time", "piled up", "at rest")
 """Reasons for which a trajectory ends."""
 
-_NEAR = 1e-5  # s before contact at the latest from which Newton's method takes over
+_NEWTON_TIME = 1e-5  # s before contact at the latest from which Newton's method takes over
 _STEEPEST = 0.2  # rad, of a floor that leans
 _ROUNDING = 1e-12  # m
-_INSIDE = 1e-9  # m by which rounding may put a body into the floor
-_SLOW = 2.0  # falls within a step: speed of a body that may be at rest
-_SUNK, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
-_REST = 0.2  # s for which a body at rest is that slow
+_MAX_ROUNDING_DEPTH = 1e-9  # m by which rounding may put a body into the floor
+_SPEED_AT_REST = 2.0  # falls within a step: speed of a body that may be at rest
+_REST_DEPTH, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
+_TIME_AT_REST = 0.2  # s for which a body at rest is that slow
 
 Gap = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
 """Height in m and velocity in m/s of the lowest point, of some bodies at poses and velocities."""
@@ -91,7 +91,7 @@ class FreeFlights:
         velocity: at the start [N, D].
         inertia: in kg m² [N], in space principal moments [N, 3].
         mass_centre: from the tracked point [N, d] in m, along the body's axes; None where they are one point.
-        own: acceleration [N, d] beside gravity in m/s².
+        acceleration: [N, d] beside gravity in m/s².
         gravity: in m/s².
         drag: c in 1/s.
     """
@@ -102,7 +102,7 @@ class FreeFlights:
     velocity: Float[Tensor, "n D"]
     inertia: Float[Tensor, "..."]
     mass_centre: Float[Tensor, "n d"] | None
-    own: Float[Tensor, "n d"]
+    acceleration: Float[Tensor, "n d"]
     gravity: float
     drag: float
 
@@ -138,7 +138,7 @@ class FreeFlights:
             orientation = orientation + spin * t[:, None]
         else:
             orientation, spin = turned(orientation, spin, self.inertia, t)
-        fall, t = self.own + pad(v.new_tensor([-self.gravity]), (d - 1, 0)), t[:, None]
+        fall, t = self.acceleration + pad(v.new_tensor([-self.gravity]), (d - 1, 0)), t[:, None]
         if self.drag:
             lost = -torch.expm1(-self.drag * t) / self.drag  # ∫ exp(−c t)
             moved, v = v * lost + fall * (t - lost) / self.drag, v + (fall - self.drag * v) * lost
@@ -204,7 +204,7 @@ def follow(
     until: Until,
     gravity: float = GRAVITY,
     drag: float = 0.0,
-    own: Float[Tensor, "*#batch d"] | None = None,
+    acceleration: Float[Tensor, "*#batch d"] | None = None,
 ) -> RollOut:
     """Follow bodies through their bounces.
 
@@ -217,7 +217,7 @@ def follow(
         until: when to stop.
         gravity: in m/s².
         drag: of the air on the mass centre, in 1/s.
-        own: acceleration of each body in flight beside gravity in m/s², such as air gives one that slows; 0 if None.
+        acceleration: of each body in flight beside gravity in m/s², such as air gives one that slows; 0 if None.
 
     Raises:
         DataError: the shape is not known or of the other space, a body starts inside the floor, or
@@ -232,9 +232,9 @@ def follow(
         state.flat(getattr(state, name)) for name in ("pose", "velocity", "mass", "inertia", "order")
     )
     fixed = {"mass": mass, "inertia": inertia, "order": order}
-    own = velocity.new_zeros(state.space.d) if own is None else own
-    own = own.expand(*state.batch, -1).reshape(len(pose), -1)
-    bodies = _Bodies(fixed, shape, state.object, state.space, predict, steady, actual, own, gravity, drag)
+    acceleration = velocity.new_zeros(state.space.d) if acceleration is None else acceleration
+    acceleration = acceleration.expand(*state.batch, -1).reshape(len(pose), -1)
+    bodies = _Bodies(fixed, shape, state.object, state.space, predict, steady, actual, acceleration, gravity, drag)
     bodies.refuse_inside(pose, velocity)
     return _bounced(bodies, pose, velocity, until).reshaped(state.batch)
 
@@ -252,27 +252,32 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
     ended, contacts, resting = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.int64), rows < 0
     while len(rows):
         gap = partial(bodies.gap_of, rows)
-        at, piled = _contact_times(flight, gap, lever, resting[rows], first=len(flights) == 1, goes_on=goes_on)
-        now = flight.start + at
-        late = now > until.time
-        ended[rows[piled]], ended[rows[late & ~piled]] = ENDS.index("piled up"), ENDS.index("time")
-        hits = ~(piled | late)
+        duration, piled = _contact_times(flight, gap, lever, resting[rows], first=len(flights) == 1, goes_on=goes_on)
+        now = flight.start + duration
+        timed_out = now > until.time
+        ended[rows[piled]], ended[rows[timed_out & ~piled]] = ENDS.index("piled up"), ENDS.index("time")
+        hits = ~(piled | timed_out)
         if not bool(hits.any()):
             break
-        rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(at[hits])
+        rows, now, (q, v) = rows[hits], now[hits], flight.of(hits).after(duration[hits])
         if goes_on:
             q, v_post, bounced, resting[rows] = bodies.touch(rows, q, v)
             fast[rows] = torch.where(bodies.slow(rows, v_post), fast[rows], now)
-            ended[rows[now - fast[rows] > _REST]] = ENDS.index("at rest")
+            ended[rows[now - fast[rows] > _TIME_AT_REST]] = ENDS.index("at rest")
         else:
             v_post, bounced = bodies.predict(bodies.impacts(rows, q, v), rows).v_post, torch.ones_like(hits[hits])
-        some = rows[bounced], contacts[rows[bounced]]
-        times[some], poses[some], before[some], after[some] = now[bounced], q[bounced], v[bounced], v_post[bounced]
-        contacts[some[0]] += 1
+        bounce = rows[bounced], contacts[rows[bounced]]
+        times[bounce], poses[bounce], before[bounce], after[bounce] = (
+            now[bounced],
+            q[bounced],
+            v[bounced],
+            v_post[bounced],
+        )
+        contacts[bounce[0]] += 1
         end[rows] = now
-        left = (contacts[rows] < until.bounces) & (ended[rows] == 0)
-        rows = rows[left]
-        flight = bodies.fly(rows, now[left], q[left], v_post[left])
+        going = (contacts[rows] < until.bounces) & (ended[rows] == 0)
+        rows = rows[going]
+        flight = bodies.fly(rows, now[going], q[going], v_post[going])
         flights.append(flight)
     order = torch.cat([one.body for one in flights]).argsort(stable=True)
     return RollOut(
@@ -292,14 +297,14 @@ class _Bodies:
     predict: Predict
     steady: Predict | None
     actual: Callable[[State, Tensor], State]
-    own: Tensor
+    acceleration: Tensor
     gravity: float
     drag: float
 
     def impacts(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> Impacts:
         """Return the bodies in contact."""
-        own = {name: value[rows] for name, value in self.fixed.items()}
-        touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **own)
+        fixed = {name: value[rows] for name, value in self.fixed.items()}
+        touching = BodyState(pose=pose, velocity=velocity, shape=self.shape, object=self.name, **fixed)
         return touching.as_impacts(validate=False)
 
     def touch(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -337,7 +342,7 @@ class _Bodies:
         mass, inertia = self.fixed["mass"][rows], self.fixed["inertia"][rows].reshape(len(rows), -1).amax(-1)
         d = self.space.d
         square = velocity[:, :d].square().sum(-1) + inertia / mass * velocity[:, d:].square().sum(-1)
-        return square < (_SLOW * self.gravity * STEP) ** 2
+        return square < (_SPEED_AT_REST * self.gravity * STEP) ** 2
 
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
@@ -358,8 +363,8 @@ class _Bodies:
     def refuse_inside(self, pose: Tensor, velocity: Tensor) -> None:
         """Refuse a start inside the floor."""
         height, _ = self.gap(torch.arange(len(pose)), pose, velocity)
-        if bool((height < -_INSIDE).any()):
-            row, up = int((height < -_INSIDE).nonzero()[0, 0]), self.space.pose[self.space.d - 1]
+        if bool((height < -_MAX_ROUNDING_DEPTH).any()):
+            row, up = int((height < -_MAX_ROUNDING_DEPTH).nonzero()[0, 0]), self.space.pose[self.space.d - 1]
             depth = -height[row].item()
             raise DataError(f"a body must start above the floor {up} = 0; state {row + 1} is {depth:.3g} m inside it")
 
@@ -376,7 +381,7 @@ class _Bodies:
             velocity=velocity,
             inertia=inertia,
             mass_centre=d,
-            own=self.own[rows],
+            acceleration=self.acceleration[rows],
             **about,
         )
 
@@ -389,31 +394,33 @@ def _contact_times(
     No point of a body comes down faster than its mass centre and its spin let it, so that steps which this allows
     miss no contact; Newton's method ends them.
     """
-    t, left = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
+    t, flying = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
     if first:
-        height, speed = gap(left, *flight.after(t))
-        t = torch.where((height <= _INSIDE) & (speed >= 0), SHORTEST, t)  # at rest on the floor, or leaving it
+        height, speed = gap(flying, *flight.after(t))
+        t = torch.where(
+            (height <= _MAX_ROUNDING_DEPTH) & (speed >= 0), SHORTEST, t
+        )  # at rest on the floor, or leaving it
     else:
         t = t + SHORTEST
-    height, _ = gap(left, *flight.of(left).after(t[left]))
-    low = (height <= 0) & (t[left] > 0)
-    piled = torch.zeros_like(resting).index_fill(0, left[low], value=True)
-    left = left[~low]
+    height, _ = gap(flying, *flight.of(flying).after(t[flying]))
+    low = (height <= 0) & (t[flying] > 0)
+    piled = torch.zeros_like(resting).index_fill(0, flying[low], value=True)
+    flying = flying[~low]
     if goes_on:
-        left, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
-    while len(left):
-        part = flight.of(left)
+        flying, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
+    while len(flying):
+        part = flight.of(flying)
         with torch.no_grad():  # Newton's method gives the derivatives
-            now = _descended(part, t[left], lambda some, *at, left=left: gap(left[some], *at), lever)
+            now = _descended(part, t[flying], lambda some, *at, flying=flying: gap(flying[some], *at), lever)
         part, moved, height, speed = part.later(now), *torch.zeros(3, len(now), dtype=torch.float64)
         for _ in range(6):
-            height, speed = gap(left, *part.after(moved))
+            height, speed = gap(flying, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
-            moved = moved + step.clamp(-10 * _NEAR, 10 * _NEAR)
+            moved = moved + step.clamp(-10 * _NEWTON_TIME, 10 * _NEWTON_TIME)
         now = now + moved
         on_floor = (height.abs() < _ROUNDING) & (speed < 0)
-        t[left] = torch.where(on_floor, now, now + _NEAR)  # the others turned back just above the floor
-        left = left[~on_floor]
+        t[flying] = torch.where(on_floor, now, now + _NEWTON_TIME)  # the others turned back just above the floor
+        flying = flying[~on_floor]
     return t, piled
 
 
@@ -423,44 +430,44 @@ def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     A body may sink as fast as one at rest.  Where it would go deeper another point comes down, and the time ends when
     that is at the floor, by bisection.
     """
-    low, fall = resting.nonzero()[:, 0], FAINT * flight.gravity * STEP
-    t[low] = STEP
-    start, _ = gap(low, *flight.of(low).after(torch.zeros_like(t[low])))
-    height, _ = gap(low, *flight.of(low).after(t[low]))
-    resting[low] = height <= fall
+    lying, fall = resting.nonzero()[:, 0], FAINT * flight.gravity * STEP
+    t[lying] = STEP
+    start, _ = gap(lying, *flight.of(lying).after(torch.zeros_like(t[lying])))
+    height, _ = gap(lying, *flight.of(lying).after(t[lying]))
+    resting[lying] = height <= fall
     deep = height < start.clamp_max(0) - fall
-    low, level = low[deep], start[deep].clamp_max(0) - _SUNK
-    part, early, late = flight.of(low), torch.zeros_like(level), torch.full_like(level, STEP)
-    for _ in range(_HALVINGS if len(low) else 0):
+    lying, level = lying[deep], start[deep].clamp_max(0) - _REST_DEPTH
+    part, early, late = flight.of(lying), torch.zeros_like(level), torch.full_like(level, STEP)
+    for _ in range(_HALVINGS if len(lying) else 0):
         middle = (early + late) / 2
-        above = gap(low, *part.after(middle))[0] > level
+        above = gap(lying, *part.after(middle))[0] > level
         early, late = torch.where(above, middle, early), torch.where(above, late, middle)
-    t[low] = late
+    t[lying] = late
     return (~resting).nonzero()[:, 0]
 
 
 def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor:
     """Times [N] just before the lowest point may reach the floor."""
-    t, left, up = t.clone(), torch.arange(len(t)), flight.space.d - 1
+    t, falling, up = t.clone(), torch.arange(len(t)), flight.space.d - 1
     reach = lever if flight.mass_centre is None else lever + 2 * flight.mass_centre.norm(dim=-1)
     sweep, here = reach * flight.fastest, flight.later(t)
-    while len(left):
-        height, speed = gap(left, here.pose, here.velocity)
+    while len(falling):
+        height, speed = gap(falling, here.pose, here.velocity)
         height, v = height.clamp_min(0), here.velocity
-        down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[left]
-        g = flight.gravity + (-flight.own[left, up]).clamp_min(0) + flight.drag * down
+        down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[falling]
+        g = flight.gravity + (-flight.acceleration[falling, up]).clamp_min(0) + flight.drag * down
         step = 2 * height / (down + (down.square() + 2 * g * height).sqrt()).clamp_min(1e-12)
-        step = torch.where(speed < 0, step, step.clamp_min(_NEAR))
-        t[left] += step
-        high = (step > _NEAR) | (speed >= 0)
-        left, here = left[high], here.of(high).later(step[high])
+        step = torch.where(speed < 0, step, step.clamp_min(_NEWTON_TIME))
+        t[falling] += step
+        high = (step > _NEWTON_TIME) | (speed >= 0)
+        falling, here = falling[high], here.of(high).later(step[high])
     return t
 
 
 def _joined(flights: list[FreeFlights]) -> FreeFlights:
     """All flights in one."""
     parts = {
-        name: torch.cat([getattr(one, name) for one in flights])
+        name: torch.cat([getattr(flight, name) for flight in flights])
         for name, x in vars(flights[0]).items()
         if isinstance(x, Tensor)
     }

@@ -69,7 +69,7 @@ _TRIES = 10  # to find settings of which every realisation approaches
 _NATS = 1e-3  # below which a drop tells nothing of the names in question
 _BATCHES = 8  # of the forecast
 _MEASURED = 500  # impacts about which the space is filled
-_ALIKE = 0.02  # relative spread of contact points that are one
+_SAME_CONTACT = 0.02  # relative spread of contact points that are one
 
 
 def plan(
@@ -115,19 +115,19 @@ def _plan(
     looks: tuple[Look, ...],
     seed: int,
 ) -> Plan:
-    found = known if isinstance(known, Diagnosis) else None
+    diagnosis = known if isinstance(known, Diagnosis) else None
     measured = None if isinstance(known, Specimen) else known if isinstance(known, Impacts) else _recorded(known)
     specimens = (known,) if isinstance(known, Specimen) else Specimen.of(measured) if measured is not None else ()
     rig = rig.completed(specimens)
     settings = _drawn(rig, specimens, count, seed)
     _refuse_alike(settings.states, rig.noise or NOISE[settings.states.space])
-    belief = _belief(found, measured, settings.states, rig)
+    belief = _belief(diagnosis, measured, settings.states, rig)
     features = _Features.of(settings.states)
     criteria = _criteria(belief, features, settings.states, measured)
-    picked, purposes = _greedy(criteria, _SCHEDULE[goal if found else None], settings, rig, count)
-    forecast = _forecast(criteria, belief, goal if found else None, picked)
-    if found is not None:
-        looks = (*looks, Look.of(found, gain=forecast.gain or 0.0))
+    picked, purposes = _greedy(criteria, _SCHEDULE[goal if diagnosis else None], settings, rig, count)
+    forecast = _forecast(criteria, belief, goal if diagnosis else None, picked)
+    if diagnosis is not None:
+        looks = (*looks, Look.of(diagnosis, gain=forecast.gain or 0.0))
     order = _ordered(rig, settings, picked)
     return Plan(
         goal=goal,
@@ -153,11 +153,13 @@ def _plan(
     )
 
 
-def _recorded(found: Diagnosis) -> Impacts:
+def _recorded(diagnosis: Diagnosis) -> Impacts:
     """The impacts of a diagnosis."""
-    if found.record is None:
-        raise ContactLearnError(f"the diagnosis has no record of its trials, and so nothing to plan from: {found!r}")
-    return found.record.impacts
+    if diagnosis.record is None:
+        raise ContactLearnError(
+            f"the diagnosis has no record of its trials, and so nothing to plan from: {diagnosis!r}"
+        )
+    return diagnosis.record.impacts
 
 
 # --- Settings ----------------------------------------------------------------------------------
@@ -201,11 +203,9 @@ def _drawn(rig: Rig, specimens: Sequence[Specimen], count: int, seed: int) -> _S
 def _refuse_alike(drops: Impacts, noise: Sequence[float]) -> None:
     """Refuse limits within which all contacts are the same one."""
     sizes, spread = drops.r.norm(dim=-1).mean(), drops.v_pre.std(0) / torch.tensor(noise, dtype=torch.float64)
-    moments = (
-        drops.world_inertia.reshape(len(drops), -1).std(0).norm()
-        / drops.world_inertia.reshape(len(drops), -1).norm(dim=1).mean()
-    )
-    if (spread < 1).all() and (drops.r.std(0) < _ALIKE * sizes).all() and moments < _ALIKE:
+    inertia = drops.world_inertia.reshape(len(drops), -1)
+    moments = inertia.std(0).norm() / inertia.norm(dim=1).mean()
+    if (spread < 1).all() and (drops.r.std(0) < _SAME_CONTACT * sizes).all() and moments < _SAME_CONTACT:
         slip = drops.v_c[:, :-1].norm(dim=-1).mean().item()
         friction = "" if slip > noise[0] else ", and no friction, since nothing slips"
         raise DataError(
@@ -272,46 +272,46 @@ class _Belief:
 
     @property
     def probability(self) -> Float[Tensor, "m"]:
-        return torch.tensor([one.probability for one in self.models], dtype=torch.float64)
+        return torch.tensor([model.probability for model in self.models], dtype=torch.float64)
 
     @property
     def hidden(self) -> tuple[str, ...]:
         """Effects of the catalogue that no drop shows."""
-        shown = set[str]().union(*(one.shown() for one in self.candidates))
-        every = {name for one in self.candidates for name in one.names} - {"mu", "eps"}
+        shown = set[str]().union(*(candidate.shown() for candidate in self.candidates))
+        every = {name for candidate in self.candidates for name in candidate.names} - {"mu", "eps"}
         return tuple(sorted(self.silent | (every - shown)))
 
     @property
     def possibilities(self) -> tuple[Possibility, ...]:
         """Names in question, the most probable first."""
-        found = dict[tuple[str, ...], float]()
-        for one in self.models:
-            names = tuple(sorted(one.names))
-            found[names] = found.get(names, 0.0) + one.probability
-        ordered = sorted(found.items(), key=lambda item: -item[1])
+        probability = dict[tuple[str, ...], float]()
+        for model in self.models:
+            names = tuple(sorted(model.names))
+            probability[names] = probability.get(names, 0.0) + model.probability
+        ordered = sorted(probability.items(), key=lambda item: -item[1])
         return tuple(Possibility(effects=names, probability=p) for names, p in ordered)
 
 
-def _belief(found: Diagnosis | None, measured: Impacts | None, drops: Impacts, rig: Rig) -> _Belief:
+def _belief(diagnosis: Diagnosis | None, measured: Impacts | None, drops: Impacts, rig: Rig) -> _Belief:
     """What a diagnosis, measurements, or a rig alone tell."""
     stated = torch.tensor(rig.noise or NOISE[drops.space], dtype=torch.float64).square().diag()
     exact = {"v_pre_cov": None, "v_post_cov": None, "outcome_cov": None, "outcome_shift": None}  # for a linearisation
     plain = None if measured is None else measured.replace(**exact)
     law, (added, silent) = all_laws(drops.space)[0], visible(drops)
     usual = [ContactModel(law.at(mu, eps)) for mu, eps in _COEFFICIENTS]
-    if found is None:
+    if diagnosis is None:
         noise = stated.expand(len(drops), -1, -1)
         about = tuple(Candidates.about(one, added, drops, noise, plain, stated) for one in usual)
         return _Belief(
             models=(), means=drops.v_pre[None], slopes=(), noise=noise, candidates=about, silent=silent, unexplained=1.0
         )
     assert plain is not None
-    chosen = found.model
+    chosen = diagnosis.model
     spread = robust_covariance(plain.v_post - chosen.outcome(plain).v_post)
-    told = chosen.predict(drops).covariance if chosen.under.scatter else None
+    told = chosen.predict(drops).covariance if chosen.law_model.scatter else None
     noise = spread.expand(len(drops), -1, -1) if told is None else told
-    models = hypotheses(found)
-    left = 0.0 if found.remainder is None else min(max(found.remainder.share.mean, 0.0), 0.9)
+    models = hypotheses(diagnosis)
+    left = 0.0 if diagnosis.remainder is None else min(max(diagnosis.remainder.share.mean, 0.0), 0.9)
     about = tuple(Candidates.about(one, added, drops, noise, plain, spread) for one in (models[0].model, *usual))
     return _Belief(
         models=models,
@@ -339,9 +339,9 @@ def _criteria(
         probability=torch.full((len(about),), 1 / len(about), dtype=torch.float64),
         repeats=_REPEATS,
     )
-    found: dict[Purpose, Criterion] = {Purpose.SPACE: space, Purpose.EFFECTS: effects}
+    criteria: dict[Purpose, Criterion] = {Purpose.SPACE: space, Purpose.EFFECTS: effects}
     if not belief.models:
-        return found
+        return criteria
     slopes, covariances = zip(*belief.slopes, strict=True)
     root, most = torch.linalg.cholesky(belief.noise), max(c.shape[-1] for c in covariances)
     white = [torch.linalg.solve_triangular(root, one, upper=False).nan_to_num(0.0, 0.0, 0.0) for one in slopes]
@@ -351,19 +351,21 @@ def _criteria(
         probability=belief.probability,
         repeats=_REPEATS,
     )
-    found[Purpose.PARAMETERS] = parameters
-    found[Purpose.PREDICTION] = PredictionVariance(parameters=parameters, space=space, unexplained=belief.unexplained)
-    if len({one.names for one in belief.models}) > 1:
-        found[Purpose.NAMES] = NameInformation.of(
+    criteria[Purpose.PARAMETERS] = parameters
+    criteria[Purpose.PREDICTION] = PredictionVariance(
+        parameters=parameters, space=space, unexplained=belief.unexplained
+    )
+    if len({model.names for model in belief.models}) > 1:
+        criteria[Purpose.NAMES] = NameInformation.of(
             belief.means,
             slopes,
             covariances,
             belief.noise,
-            names=[one.names for one in belief.models],
+            names=[model.names for model in belief.models],
             probability=belief.probability,
             repeats=_REPEATS,
         )
-    return found
+    return criteria
 
 
 # --- The batch ----------------------------------------------------------------------------------

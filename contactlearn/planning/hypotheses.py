@@ -27,7 +27,7 @@ from contactlearn.models.contact_model import ContactModel
 
 _LEAST_DOUBT, _MOST_DOUBT = 0.02, 0.9
 _NONE_DOUBT = 0.1  # that an effect is missing where none is found
-_MOST = 12  # models
+_MAX_MODELS = 12  # models
 _LOOKED_AT = 100  # states by which an effect is found to act on none
 _SHARE = 0.25  # of its plausible range, to which a parameter is known before anything is measured
 _SHOWN = 1.0  # standard deviations of the noise by which an effect of that size changes a drop that shows it
@@ -42,36 +42,36 @@ class PossibleModel:
     probability: float
 
 
-def hypotheses(found: Diagnosis) -> tuple[PossibleModel, ...]:
+def hypotheses(diagnosis: Diagnosis) -> tuple[PossibleModel, ...]:
     """Fit the models between which a diagnosis leaves a choice to its impacts, the chosen one first.
 
     Raises:
         ContactLearnError: a diagnosis without its record, as of refused data.
     """
-    chosen, impacts = found.model, found.record.impacts if found.record else None
+    chosen, impacts = diagnosis.model, diagnosis.record.impacts if diagnosis.record else None
     assert impacts is not None
-    assert found.law is not None
-    own = frozenset(one.effect for one in found.missing)
-    shares = {(one.law, frozenset(one.effects)): one.share for one in found.models}
-    doubted = [own - {one.effect} | {rival.effect} for one in found.missing for rival in one.rivals]
-    doubted += [own | {one.effect} for one in found.candidates] + [own - {one.effect} for one in found.missing]
-    every = dict.fromkeys((found.law, frozenset(effects)) for effects in doubted)
-    every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in found.frontier)
+    assert diagnosis.law is not None
+    own = frozenset(one.effect for one in diagnosis.missing)
+    shares = {(one.law, frozenset(one.effects)): one.share for one in diagnosis.models}
+    doubted = [own - {one.effect} | {rival.effect} for one in diagnosis.missing for rival in one.rivals]
+    doubted += [own | {one.effect} for one in diagnosis.candidates] + [own - {one.effect} for one in diagnosis.missing]
+    every = dict.fromkeys((diagnosis.law, frozenset(effects)) for effects in doubted)
+    every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in diagnosis.frontier)
     named = {name.name for name in own}
     others = [spec for spec in every if {effect.name for effect in spec[1]} != named and spec not in shares]
-    sure = min((one.confidence for one in found.missing), default=1 - _NONE_DOUBT)
-    sure = min(sure, *(1 - (one.confidence or 0.0) for one in found.candidates), 1.0)
-    sure = sure / 2 if found.verdict is Verdict.UNKNOWN else sure
+    sure = min((effect.confidence for effect in diagnosis.missing), default=1 - _NONE_DOUBT)
+    sure = min(sure, *(1 - (candidate.confidence or 0.0) for candidate in diagnosis.candidates), 1.0)
+    sure = sure / 2 if diagnosis.verdict is Verdict.UNKNOWN else sure
     doubt = min(max(1 - sure, _LEAST_DOUBT), _MOST_DOUBT) if others else 0.0
     whole = sum(shares.values()) or 1.0
     weights = {spec: (1 - doubt) * share / whole for spec, share in shares.items()}
-    weights = weights or {(found.law, own): 1 - doubt}
+    weights = weights or {(diagnosis.law, own): 1 - doubt}
     weights |= {spec: doubt / len(others) for spec in others}
-    ordered = sorted(weights, key=lambda spec: (spec != (found.law, own), -weights[spec]))[:_MOST]
+    ordered = sorted(weights, key=lambda spec: (spec != (diagnosis.law, own), -weights[spec]))[:_MAX_MODELS]
     fitted = list[PossibleModel]()
     for law, effects in ordered:
         try:
-            model = _fitted(law, effects, found, impacts)
+            model = _fitted(law, effects, diagnosis, impacts)
         except ContactLearnError:  # an effect of another package, or too few impacts for its parameters
             continue
         names = frozenset(effect.name for effect in effects)
@@ -82,12 +82,12 @@ def hypotheses(found: Diagnosis) -> tuple[PossibleModel, ...]:
     return tuple(PossibleModel(model=one.model, names=one.names, probability=one.probability / total) for one in fitted)
 
 
-def _fitted(law: str, effects: frozenset[EffectId], found: Diagnosis, impacts: Impacts) -> ContactModel:
+def _fitted(law: str, effects: frozenset[EffectId], diagnosis: Diagnosis, impacts: Impacts) -> ContactModel:
     """A law with effects and with those that were given, fitted."""
-    known, variant = found.model.effects, "textbook" if law != found.law else found.variant or "textbook"
-    given = {one.name: known[one.name] for one in found.given if one.name in known}
+    known, variant = diagnosis.model.effects, "textbook" if law != diagnosis.law else diagnosis.variant or "textbook"
+    given = {one.name: known[one.name] for one in diagnosis.given if one.name in known}
     same = {EffectId(name, effect.form): effect for name, effect in known.items()}  # those of other packages among them
-    added = {one.name: same.get(one) or find_effect(one.name, one.form)() for one in sorted(effects)}
+    added = {effect.name: same.get(effect) or find_effect(effect.name, effect.form)() for effect in sorted(effects)}
     return fit(impacts, find(law, variant), given | added).model
 
 
@@ -173,11 +173,11 @@ def visible(states: Impacts) -> tuple[dict[str, Effect], set[str]]:
     and those that are only tried in the place of others are neither.
     """
     some = states[:: -(-len(states) // _LOOKED_AT)]
-    found, ordered = dict[str, Effect](), some.replace(order=torch.arange(1, len(some) + 1))
+    acting, ordered = dict[str, Effect](), some.replace(order=torch.arange(1, len(some) + 1))
     every = {key: effect for key, effect in all_candidates(states.space).items() if not effect.refines}
     able = usable(every, ordered)
     following = {key.name for key, effect in able.items() if follows_order(effect, ordered)}
     for key, effect in sorted(able.items(), key=lambda item: len(item[1].parameters)):
         if key.name not in following:
-            found.setdefault(key.name, effect)
-    return found, {key.name for key in every} - {key.name for key in able}
+            acting.setdefault(key.name, effect)
+    return acting, {key.name for key in every} - {key.name for key in able}

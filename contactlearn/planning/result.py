@@ -100,10 +100,12 @@ class Look:
     gain: float
 
     @classmethod
-    def of(cls, found: Diagnosis, *, gain: float) -> "Look":
+    def of(cls, diagnosis: Diagnosis, *, gain: float) -> "Look":
         """Look at a diagnosis."""
-        at = {level: tuple(sorted(one.effect.name for one in found.missing if one.level is level)) for level in Level}
-        trials = 0 if found.record is None else len(found.record.impacts)
+        at = {
+            level: tuple(sorted(one.effect.name for one in diagnosis.missing if one.level is level)) for level in Level
+        }
+        trials = 0 if diagnosis.record is None else len(diagnosis.record.impacts)
         return cls(trials=trials, found=at[Level.FOUND], probable=at[Level.PROBABLE], gain=gain)
 
 

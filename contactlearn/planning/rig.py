@@ -102,14 +102,14 @@ class Specimen:
     @classmethod
     def of(cls, impacts: Impacts) -> "tuple[Specimen, ...]":
         """Return the bodies of measured impacts."""
-        shapes, found = shapes_among(impacts.shape), list[Specimen]()
+        shapes, specimens = shapes_among(impacts.shape), list[Specimen]()
         for name in dict.fromkeys(impacts.object):
             own = impacts[[k for k, other in enumerate(impacts.object) if other == name]]
             moments = own.inertia.median(0).values.reshape(-1).tolist()
             inertia = moments[0] if len(moments) == 1 else tuple(moments)
             shape = shapes.get(name, shapes.get(""))
-            found.append(cls(mass=own.mass.median().item(), inertia=inertia, shape=shape, name=name, measured=own))
-        return tuple(found)
+            specimens.append(cls(mass=own.mass.median().item(), inertia=inertia, shape=shape, name=name, measured=own))
+        return tuple(specimens)
 
     @property
     def space(self) -> Space:
@@ -188,11 +188,11 @@ class Rig:
             )
         if self.noise and len(self.noise) != space.D:
             raise DataError(f"noise must have {space.D} numbers for bodies in the {space}, got {len(self.noise)}")
-        measured = [one.measured for one in specimens if one.measured is not None]
+        measured = [specimen.measured for specimen in specimens if specimen.measured is not None]
         if not measured and not {HEIGHT, vertical} & {*self.limits}:
             raise DataError(f"the rig must state its height, or {vertical} at contact")
         left = HEIGHT if vertical in self.limits or HEIGHT not in self.limits else vertical
-        complete = {name: self.limits.get(name) or _by_chance(name, space, measured) for name in names if name != left}
+        complete = {name: self.limits.get(name) or _by_chance(name, measured) for name in names if name != left}
         return replace(self, limits=complete)
 
     def draw(self, count: int, seed: int) -> dict[str, Float[Tensor, "n"]]:
@@ -243,10 +243,10 @@ def states(
         return None, good
     names = tuple(specimens[k].name for k in body[good].tolist())
     mass, inertia = (
-        torch.tensor([getattr(one, name) for one in specimens], dtype=torch.float64)[body[good]]
+        torch.tensor([getattr(specimen, name) for specimen in specimens], dtype=torch.float64)[body[good]]
         for name in ("mass", "inertia")
     )
-    known = {one.name: one.shape for one in specimens if one.shape is not None}
+    known = {specimen.name: specimen.shape for specimen in specimens if specimen.shape is not None}
     last = max([one.measured.order.max().item() for one in specimens if one.measured is not None], default=0.0)
     impacts = Impacts(
         mass=mass, inertia=inertia, r=r[good], q=q[good], v_pre=v[good], v_post=v[good],
@@ -283,7 +283,7 @@ def _quaternions(
     return turn_quaternion(turned, torch.stack((-heading.sin() * tilt, heading.cos() * tilt, zero), -1))
 
 
-def _by_chance(name: str, space: Space, measured: Sequence[Impacts]) -> Limits:
+def _by_chance(name: str, measured: Sequence[Impacts]) -> Limits:
     """Limits of a quantity that the rig does not name: the measured ones, else none of an angle and 0 of all else."""
     if name in ANGLES:
         return Limits(low=-math.pi, high=math.pi, settable=False)

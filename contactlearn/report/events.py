@@ -13,9 +13,9 @@ from contactlearn.diagnosis.events import FILE, Event, OnEvent, append_event
 from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.report.terminal import console, print_line
-from contactlearn.report.text import (
-    base_label,
-    error,
+from contactlearn.report.text.names import base_label, rung_label, sentence
+from contactlearn.report.text.numbers import error, share_of_whole
+from contactlearn.report.text.sentences import (
     formula_overrides,
     headline,
     listed_models,
@@ -23,10 +23,7 @@ from contactlearn.report.text import (
     misfit,
     phrase,
     phrases,
-    rung_label,
     searched_name,
-    sentence,
-    share_of_whole,
     undecided,
 )
 
@@ -86,7 +83,7 @@ def event_lines(event: Event) -> list[str]:
     """Describe an event in lines of text; none for progress, numbers of trainings, and what the verdict describes."""
     match event:
         case events.AuditFindings():
-            return [_finding_line("audit", one) for one in event.findings] or [f"audit: {phrase('consistent')}"]
+            return [_finding_line("audit", finding) for finding in event.findings] or [f"audit: {phrase('consistent')}"]
         case events.SubsampleStarted():
             return [f"sample: {phrase('step', event)}"]
         case events.LawsCompared():
@@ -94,7 +91,7 @@ def event_lines(event: Event) -> list[str]:
         case events.CandidatesExcluded():
             return [f"note: {phrase('left_out', event.candidates)}"]
         case events.VelocitiesAveraged():
-            return [_finding_line("note", one) for one in event.findings]
+            return [_finding_line("note", finding) for finding in event.findings]
         case events.LimitsEstimated():
             return [f"budget: {phrase('limits', event.limits)}"]
         case events.RegionsFound():
@@ -120,67 +117,71 @@ def _finding_line(kind: str, finding: Finding) -> str:
     return f"{kind}: {sentence(finding.sentence)} {phrase('correction_note', finding)}".rstrip()
 
 
-def show_verdict(found: Diagnosis, command: str, *, verbose: bool = False) -> None:
+def show_verdict(diagnosis: Diagnosis, command: str, *, verbose: bool = False) -> None:
     """Print the verdict, its size, names and parameters, what is undecided, and the next experiment.
 
     Args:
-        found: the diagnosis.
+        diagnosis: the diagnosis.
         command: that trains the model with the missing effects.
         verbose: whether the search, the residual and the model as an equation are printed before, or only logged.
     """
-    for line in _detail_lines(found):
+    for line in _detail_lines(diagnosis):
         print_line(line, shown=verbose)
-    for line in _verdict_lines(found):
+    for line in _verdict_lines(diagnosis):
         print_line(line)
-    if found.missing:
+    if diagnosis.missing:
         print_line(f"use it: {command}")
 
 
-def _verdict_lines(found: Diagnosis) -> list[str]:
+def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and what it rests on, a line each."""
-    lines = [f"verdict: {headline(found)}", *(f"  {one}" for one in phrases("qualifications", found))]
-    if found.ladder and found.budget is not None:
-        lines.append(f"error: {phrase('size', found)}")
-    if found.coefficients:
-        lines.append(f"law: {phrase('coefficients', found)}")
-    if found.corrections:
-        rig = ["rig"] if any(finding.name == "rig_applied" for finding in found.findings) else []
-        lines.append(f"audit: {phrase('corrected', [*rig, *found.corrections])}")
-    lines += [f"audit: {sentence(one.sentence)}" for one in found.findings if one.mistake and not one.correction]
-    lines += [f"{one.level}: {phrase('named', one)}" for one in found.missing]
-    if found.candidates:
-        lines.append(f"candidates: {phrase('candidates', found.candidates)}")
-    if equal := undecided(found):
+    lines = [f"verdict: {headline(diagnosis)}", *(f"  {one}" for one in phrases("qualifications", diagnosis))]
+    if diagnosis.ladder and diagnosis.budget is not None:
+        lines.append(f"error: {phrase('size', diagnosis)}")
+    if diagnosis.coefficients:
+        lines.append(f"law: {phrase('coefficients', diagnosis)}")
+    if diagnosis.corrections:
+        rig = ["rig"] if any(finding.name == "rig_applied" for finding in diagnosis.findings) else []
+        lines.append(f"audit: {phrase('corrected', [*rig, *diagnosis.corrections])}")
+    lines += [f"audit: {sentence(one.sentence)}" for one in diagnosis.findings if one.mistake and not one.correction]
+    lines += [f"{effect.level}: {phrase('named', effect)}" for effect in diagnosis.missing]
+    if diagnosis.candidates:
+        lines.append(f"candidates: {phrase('candidates', diagnosis.candidates)}")
+    if equal := undecided(diagnosis):
         lines.append(f"cannot distinguish: {'; '.join(equal)}")
-    if found.experiment is not None:
-        lines.append(f"next experiment: {phrase('next_experiment', found.experiment)}")
-    if found.sample is not None:
-        lines.append(f"sample: {phrase('sample_support', found.sample)}")
-    notes = [phrase("unwanted", found), misfit(found)]
-    notes += [sentence(one.sentence) for one in found.findings if one.name in _SAID and not one.mistake]
-    if found.physics is not Verdict.UNKNOWN:  # whose verdict says it
-        notes.append(phrase("better_law", found))
+    if diagnosis.experiment is not None:
+        lines.append(f"next experiment: {phrase('next_experiment', diagnosis.experiment)}")
+    if diagnosis.sample is not None:
+        lines.append(f"sample: {phrase('sample_support', diagnosis.sample)}")
+    notes = [phrase("unwanted", diagnosis), misfit(diagnosis)]
+    notes += [sentence(one.sentence) for one in diagnosis.findings if one.name in _SAID and not one.mistake]
+    if diagnosis.physics is not Verdict.UNKNOWN:  # whose verdict says it
+        notes.append(phrase("better_law", diagnosis))
     return lines + [f"note: {note}" for note in notes if note]
 
 
-def _detail_lines(found: Diagnosis) -> list[str]:
+def _detail_lines(diagnosis: Diagnosis) -> list[str]:
     """The search, candidates, the next experiment, the residual, the ladder, the budget and the model."""
-    lines = [f"frontier: {_error_columns(model.error)}  {searched_name(found, model)}" for model in found.frontier]
-    lines += [f"model: {share_of_whole(model.share)}  {listed_name(found, model)}" for model in listed_models(found)]
-    lines += [f"note: {note}" for note in phrases("notes", found)]
-    lines += [f"candidate: {phrase('candidate', one, found.budget)}" for one in found.candidates]
-    if found.experiment is not None:
-        lines += [f"next experiment: {phrase('drop', one, found.experiment)}" for one in found.experiment.drops]
-        lines += [f"next experiment: {text}" for text in phrases("needed_drops", found.experiment)]
-    if found.remainder is not None:
-        lines.append(f"residual: {' '.join(phrases('residual', found.remainder))}")
-    lines += [f"formula: {phrase('formula_change', one)}: {formula_overrides(one)}" for one in found.formulas]
-    lines += [f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(found))}" for rung in found.ladder]
-    if found.budget is not None:
-        lines.append(f"budget: {phrase('noise', found.budget)} {phrase('shares', found.budget)}")
-    if found.scatter is not None:
-        lines.append(f"scatter: {' '.join(phrases('scatter', found.scatter))}")
-    return [*lines, found.equation] if found.equation else lines
+    lines = [
+        f"frontier: {_error_columns(model.error)}  {searched_name(diagnosis, model)}" for model in diagnosis.frontier
+    ]
+    lines += [
+        f"model: {share_of_whole(model.share)}  {listed_name(diagnosis, model)}" for model in listed_models(diagnosis)
+    ]
+    lines += [f"note: {note}" for note in phrases("notes", diagnosis)]
+    lines += [f"candidate: {phrase('candidate', candidate, diagnosis.budget)}" for candidate in diagnosis.candidates]
+    if diagnosis.experiment is not None:
+        lines += [f"next experiment: {phrase('drop', one, diagnosis.experiment)}" for one in diagnosis.experiment.drops]
+        lines += [f"next experiment: {text}" for text in phrases("needed_drops", diagnosis.experiment)]
+    if diagnosis.remainder is not None:
+        lines.append(f"residual: {' '.join(phrases('residual', diagnosis.remainder))}")
+    lines += [f"formula: {phrase('formula_change', one)}: {formula_overrides(one)}" for one in diagnosis.formulas]
+    lines += [f"  {_error_columns(rung.error)}  {rung_label(rung, base_label(diagnosis))}" for rung in diagnosis.ladder]
+    if diagnosis.budget is not None:
+        lines.append(f"budget: {phrase('noise', diagnosis.budget)} {phrase('shares', diagnosis.budget)}")
+    if diagnosis.scatter is not None:
+        lines.append(f"scatter: {' '.join(phrases('scatter', diagnosis.scatter))}")
+    return [*lines, diagnosis.equation] if diagnosis.equation else lines
 
 
 def _error_columns(x: Interval) -> str:

@@ -44,37 +44,37 @@ __all__ = [
 ]  # fmt: skip
 
 
-def regions(found: Diagnosis) -> Figure:
+def regions(diagnosis: Diagnosis) -> Figure:
     """Draw the regions in which the law fails, with the error along the variable of each.
 
     Raises:
         ContactLearnError: the diagnosis found none, or has no record.
     """
-    if not found.regions:
-        raise ContactLearnError(f"no region in which the law fails was found: {found!r}")
-    return figures.regions_figure(found.regions, _record(found))
+    if not diagnosis.regions:
+        raise ContactLearnError(f"no region in which the law fails was found: {diagnosis!r}")
+    return figures.regions_figure(diagnosis.regions, _record(diagnosis))
 
 
-def residual(found: Diagnosis) -> Figure:
+def residual(diagnosis: Diagnosis) -> Figure:
     """Draw the part of the residual that Gaussian processes still predict.
 
     Raises:
         ContactLearnError: the diagnosis found none, or has no record.
     """
-    if found.remainder is None:
-        raise ContactLearnError(f"there is no remainder to draw: {found!r}")
-    return figures.residual_figure(found.remainder, _record(found))
+    if diagnosis.remainder is None:
+        raise ContactLearnError(f"there is no remainder to draw: {diagnosis!r}")
+    return figures.residual_figure(diagnosis.remainder, _record(diagnosis))
 
 
-def effect(found: Diagnosis, name: str) -> Figure:
+def effect(diagnosis: Diagnosis, name: str) -> Figure:
     """Draw a missing effect's curve through the residual that it explains.
 
     Raises:
         UnknownNameError: no such effect among the missing ones.
     """
-    if name not in found.effects:
-        raise UnknownNameError("missing effect", name, found.effects)
-    return effect_curve(_record(found).residuals[found.effects.index(name)])
+    if name not in diagnosis.effects:
+        raise UnknownNameError("missing effect", name, diagnosis.effects)
+    return effect_curve(_record(diagnosis).residuals[diagnosis.effects.index(name)])
 
 
 def comparison(table: "DataFrame") -> Figure:
@@ -89,7 +89,7 @@ def predictions(impacts: Impacts, prediction: Prediction) -> Figure:
     return predicted_against_measured(impacts.v_post, prediction.v_post)
 
 
-def _record(found: Diagnosis) -> Record:
-    if found.record is None:
+def _record(diagnosis: Diagnosis) -> Record:
+    if diagnosis.record is None:
         raise ContactLearnError("the diagnosis has no record of its trials; read a run folder with its record")
-    return found.record
+    return diagnosis.record

@@ -192,7 +192,7 @@ class Tracker:
             self.scalars({f"limits/mass_error/{name}": error for name, error in names.items()})
         elif isinstance(event, EffectsFound):
             for missing in event.effects:
-                margins = [(one, Z_95 * one.standard_error) for one in missing.parameters]
+                margins = [(parameter, Z_95 * parameter.standard_error) for parameter in missing.parameters]
                 tag = f"effect/{missing.effect.name}"
                 self.scalars({f"{tag}/{p.name}": Interval(p.value, p.value - x, p.value + x) for p, x in margins})
 

@@ -15,22 +15,15 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.core.errors import ContactLearnError, terminal_safe
+from contactlearn.core.numerics import measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.table.descriptions import SURFACES
 from contactlearn.data.table.names import name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
-from contactlearn.report.text import (
-    NO_INTERVAL,
-    correct_setting,
-    join_words,
-    law_label,
-    measured,
-    model_label,
-    model_labels,
-    phrase,
-    sentence,
-)
+from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
+from contactlearn.report.text.numbers import NO_INTERVAL
+from contactlearn.report.text.sentences import correct_setting, phrase
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
@@ -57,8 +50,8 @@ _COMPUTED = {
     "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
 }
 _NARROWEST = 80  # columns of a terminal that tables are made for
-_MOST = 20  # runs in the table of a sweep
-_WIDEST = 5  # settings in it
+_MAX_RUNS = 20  # runs in the table of a sweep
+_MAX_SETTINGS = 5  # settings in it
 
 
 def print_line(line: str, *, shown: bool = True) -> None:
@@ -318,11 +311,11 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         runs, _ = read_runs(absolute(folders))
     except ContactLearnError:  # none of them has one held-out error
         return
-    settings = dict(list(distinguishing(runs).items())[:_WIDEST])
+    settings = dict(list(distinguishing(runs).items())[:_MAX_SETTINGS])
     rows = as_table(runs).query("own").reset_index(drop=True)
     metric = common_metric(runs)
-    best = rows[metric].fillna(math.inf).sort_values(kind="stable").index[:_MOST]
-    few = f", the {_MOST} of {len(runs)} runs with the lowest" if len(runs) > _MOST else ""
+    best = rows[metric].fillna(math.inf).sort_values(kind="stable").index[:_MAX_RUNS]
+    few = f", the {_MAX_RUNS} of {len(runs)} runs with the lowest" if len(runs) > _MAX_RUNS else ""
     found = ["found"] if rows.found.any() else []
     cells = list[Sequence[str]]()
     for k, row in rows.loc[sorted(best)].iterrows():

@@ -39,6 +39,7 @@ from contactlearn.results.state import read_done
 from contactlearn.results.tables import FORMATS
 from contactlearn.results.types import (
     BEST_POST_HOC,
+    HIGHEST_ERROR,
     IRB,
     DataSource,
     DiagnosisRun,
@@ -49,7 +50,6 @@ from contactlearn.results.types import (
     Transfer,
 )
 
-_HIGHEST = 1e9  # of an error that a page can draw
 _NAMED = ("model", "effect", "candidate")  # settings that hold entries by name
 _IN_COLUMNS = ("law", "law._target_", "data._target_")  # settings with a column of their own
 _ABSENT = object()
@@ -243,10 +243,10 @@ def _comparable(path: Path) -> Training | Evaluation | DiagnosisRun:
     if isinstance(result, Transfer):
         raise ContactLearnError("is a transfer to other bodies, which has no one held-out error; see its own figures")
     if isinstance(result, DiagnosisRun) and (budget := result.diagnosis.budget) is not None:
-        rungs = (one.error for one in result.diagnosis.ladder)
+        rungs = (rung.error for rung in result.diagnosis.ladder)
         errors = (budget.named, budget.base, budget.bound, *rungs)
-        if not all(0 <= x < _HIGHEST for error in errors for x in error):
-            raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {_HIGHEST:g}")
+        if not all(0 <= x < HIGHEST_ERROR for error in errors for x in error):
+            raise ContactLearnError(f"an error of the diagnosis must be 0 or more, and less than {HIGHEST_ERROR:g}")
     return result
 
 

@@ -78,7 +78,8 @@ class Provenance:
 # --- Estimates ------------------------------------------------------------------------------------
 
 
-_HIGHEST = 1e9  # of an error that a page can draw
+HIGHEST_ERROR = 1e9
+"""Bound of the errors that a page can draw."""
 
 Pair = tuple[float, float]
 
@@ -199,8 +200,8 @@ class ModelErrors:
     def __post_init__(self) -> None:
         for name, interval in self.intervals.items():
             ends = (end for end in (interval.low, interval.high) if not math.isnan(end))
-            if not all(0 <= x < _HIGHEST for x in (interval.mean, *ends)):
-                raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {_HIGHEST:g}")
+            if not all(0 <= x < HIGHEST_ERROR for x in (interval.mean, *ends)):
+                raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {HIGHEST_ERROR:g}")
 
     @property
     def intervals(self) -> dict[str, Interval]:

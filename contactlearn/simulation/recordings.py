@@ -36,7 +36,7 @@ QUATERNION = ("q1", "q2", "q3", "q4")
 """Columns of a quaternion, whose names do not show the order of its components."""
 _SECONDS = 2.0  # of a recording
 ZENO = 2e-3  # s
-_MOST = 14  # contacts of a body
+_MAX_CONTACTS = 14  # contacts of a body
 _GRID, _LONGEST, _HALVINGS = 800, 0.6, 40  # instants of a flight that are looked at, its length in s, then bisection
 _ROCKING, _SETTLING, _SLOWING = 12.0, 0.15, 0.1  # rad/s, s, s
 
@@ -58,7 +58,7 @@ class Body:
     drag: float = 0.0
     plates: float = 0.0
 
-    def own(self, count: int, generator: torch.Generator) -> Float[Tensor, "n 3"]:
+    def draw_acceleration(self, count: int, generator: torch.Generator) -> Float[Tensor, "n 3"]:
         """Accelerations of flights."""
         return self.plates * torch.tensor((1.0, 1.0, 30.0)) * random(torch.randn, (count, 3), generator)
 
@@ -79,33 +79,33 @@ def throw(body: Body, count: int, generator: torch.Generator) -> Motion:
     """Throw bodies from a hand until they rest."""
     q, v = random_throws(count, generator)
     time, rests = torch.zeros(count, dtype=torch.float64), torch.full((count,), torch.inf, dtype=torch.float64)
-    own = body.own(count, generator)
-    starts, flights, q_rest, v_rest = [time], [(q, v, v, own)], q.clone(), v.clone()
-    for _ in range(_MOST):
-        after = _next_contact(body, q, v, own)
-        q_hit, v_hit = _moved(q, v, own, after, body.drag)
+    acceleration = body.draw_acceleration(count, generator)
+    starts, flights, q_rest, v_rest = [time], [(q, v, v, acceleration)], q.clone(), v.clone()
+    for _ in range(_MAX_CONTACTS):
+        after = _next_contact(body, q, v, acceleration)
+        q_hit, v_hit = _moved(q, v, acceleration, after, body.drag)
         time = time + after
-        v_new, own = _resolved(body, q_hit, v_hit), body.own(count, generator)
-        soon = _next_contact(body, q_hit, v_new, own) < ZENO
+        v_new, acceleration = _resolved(body, q_hit, v_hit), body.draw_acceleration(count, generator)
+        soon = _next_contact(body, q_hit, v_new, acceleration) < ZENO
         stops = soon & rests.isinf() & time.isfinite()
         rests = torch.where(stops, time, rests)
         q_rest, v_rest = (torch.where(stops[:, None], x, y) for x, y in ((q_hit, q_rest), (v_hit, v_rest)))
         time = torch.where(rests.isinf(), time, torch.inf)
         q, v = q_hit, v_new
         starts.append(time)
-        flights.append((q_hit, v_new, v_hit, own))
+        flights.append((q_hit, v_new, v_hit, acceleration))
         if time.isinf().all():
             break
     rests = torch.where(time.isfinite(), time, rests)  # after the last contact that is followed
     q_rest, v_rest = (torch.where(time.isfinite()[:, None], x, y) for x, y in ((q, q_rest), (v, v_rest)))
     parts = (torch.stack(part, 1) for part in zip(*flights, strict=True))
     there = torch.stack(starts, 1)
-    q, v, v_before, own = (torch.where(there.isfinite()[..., None], part, 0.0) for part in parts)
+    q, v, v_before, acceleration = (torch.where(there.isfinite()[..., None], part, 0.0) for part in parts)
 
     def poses(time: Tensor) -> Tensor:
         flight = torch.searchsorted(there.contiguous(), time.contiguous(), right=True).clamp_min(1) - 1
-        q_0, v_0, own_0 = (x.gather(1, flight[..., None].expand(-1, -1, 3)) for x in (q, v, own))
-        flying = _moved(q_0, v_0, own_0, time - there.gather(1, flight), body.drag)[0]
+        q_0, v_0, a_0 = (x.gather(1, flight[..., None].expand(-1, -1, 3)) for x in (q, v, acceleration))
+        flying = _moved(q_0, v_0, a_0, time - there.gather(1, flight), body.drag)[0]
         resting = _rocking(body, q_rest, v_rest, (time - rests[:, None]).clamp_min(0))
         return torch.where((time >= rests[:, None])[..., None], resting, flying)
 
@@ -122,12 +122,12 @@ def _rocking(body: Body, q: Tensor, v: Tensor, since: Tensor) -> Tensor:
     return torch.stack((along, -contact_point(body.shape, angle)[..., 1], angle), -1)
 
 
-def _moved(q: Tensor, v: Tensor, own: Tensor, since: Tensor, drag: float) -> tuple[Tensor, Tensor]:
+def _moved(q: Tensor, v: Tensor, acceleration: Tensor, since: Tensor, drag: float) -> tuple[Tensor, Tensor]:
     """Pose and velocity [..., 3] after a flight of `since` [...] in s with an acceleration of its own."""
     tau = torch.where(since.isfinite(), since, 0.0)
     s = -torch.expm1(-drag * tau) / drag if drag else tau
     b = (tau - s) / drag if drag else tau**2 / 2
-    pulled = own + torch.tensor((0.0, -GRAVITY, 0.0))
+    pulled = acceleration + torch.tensor((0.0, -GRAVITY, 0.0))
     s, b, decay = (
         torch.stack((air, air, free), -1)
         for air, free in ((s, tau), (b, tau**2 / 2), (torch.exp(-drag * tau), 1 + 0 * tau))
@@ -135,11 +135,11 @@ def _moved(q: Tensor, v: Tensor, own: Tensor, since: Tensor, drag: float) -> tup
     return q + v * s + pulled * b, v * decay + pulled * s
 
 
-def _next_contact(body: Body, q: Tensor, v: Tensor, own: Tensor) -> Tensor:
+def _next_contact(body: Body, q: Tensor, v: Tensor, acceleration: Tensor) -> Tensor:
     """Time [N] in s to the next contact of a flight that begins at or above the floor."""
 
     def height(tau: Tensor) -> Tensor:
-        pose = _moved(q[:, None], v[:, None], own[:, None], tau, body.drag)[0]
+        pose = _moved(q[:, None], v[:, None], acceleration[:, None], tau, body.drag)[0]
         return pose[..., 1] + contact_point(body.shape, pose[..., 2])[..., 1]
 
     grid = torch.linspace(0, 1, _GRID, dtype=torch.float64)[1:] ** 2 * _LONGEST

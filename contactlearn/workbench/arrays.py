@@ -25,7 +25,7 @@ from contactlearn.report.figures.effects import along
 from contactlearn.report.figures.style import array
 from contactlearn.report.page.effects import curve_content
 from contactlearn.report.page.trials import axis_values, digits, of_laws, of_outcomes, of_trials
-from contactlearn.report.text import label
+from contactlearn.report.text.names import label
 from contactlearn.workbench.session import Window
 
 _CURVES = 5  # effects, at most, whose curves are drawn

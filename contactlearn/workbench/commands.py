@@ -57,7 +57,7 @@ def session_of(words: Sequence[str]) -> Session:
 def words_of(session: Session) -> list[str]:
     """Write data, law, effects and lines as the words of a command."""
     words = [*session.data, f"law={session.law}", f"effect=[{','.join(one.name for one in session.effects)}]"]
-    words += [f"effect.{one.name}.form={one.form}" for one in session.effects if one.form is not None]
+    words += [f"effect.{effect.name}.form={effect.form}" for effect in session.effects if effect.form is not None]
     words += [f"effect.{one.effect}.{one.name}={str(one.setting).replace(' ', '')}" for one in session.options]
     for place, line in enumerate(session.lines):
         words += overrides(line, line_name(place))
@@ -79,7 +79,7 @@ def experiment(session: Session) -> str:
         {"override /data": next((word[5:] for word in session.data if word.startswith("data=")), "synthetic")},
         {"override /law": session.law},
         {"override /model": []},
-        {"override /effect": [one.name for one in session.effects]},
+        {"override /effect": [effect.name for effect in session.effects]},
     ]
     entries, words = OmegaConf.create({"defaults": defaults}), _evaluated(session)
     cfg = compose("evaluate", words)

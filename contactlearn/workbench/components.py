@@ -8,7 +8,7 @@ from dash import html
 from dash.development.base_component import Component
 
 from contactlearn.inference.evaluation.metrics import Interval
-from contactlearn.report.text import brief_interval
+from contactlearn.report.text.numbers import brief_interval
 
 Child = Component | str
 

@@ -16,26 +16,25 @@ from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleMod
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.apparatus import Row
-from contactlearn.report.text import (
-    brief_interval,
+from contactlearn.report.text.names import (
+    NOISE_SOURCES,
     capitalize_first,
-    correct_setting,
     effect_label,
-    error,
-    fix_spacing,
-    headline,
     label,
     law_label,
+    model_label,
+    sentence,
+)
+from contactlearn.report.text.numbers import brief_interval, error, fix_spacing, percent, share_of_whole
+from contactlearn.report.text.sentences import (
+    correct_setting,
+    headline,
     listed_models,
     names_by_level,
-    percent,
     phrase,
     phrases,
     searched_name,
-    sentence,
-    share_of_whole,
 )
-from contactlearn.report.text.names import NOISE_SOURCES, model_label
 from contactlearn.results.types import DiagnosisRun
 from contactlearn.workbench.components import Child, action_button, bar, bars, controls, items, note
 from contactlearn.workbench.lines import formula_line, line_name
@@ -166,8 +165,8 @@ def region_buttons(found: Sequence[Region]) -> list[Component]:
 
 def effect_options(session: Session, gains: Sequence[PredictedGain], present: float) -> list[dict[str, Any]]:
     """Return all effects: those in the model, then by predicted error, then those without a predicted gain."""
-    options = [_effect_option(one.name, effect_label(one), "in the model", True) for one in session.effects]
-    best = {one.effect.name: one for one in reversed(gains)}  # the best form of each
+    options = [_effect_option(effect.name, effect_label(effect), "in the model", True) for effect in session.effects]
+    best = {gain.effect.name: gain for gain in reversed(gains)}  # the best form of each
     for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
         name = one.effect.name
         if one.gain > 0 and one.error < present:
@@ -200,19 +199,19 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     found = run.diagnosis
     frontier, residual, experiment = list[Component](), list[Component](), list[Component]()
     if found.frontier:
-        rows = [(searched_name(found, one), one.error) for one in found.frontier]
-        buttons = (_adopt_button(f"Take {len(one.effects)}", session, found, one) for one in found.frontier)
+        rows = [(searched_name(found, model), model.error) for model in found.frontier]
+        buttons = (_adopt_button(f"Take {len(model.effects)}", session, found, model) for model in found.frontier)
         head = note("The best model of each number of effects, held out:")
         frontier = [html.H4("Frontier"), head, bars(rows, 1.05 * max(x.high for _, x in rows)), controls(*buttons)]
     if found.remainder is not None:
         formulas: list[list[Child]] = [
-            [action_button("line", "Add", of=formula_line(one)), f" {phrase('formula_change', one)}"]
-            for one in found.formulas
+            [action_button("line", "Add", of=formula_line(formula)), f" {phrase('formula_change', formula)}"]
+            for formula in found.formulas
         ]
         residual = [html.H4("Residual"), *map(html.P, phrases("residual", found.remainder)), *items(formulas)]
     if found.experiment is not None:
         needed = map(html.P, phrases("needed_drops", found.experiment))
-        drops = [html.Li(phrase("drop", one, found.experiment)) for one in found.experiment.drops]
+        drops = [html.Li(phrase("drop", drop, found.experiment)) for drop in found.experiment.drops]
         experiment = [html.H4("The next experiment"), *needed, html.Ol(drops)]
     page = html.A("the whole report", href=f"/runs/{folder}/report.html", target="_blank")
     plausible: list[list[Child]] = [
@@ -236,12 +235,14 @@ def diagnosis_content(run: DiagnosisRun, folder: str, session: Session) -> list[
     ]
 
 
-def _adopt_button(text: str, session: Session, found: Diagnosis, model: FrontierModel | PlausibleModel) -> Component:
+def _adopt_button(
+    text: str, session: Session, diagnosis: Diagnosis, model: FrontierModel | PlausibleModel
+) -> Component:
     """Return a button that goes to the same data with a model of the search, the given effects in it."""
-    given = (one for one in found.given if not one.name.startswith("line"))  # lines belong to a session
+    given = (one for one in diagnosis.given if not one.name.startswith("line"))  # lines belong to a session
     effects = (*given, *model.effects)
     other = Session(data=session.data, seed=session.seed, trial=session.trial, law=model.law, effects=effects)
-    return action_button("adopt", text, of=other.address, label=f"Take {searched_name(found, model)}")
+    return action_button("adopt", text, of=other.address, label=f"Take {searched_name(diagnosis, model)}")
 
 
 # --- The model ---------------------------------------------------------------------------------
@@ -249,7 +250,7 @@ def _adopt_button(text: str, session: Session, found: Diagnosis, model: Frontier
 
 def ladder_bars(session: Session, steps: Sequence[FittedModel]) -> Component:
     """Return the held-out errors of the law, then with one more effect each."""
-    names = [law_label(session.law), *(f"+ {effect_label(one)}" for one in session.effects)]
+    names = [law_label(session.law), *(f"+ {effect_label(effect)}" for effect in session.effects)]
     names += [f"+ {line.partition(';')[0]}" for line in session.lines]
     return bars(zip(names, (step.error for step in steps), strict=True), _ladder_end(steps))
 

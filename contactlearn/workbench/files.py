@@ -22,7 +22,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.report.page.page import FILE, RECORDINGS, REPLAY, has_recordings
 from contactlearn.report.page.runs import write_runs
-from contactlearn.report.text import headline
+from contactlearn.report.text.sentences import headline
 from contactlearn.results.folder import Result, find_results, read_result
 from contactlearn.results.types import DiagnosisRun
 from contactlearn.simulation.hidden_effects import reveal
@@ -283,7 +283,7 @@ class FileCallbacks:
             if isinstance(ctx.triggered_id, dict):
                 self.saved.replay(ctx.triggered_id["replay"])
                 return run_list(self.saved.latest()), ""
-            self.saved.compare([one.name for one in runs if one.kind != "unreadable"])
+            self.saved.compare([run.name for run in runs if run.kind != "unreadable"])
         except ContactLearnError as error:
             return no_update, str(error)
         return run_list(runs), html.A("open the comparison", href=f"/runs/{COMPARED}", target="_blank")

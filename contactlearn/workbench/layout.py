@@ -14,7 +14,7 @@ from dash.development.base_component import Component
 from contactlearn import laws
 from contactlearn.data.table import SUFFIXES
 from contactlearn.effects import catalogue
-from contactlearn.report.text import label, law_label
+from contactlearn.report.text.names import label, law_label
 from contactlearn.workbench.components import action_button, button, controls, figure, note, run_controls
 from contactlearn.workbench.lines import EXAMPLE
 

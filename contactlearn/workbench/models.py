@@ -310,9 +310,9 @@ def mean_error(test: Impacts, prediction: Prediction) -> Interval:
 
 def _fit(session: Session, data: Split) -> FittedModel:
     law, effects = laws.find(session.law), dict[str, Effect]()
-    for one in session.effects:
-        options = {option.name: option.setting for option in session.options if option.effect == one.name}
-        effects[one.name] = from_settings(find_effect(one.name, one.form), options)
+    for effect in session.effects:
+        options = {option.name: option.setting for option in session.options if option.effect == effect.name}
+        effects[effect.name] = from_settings(find_effect(effect.name, effect.form), options)
     effects |= {line_name(k): parse_effect(line) for k, line in enumerate(session.lines)}
     fit = joint.fit(data.pool, law, effects, options=FitOptions(starts=STARTS))
     prediction = fit.model.predict(data.test)

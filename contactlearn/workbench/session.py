@@ -26,7 +26,7 @@ from contactlearn.effects import EffectId
 
 _WORD = re.compile(r"data(\.[a-z_0-9]+)*=[^\n$]*")
 _CORRECT = "data.correct="
-_MOST = 20_000  # characters of an address
+_MAX_ADDRESS = 20_000  # characters of an address
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ class Session:
         if len(set(names)) < len(names):
             raise ContactLearnError(f"an effect is in the model once, in one form; got {', '.join(names)}")
         numbers = (
-            [x for one in self.options for x in one.value]
+            [x for option in self.options for x in option.value]
             + [x for _, x in self.manual]
             + [x for one in self.windows for x in (one.low, one.high)]
         )
@@ -128,8 +128,8 @@ class Session:
         Raises:
             ContactLearnError: an entry that breaks a rule.
         """
-        if len(address) > _MOST:
-            raise ContactLearnError(f"an address has up to {_MOST} characters, got {len(address)}")
+        if len(address) > _MAX_ADDRESS:
+            raise ContactLearnError(f"an address has up to {_MAX_ADDRESS} characters, got {len(address)}")
         pairs = parse_qsl(address.removeprefix("?"), keep_blank_values=True)
         data = tuple(f"{key}={value}" for key, value in pairs if key == "data" or key.startswith("data."))
         known = {key: value for key, value in pairs}
@@ -149,8 +149,8 @@ class Session:
     @property
     def model(self) -> tuple[object, ...]:
         """Law, effects with their options, and lines: what is fitted."""
-        names = [one.name for one in self.effects]
-        return self.law, self.effects, self.lines, tuple(one for one in self.options if one.effect in names)
+        names = [effect.name for effect in self.effects]
+        return self.law, self.effects, self.lines, tuple(option for option in self.options if option.effect in names)
 
     @property
     def model_only(self) -> "Session":
@@ -167,12 +167,12 @@ class Session:
 
     def without_effect(self, name: str) -> "Session":
         """Return the session without an effect and its options."""
-        rest = tuple(one for one in self.effects if one.name != name)
+        rest = tuple(effect for effect in self.effects if effect.name != name)
         return replace(self, effects=rest, options=tuple(one for one in self.options if one.effect != name), manual=())
 
     def with_option(self, effect: str, name: str, value: tuple[float, ...]) -> "Session":
         """Return the session with an option of an effect; an empty value restores the default."""
-        rest = tuple(one for one in self.options if (one.effect, one.name) != (effect, name))
+        rest = tuple(option for option in self.options if (option.effect, option.name) != (effect, name))
         rest += (Option(effect=effect, name=name, value=value),) if value else ()
         return replace(self, options=tuple(sorted(rest, key=lambda one: (one.effect, one.name))), manual=())
 

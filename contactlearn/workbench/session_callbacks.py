@@ -33,7 +33,7 @@ from contactlearn.inference.evaluation.variables import map_variables, variables
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.space import PLANE
 from contactlearn.report.page.trials import impulse_figure
-from contactlearn.report.text import law_label, sentence
+from contactlearn.report.text.names import law_label, sentence
 from contactlearn.workbench import arrays, content
 from contactlearn.workbench.commands import command
 from contactlearn.workbench.lines import completions, parse_effect
@@ -264,7 +264,7 @@ class SessionCallbacks:
             fitted, manual, data = self.models.fitted(session), self.models.manual(session), self.models.split(session)
         except ContactLearnError as error:
             return (*[no_update] * 8, str(error))
-        names = [one.name for one in session.effects]
+        names = [effect.name for effect in session.effects]
         before, number, after = content.error_summary(session, fitted, manual, self.models.law_alone(session))
         return (
             f"{data.impacts.source}: {len(data.pool)} trials to fit to, {len(data.test)} held out.",

@@ -10,7 +10,7 @@ import numpy as np
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.conventions import Conventions, find_flight_model, find_frame, find_gravity
 from contactlearn.data.recordings.result import Reason
-from contactlearn.data.recordings.survey import TrackOptions, tracked
+from contactlearn.data.recordings.survey import TrackOptions, search_recording
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.tracks import find_impacts, track_options
 from contactlearn.mechanics.shapes import Ellipse
@@ -114,7 +114,7 @@ def _refused(recordings: list[Recording], thresholds: AllThresholds) -> bool:
     gravity = find_gravity(recordings)
     frame = find_frame(recordings, gravity, options.conventions)
     model = find_flight_model(recordings, frame, gravity)
-    refusals = [tracked(recording, frame, model, options).refusals for recording in recordings]
+    refusals = [search_recording(recording, frame, model, options).refusals for recording in recordings]
     return sum(any(one.reason is Reason.OUT_OF_PLANE for one in of) for of in refusals) > len(recordings) / 2
 
 

@@ -16,7 +16,7 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.validation import Folds
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.report.text import misfit
+from contactlearn.report.text.sentences import misfit
 from contactlearn.simulation import hidden_effects
 from sensitivity.studies.cases import between, drops, heavy, textbook
 from sensitivity.study import Study, each

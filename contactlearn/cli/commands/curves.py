@@ -139,4 +139,4 @@ def curve_entry(
 
 def as_rows(intervals: tuple[Interval, ...]) -> Float[Tensor, "n 3"]:
     """Return intervals as rows (mean, low, high)."""
-    return torch.tensor([list(one) for one in intervals], dtype=torch.float64)
+    return torch.tensor([list(interval) for interval in intervals], dtype=torch.float64)

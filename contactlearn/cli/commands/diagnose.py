@@ -27,7 +27,8 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import FLOORS, base_label, capitalize_first, headline, names_by_level, rung_label
+from contactlearn.report.text.names import FLOORS, base_label, capitalize_first, rung_label
+from contactlearn.report.text.sentences import headline, names_by_level
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
@@ -55,7 +56,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
         every = all_candidates(impacts.space, impacts.covariates).items()
         others = {key: effect for key, effect in every if type(effect) not in kinds}
         laws = tuple(law for law in settings.laws if impacts.space in law.spaces)
-        found = pipeline.diagnose(
+        diagnosis = pipeline.diagnose(
             impacts,
             settings.law,
             settings.effects,
@@ -71,17 +72,19 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
             ),
             on_event=on_event,
         )
-    command = _evaluation_command(settings, run, found)
+    command = _evaluation_command(settings, run, diagnosis)
     provenance = run.provenance(Blocks.of(impacts), devices.find("cpu"))
-    result = DiagnosisRun(provenance=provenance, use=command, headline=headline(found), diagnosis=found)
-    if found.record is not None:
-        found.record.save(run.folder, asdict(provenance))
+    result = DiagnosisRun(provenance=provenance, use=command, headline=headline(diagnosis), diagnosis=diagnosis)
+    if diagnosis.record is not None:
+        diagnosis.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)
-    coming = terminal.next_command(command, run.folder) if found.missing else ""
-    show_verdict(found, coming, verbose=settings.verbose)
+    coming = terminal.next_command(command, run.folder) if diagnosis.missing else ""
+    show_verdict(diagnosis, coming, verbose=settings.verbose)
     shown = (
-        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(found), coming)),
-        lambda: write_page(run.folder, found, provenance, use=command if found.missing else "", next_command=coming),
+        lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(diagnosis), coming)),
+        lambda: write_page(
+            run.folder, diagnosis, provenance, use=command if diagnosis.missing else "", next_command=coming
+        ),
     )
     with progress(run.folder) as on_event:
         for show in track(shown, "figures and page", on_event):
@@ -90,22 +93,22 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
 
 def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure], coming: str) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
-    found, data = result.diagnosis, result.provenance.data
+    diagnosis, data = result.diagnosis, result.provenance.data
     scalars, series, names = {}, {}, dict[str, str]()
-    if found.budget is not None and found.law is not None:
-        base = f"{_METRIC}/{fitting.augmented_name(found.law, settings.effects)}"
-        errors = found.budget.base, found.budget.named, found.budget.bound
+    if diagnosis.budget is not None and diagnosis.law is not None:
+        base = f"{_METRIC}/{fitting.augmented_name(diagnosis.law, settings.effects)}"
+        errors = diagnosis.budget.base, diagnosis.budget.named, diagnosis.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
-        series = {_LADDER: [rung.error for rung in found.ladder]}
-        floors = {f"floor/{_METRIC}/{rung.kind}": rung for rung in found.ladder if rung.kind in FLOORS}
+        series = {_LADDER: [rung.error for rung in diagnosis.ladder]}
+        floors = {f"floor/{_METRIC}/{rung.kind}": rung for rung in diagnosis.ladder if rung.kind in FLOORS}
         scalars |= {tag: rung.error for tag, rung in floors.items()}
         names |= {tag: capitalize_first(FLOORS[rung.kind]) for tag, rung in floors.items()}
-        named = [("effect", one) for one in found.missing] + [("candidate", one) for one in found.candidates]
+        named = [("effect", one) for one in diagnosis.missing] + [("candidate", one) for one in diagnosis.candidates]
         scalars |= {
             f"{kind}/{one.effect.name}/confidence": one.confidence for kind, one in named if one.confidence is not None
         }
-    card = defaultdict[str, list[str]](list, {"Verdict": [headline(found)]})
-    for level, named in names_by_level(found):
+    card = defaultdict[str, list[str]](list, {"Verdict": [headline(diagnosis)]})
+    for level, named in names_by_level(diagnosis):
         card[level.capitalize()].append(named)
     return RunRecord(
         trained_on=data.trials,
@@ -114,29 +117,29 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         series=series,
         names=names,
         figures=figures,
-        law=found.law if found.ladder else None,
-        effects=list(dict.fromkeys((*settings.effects, *found.effects))),
-        equations=[found.equation] if found.equation else [],
-        errors={rung_label(rung, base_label(found)): rung.error for rung in found.ladder},
+        law=diagnosis.law if diagnosis.ladder else None,
+        effects=list(dict.fromkeys((*settings.effects, *diagnosis.effects))),
+        equations=[diagnosis.equation] if diagnosis.equation else [],
+        errors={rung_label(rung, base_label(diagnosis)): rung.error for rung in diagnosis.ladder},
         verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Use it": coming} if coming else {}),
     )
 
 
-def _evaluation_command(settings: DiagnoseSettings, run: Run, found: Diagnosis) -> str:
+def _evaluation_command(settings: DiagnoseSettings, run: Run, diagnosis: Diagnosis) -> str:
     """The command that evaluates the found model on these data."""
     task = run.overrides
     words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith(("data", "experiment=")))]
-    repairs = found.corrections
+    repairs = diagnosis.corrections
     if repairs:
         words = [word for word in words if not word.lstrip("+").startswith("data.correct")]
         words.append(f"data.correct=[{','.join([*settings.data.corrections, *repairs])}]")
     given = [word for word in task if word.startswith("law=") or word.lstrip("+").startswith("law.")]
-    words += given if settings.law else [f"law={found.law}"] if found.law else []
-    names = [name for name in dict.fromkeys((*settings.effects, *found.effects)) if _named(name)]
+    words += given if settings.law else [f"law={diagnosis.law}"] if diagnosis.law else []
+    names = [name for name in dict.fromkeys((*settings.effects, *diagnosis.effects)) if _named(name)]
     words.append(f"effect=[{','.join(names)}]")
     words += [word for word in task if word.lstrip("+").startswith(("effect.", "variant=", "fit."))]
-    fitted = {} if found.record is None else found.record.model.effects
-    for missing in found.missing:
+    fitted = {} if diagnosis.record is None else diagnosis.record.model.effects
+    for missing in diagnosis.missing:
         name, form = missing.effect.name, missing.effect.form
         if name in settings.candidates:
             own = [word.lstrip("+") for word in task if word.lstrip("+").startswith(f"candidate.{name}.")]

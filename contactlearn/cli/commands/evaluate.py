@@ -36,7 +36,8 @@ from contactlearn.report.figures.impulse_space import reachable_impulses
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import best_learned, model_labels, phrase
+from contactlearn.report.text.names import model_labels
+from contactlearn.report.text.sentences import best_learned, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
@@ -82,7 +83,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_reference(
             result.fits, {name: (x.mu, x.eps) for name, x in settings.reference.items() if x.mu and x.eps}
         )
-    record.write_record(tracker, run, result.provenance, _record(settings, data, held_out, result))
+    record.write_record(tracker, run, result.provenance, _record(data, held_out, result))
     learned: dict[str, Curve] = {}
     if settings.recipes:
         lines = {f"curve_{metric}/{IRB}": error for metric, error in result.errors[IRB].intervals.items()}
@@ -196,7 +197,7 @@ def _drawn_row(settings: EvaluateSettings, data: Split) -> int | None:
     return test.trial.index(name)
 
 
-def _record(settings: EvaluateSettings, data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
+def _record(data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
     """Return what is known before the learning curves; the figures follow them."""
     size = len(data.pool) if result.joint else data.train_size
     errors = {name: entry.of(result.metric) for name, entry in result.errors.items()}

@@ -15,7 +15,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export import mujoco, onnx, source
-from contactlearn.report.text import label
+from contactlearn.report.text.names import label
 from contactlearn.simulation import mujoco as mujoco_drops, synthetic
 
 TARGETS = {"numpy": ".py", "jax": ".py", "torch": ".py", "c": ".c", "onnx": ".onnx", "mujoco": ".xml", "json": ".json"}
@@ -58,28 +58,8 @@ def export_model(
     elif to == "onnx":
         texts[path] = onnx.graph(model, known or _made_up(trained))
     elif to == "mujoco":
-        judged = (known or _made_up(trained))[:_JUDGED]
-        scene, hook = mujoco.export(model, judged)
-        texts[path] = scene.xml()
-        if hook is not None:
-            texts[path.with_name(f"{path.stem}_hook.py")] = hook
-            why = "the contact scatters" if model.scatter else "coefficients depend on the state"
-            said.append(f"{why}: call set_contact(model, data) of the hook before each step")
-        if model.scatter:
-            table = mujoco.ranges(model.physical, judged)
-            texts[path.with_name(f"{path.stem}_ranges.json")] = json.dumps(table, indent=2, ensure_ascii=False) + "\n"
-            spans = []
-            for name, one in table["quantities"].items():
-                unit = "" if one["unit"] == "–" else f" {one['unit']}"
-                spans.append(f"{label(name)} {number(one['low'], 3)} to {number(one['high'], 3)}{unit}")
-            said.append(f"ranges of 90 % for randomisation: {', '.join(spans)}")
-        if model.recorded:
-            recorded, physical = (one.predict(judged).v_post for one in (model, model.physical))
-            said.append(
-                f"without {' and '.join(model.recorded)}: of the recording, which no simulator has (recorded outcomes "
-                f"change by {mujoco.difference(recorded, physical, judged):.1%})"
-            )
-        said.append(_differs(model.physical, scene, judged))
+        texts, notes = _scene(path, model, (known or _made_up(trained))[:_JUDGED])
+        said += notes
     else:
         texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
     refuse_existing(texts, force)
@@ -90,6 +70,33 @@ def export_model(
         except OSError as error:
             raise DataError(f"{file}: cannot be written: {error.strerror}") from None
     return "\n".join([str(model), *said, f"written to {' and '.join(map(str, texts))}"])
+
+
+def _scene(path: Path, model: ContactModel, judged: Impacts) -> tuple[dict[Path, str | bytes], list[str]]:
+    """The files of a MuJoCo scene, and what there is to say about it."""
+    scene, hook = mujoco.export(model, judged)
+    texts: dict[Path, str | bytes] = {path: scene.xml()}
+    said = list[str]()
+    if hook is not None:
+        texts[path.with_name(f"{path.stem}_hook.py")] = hook
+        why = "the contact scatters" if model.scatter else "coefficients depend on the state"
+        said.append(f"{why}: call set_contact(model, data) of the hook before each step")
+    if model.scatter:
+        table = mujoco.ranges(model.physical, judged)
+        texts[path.with_name(f"{path.stem}_ranges.json")] = json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+        spans = []
+        for name, one in table["quantities"].items():
+            unit = "" if one["unit"] == "–" else f" {one['unit']}"
+            spans.append(f"{label(name)} {number(one['low'], 3)} to {number(one['high'], 3)}{unit}")
+        said.append(f"ranges of 90 % for randomisation: {', '.join(spans)}")
+    if model.recorded:
+        recorded, physical = (one.predict(judged).v_post for one in (model, model.physical))
+        said.append(
+            f"without {' and '.join(model.recorded)}: of the recording, which no simulator has (recorded outcomes "
+            f"change by {mujoco.difference(recorded, physical, judged):.1%})"
+        )
+    said.append(_differs(model.physical, scene, judged))
+    return texts, said
 
 
 def refuse_existing(files: Iterable[str | os.PathLike[str]], force: bool) -> None:
@@ -107,13 +114,13 @@ def _differs(model: ContactModel, scene: mujoco.Scene, impacts: Impacts) -> str:
     """By how much MuJoCo's outcomes differ from the model's, if the engine is here."""
     state = actual_state(model.effects, State.of(impacts))
     try:
-        found = mujoco_drops.outcomes(
+        outcomes = mujoco_drops.outcomes(
             scene, impacts, actual_coefficients(model.effects, state, *model.law.coefficients)
         )
     except ContactLearnError as missing:
         return f"by how much a spring and a dashpot differ from {model.law.name} is not known: {missing}"
-    ended = found.isfinite().all(-1)
-    share = mujoco.difference(model.predict(impacts).v_post[ended], found[ended], impacts[ended])
+    ended = outcomes.isfinite().all(-1)
+    share = mujoco.difference(model.predict(impacts).v_post[ended], outcomes[ended], impacts[ended])
     return (
         f"MuJoCo's contact is a spring and a dashpot; its outcomes differ from those of {model.law.name} by "
         f"{share:.1%} ({int(ended.sum())} impacts)"

@@ -34,23 +34,23 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
     table.check_suffix(out)
-    found = find_recorded(source)
-    table.save(found.impacts, out)
+    tracked = find_recorded(source)
+    table.save(tracked.impacts, out)
     refused = out.with_name(f"{out.stem}.refused.csv")
     columns = ["recording", "reason", "quantity", "value", "unit", "from", "to", "message"]
     rows = [
-        (r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in found.survey.refusals
+        (r.recording, r.reason.value, r.quantity, r.value, r.unit, *r.time, r.message) for r in tracked.survey.refusals
     ]
     try:
         with atomic_write(refused) as part:
             pd.DataFrame(rows, columns=columns).to_csv(part, index=False)
         with atomic_write(out.with_suffix(".json")) as part:
-            part.write_text(to_json({"conventions": found.survey.frame.clues, "rig": found.rig.rows()}))
+            part.write_text(to_json({"conventions": tracked.survey.frame.clues, "rig": tracked.rig.rows()}))
     except OSError as error:
         raise DataError(f"{refused}: cannot be written: {error}") from error
-    figures = draw_recordings(found, out.with_name(f"{out.stem}_figures"))
-    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), found)
-    return "\n".join([*tracks_summary(found, out, refused), f"figures  {figures}", f"page     {page}"])
+    figures = draw_recordings(tracked, out.with_name(f"{out.stem}_figures"))
+    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked)
+    return "\n".join([*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"])
 
 
 def find_recorded(source: SourceSettings) -> tracks.Tracked:
@@ -68,12 +68,12 @@ def find_recorded(source: SourceSettings) -> tracks.Tracked:
             raise ContactLearnError(f"data: {error}") from None
 
 
-def draw_recordings(found: tracks.Tracked, folder: Path) -> Path:
+def draw_recordings(tracked: tracks.Tracked, folder: Path) -> Path:
     """Draw a few contacts, and the residuals of some recordings, into a folder."""
-    contacts = {contact.recording: contact for contact in reversed(found.survey.contacts)}
-    founds = {one.track.name: one for one in found.reload([*contacts][-_MOST:])}
+    contacts = {contact.recording: contact for contact in reversed(tracked.survey.contacts)}
+    founds = {one.track.name: one for one in tracked.reload([*contacts][-_MOST:])}
     for name in [*contacts][-_CONTACTS:]:
         stem = "contact_" + re.sub(r"[^\w.-]", "_", name)[:_LONGEST]
-        style.save(contact_figure(founds[name], contacts[name], found.shape), folder, stem)
+        style.save(contact_figure(founds[name], contacts[name], tracked.shape), folder, stem)
     style.save(residuals_figure([*founds.values()]), folder, "residuals")
     return folder

@@ -29,26 +29,26 @@ def write_settings(path: Path, name: str | None) -> str:
         ContactLearnError: a name that `data=` cannot choose, or of another file; or the file cannot be written.
         DataError: see `contactlearn.data.headers.propose`.
     """
-    own = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
-    file = Path(f"{own}.yaml")
-    if not DATA_NAME.fullmatch(own):
-        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {own!r}")
-    if own in choices("data") and own not in own_data():
-        raise ContactLearnError(f"data={own} is a source of this package; choose another name, --name my{own}")
+    word = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
+    file = Path(f"{word}.yaml")
+    if not DATA_NAME.fullmatch(word):
+        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {word!r}")
+    if word in choices("data") and word not in own_data():
+        raise ContactLearnError(f"data={word} is a source of this package; choose another name, --name my{word}")
     if file.exists():
         raise ContactLearnError(f"{file} exists already and is not replaced; edit it, or choose another --name")
     contents = propose(path)
     try:
         with atomic_write(file) as part:
-            part.write_text(_text(path, own, contents), encoding="utf-8")
+            part.write_text(_text(path, word, contents), encoding="utf-8")
     except (OSError, UnicodeError) as error:
         raise ContactLearnError(f"{file}: cannot be written: {error}") from error
-    missing = [one.name for one in contents.settings if one.value == OPEN]
+    missing = [setting.name for setting in contents.settings if setting.value == OPEN]
     lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
     lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
     lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
-    lines.append(f"then     contactlearn audit data={own}, and data={own} on every command in this folder")
+    lines.append(f"then     contactlearn audit data={word}, and data={word} on every command in this folder")
     return "\n".join(lines)
 
 
@@ -60,11 +60,11 @@ def _text(path: Path, name: str, contents: FileContents) -> str:
         f"_target_: contactlearn.data.{contents.source}.load",
     ]
     section = ""
-    for one in contents.settings:
-        group, _, key = one.name.rpartition(".")
+    for setting in contents.settings:
+        group, _, key = setting.name.rpartition(".")
         lines += [f"{group}: # {_SECTIONS[group]}"] if group not in ("", section) else []
         section = group
-        lines.append(f"{'  ' if group else ''}{key}: {_value(one.value)} # {one.comment}")
+        lines.append(f"{'  ' if group else ''}{key}: {_value(setting.value)} # {setting.comment}")
     return "\n".join([*lines, ""])
 
 

@@ -117,15 +117,15 @@ def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
     before = table.load(out, body.shape) if out.exists() else None
     first = 1 if before is None else len(before) + 1
     generator = torch.Generator().manual_seed(int(source.options["seed"]) + first)
-    named = [PlannedDrop(settings=one.settings, purpose=one.purpose, body=body.name) for one in drops]
-    found = carry_out(rig, named, [body], laboratory, generator=generator, first=first)
-    every = found if before is None else joined([before, found])
+    named = [PlannedDrop(settings=drop.settings, purpose=drop.purpose, body=body.name) for drop in drops]
+    measured = carry_out(rig, named, [body], laboratory, generator=generator, first=first)
+    every = measured if before is None else joined([before, measured])
     table.save(every, out)
     if source.target == _MYSTERY:
         hidden_effects.load(**{key: source.options[key] for key in ("seed", "size", "folder", "scatter")})
     shape = json.dumps(shapes_entries(body.shape)).replace('"', "")
     again = f"contactlearn diagnose data=table data.path={out} 'data.shape={shape}'"
-    return f"{len(found)} drops measured, {len(every)} impacts in {out}\nnext     {again}"
+    return f"{len(measured)} drops measured, {len(every)} impacts in {out}\nnext     {again}"
 
 
 def read_plan(folder: Path) -> Plan:

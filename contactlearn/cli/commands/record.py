@@ -23,7 +23,7 @@ from contactlearn.report.page.page import RECORDINGS
 from contactlearn.report.page.recordings import write_recordings_page
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
 from contactlearn.report.terminal import print_line
-from contactlearn.report.text import NO_INTERVAL
+from contactlearn.report.text.numbers import NO_INTERVAL
 from contactlearn.report.text.tracks import tracks_headline
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
 

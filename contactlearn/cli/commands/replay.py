@@ -31,14 +31,14 @@ def write_replay(run: str, source: SourceSettings, out: Path, start: str = START
         DataError: see `contactlearn.data.tracks.find_impacts`; or a file cannot be written.
     """
     models = {name: one.model for name, one in load_models([run], ()).items()}
-    found, fitted = find_recorded(source), impacts_of_run(run)
-    names = {contact.recording for contact in found.survey.contacts}
+    tracked, fitted = find_recorded(source), impacts_of_run(run)
+    names = {contact.recording for contact in tracked.survey.contacts}
     known = set[str]() if fitted is None else names & {name.rpartition("#")[0] for name in fitted.trial}
     some = known != names
-    shown = replays(models, found, source.corrections, without=known if some else (), start=start)
+    shown = replays(models, tracked, source.corrections, without=known if some else (), start=start)
     errors = {name: ReplayErrors.of(shown, name) for name in models}
     begin = "the flight before their first accepted contact" if start == STARTS[0] else "their first frames"
-    said = f"{len(shown)} of {found.survey.recordings} recordings, from {begin}"
+    said = f"{len(shown)} of {tracked.survey.recordings} recordings, from {begin}"
     if known:
         said += f"; {len(known)} to which the run was fitted are left out" if some else "; the run was fitted to them"
     elif fitted is None:

@@ -31,7 +31,8 @@ from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import quality
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text import model_labels, phrase
+from contactlearn.report.text.names import model_labels
+from contactlearn.report.text.sentences import phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 
@@ -173,9 +174,9 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     alone = result.learned is None and result.fits
     values = record.scalars(result.fits, result.errors, result.joint)
     values |= zip(record.own_tags(result.metric), (shown[result.model], shown[IRB]), strict=True)
-    for one in result.processes:
-        values |= {f"loss/{one.output}": one.loss, f"noise/{one.output}": one.noise}
-        values |= {f"length_scale/{one.output}/{name}": x for name, x in one.length_scales.items()}
+    for process in result.processes:
+        values |= {f"loss/{process.output}": process.loss, f"noise/{process.output}": process.noise}
+        values |= {f"length_scale/{process.output}/{name}": x for name, x in process.length_scales.items()}
     predictions = trained.predict(test, settings.bounds.norm)
     prediction = predictions[trained.name]
     drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}

@@ -10,11 +10,11 @@ from contactlearn.mechanics.features import Features, feature_units
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.regressor import Regressor
 from contactlearn.report import terminal
-from contactlearn.report.text import phrase
+from contactlearn.report.text.sentences import phrase
 from contactlearn.results.types import DataSource, Pair
 
-_SAME = 0.01  # relative difference of masses, or of moments of inertia, up to which bodies count as one
-_FEW = 0.05  # share of impacts with rare features, up to which they go without mention
+_SAME_BODY = 0.01  # relative difference of masses, or of moments of inertia, up to which bodies count as one
+_MENTIONED_SHARE = 0.05  # share of impacts with rare features, up to which they go without mention
 
 
 def check_models(models: Mapping[str, TrainedModel], data: Split, settings: SplitSettings) -> None:
@@ -102,7 +102,7 @@ def _other_body(seen: DataSource, impacts: Impacts) -> Iterator[str]:
         return
     here = body_ranges(impacts)
     both = ((seen.mass, here["mass"]), (seen.inertia, here["inertia"]))
-    if any(new[0] < (1 - _SAME) * old[0] or new[1] > (1 + _SAME) * old[1] for old, new in both):
+    if any(new[0] < (1 - _SAME_BODY) * old[0] or new[1] > (1 + _SAME_BODY) * old[1] for old, new in both):
         mass, inertia = (["–".join(dict.fromkeys(f"{x:.3g}" for x in pair)) for pair in pairs] for pairs in both)
         yield (
             f"was trained on a body of {mass[0]} kg, {inertia[0]} kg m²; these data have {mass[1]} kg, "
@@ -115,7 +115,7 @@ def _other_features(regressor: Regressor, impacts: Impacts) -> Iterator[str]:
     columns, x = feature_units(regressor.space, impacts.space), Features.of(impacts, regressor.space).values
     known, new = regressor.gps.train_inputs[0][..., 0, :, :], regressor.inputs.apply(x)
     far = (new < known.amin(-2, keepdim=True) - 1) | (new > known.amax(-2, keepdim=True) + 1)
-    if (share := far.any(-1).double().mean().item()) > _FEW:
+    if (share := far.any(-1).double().mean().item()) > _MENTIONED_SHARE:
         names = [name for name, beyond in zip(columns, far.any(0).tolist(), strict=True) if beyond]
         yield (
             f"extrapolates to {100 * share:.0f} % of these impacts: their {', '.join(names)} lie more than a standard "

@@ -49,7 +49,7 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
     }
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     terminal.show_reused_trainings(count_trainings(run.partial))
-    found, metric = {}, metrics.headline_metric(settings.bounds.norm)
+    entries_by_model, metric = {}, metrics.headline_metric(settings.bounds.norm)
     for name, recipe in settings.recipes.items():
         with progress(run.folder, tracker) as on_event:
             learned = study.transfer_curves(
@@ -69,7 +69,7 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
             )
         model, by_body = moved(learned, "cpu")
         checkpoint.save(model, run.folder / f"{name}.pt", provenance=asdict(provenance))
-        found[name] = {
+        entries_by_model[name] = {
             body: BodyTransfer(
                 **{
                     way: ways[way].intervals(metric, data.generator, settings.bootstrap)
@@ -78,9 +78,9 @@ def _transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run, da
             )
             for body, ways in by_body.items()
         }
-    result = Transfer(provenance=provenance, norm=settings.bounds.norm, sizes=wanted.sizes, transfer=found)
+    result = Transfer(provenance=provenance, norm=settings.bounds.norm, sizes=wanted.sizes, transfer=entries_by_model)
     folder.write_result(run.folder, result)
-    for name, entries in found.items():
+    for name, entries in entries_by_model.items():
         terminal.show_transfer(name, entries, result.sizes, metric)
     record.write_record(tracker, run, provenance, _record(settings, result, data.train_size, metric))
 

@@ -123,7 +123,7 @@ def _not_recommended(finding: Finding) -> Finding:
     return replace(finding, sentence=sentence, correction=None)
 
 
-def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> tuple[Finding, ...]:
+def quick_audit(impacts: Impacts) -> tuple[Finding, ...]:
     """Find the mistakes in a few hundred of the measurements, spread evenly; notes are left out.
 
     Repeated trials and their order are looked at in all of them.
@@ -131,7 +131,7 @@ def quick_audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds(
     found = [*duplicate_findings(impacts), *order_findings(impacts)]
     sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
-    return Audit((*audit(sound[rows], thresholds), *found)).mistakes
+    return Audit((*audit(sound[rows]), *found)).mistakes
 
 
 def _subsample(impacts: Impacts) -> Impacts:

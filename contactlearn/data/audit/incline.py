@@ -29,7 +29,8 @@ _INDISTINCT = 0.01  # contradictions by which an angle may have more than the be
 _WIDEST = 0.2  # rad, farthest of those angles from the best one
 _FREE = {"slope": 0.1, "inertia": 0.5}  # rad, and of ln I/I₀, which must not look like an angle: expected deviations
 _ROUNDS = 3  # fits of the angle, each about the one before
-_SAME = 1e-3  # of |r|: distance from the shape's lowest point above a level floor up to which r was computed there
+# of |r|: distance from the shape's lowest point above a level floor up to which r was computed there
+_ON_LEVEL_FLOOR = 1e-3
 
 
 def floor_angle(impacts: Impacts) -> Estimate | None:
@@ -82,7 +83,7 @@ def _computed(impacts: Impacts) -> bool:
     if impacts.shape is None:
         return False
     expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
-    return bool((impacts.r - expected).norm(dim=-1).median() <= _SAME * expected.norm(dim=-1).median())
+    return bool((impacts.r - expected).norm(dim=-1).median() <= _ON_LEVEL_FLOOR * expected.norm(dim=-1).median())
 
 
 def _turned(impacts: Impacts) -> Columns:

@@ -23,7 +23,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, mahalanobis
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -56,13 +56,13 @@ def find_model_outliers(
     residual, weight = impacts.v_post - predict(impacts), noise_weight(impacts, "velocity")
     weight = torch.ones_like(residual) if weight is None else weight
     centre, scatter, freedom = _fitted(weight * residual)
-    distance = _distance(weight * residual - centre, scatter)
+    distance = mahalanobis(weight * residual - centre, scatter)
     D = impacts.space.D
     chance = torch.from_numpy(fdtrc(D, freedom, (distance / D).numpy()))
     bad, signs = chance * len(impacts) < thresholds.false_outliers, dict[int, str]()
     if impacts.space is PLANE:
         flips = _flipped(impacts, predict)
-        flipped = torch.stack([_distance(weight * one - centre, scatter) for one in flips.values()])
+        flipped = torch.stack([mahalanobis(weight * one - centre, scatter) for one in flips.values()])
         gains = 0.5 * (freedom + D) * ((freedom + distance) / (freedom + flipped)).log()  # log ratio of the densities
         gains = gains.nan_to_num(nan=-math.inf)  # where the flip is not predicted
         wrong = gains > math.log(len(flips) * len(impacts) / thresholds.false_outliers)
@@ -110,12 +110,6 @@ def _flipped(impacts: Impacts, predict: Callable[[Impacts], Float[Tensor, "n D"]
     return {"spin after": after, "spin before": before}
 
 
-def _distance(residual: Float[Tensor, "n D"], scatter: Float[Tensor, "D D"]) -> Float[Tensor, " n"]:
-    """Squared distance in the scatter."""
-    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
-    return white.square().sum(0)
-
-
 def _fitted(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, " D"], Float[Tensor, "D D"], float]:
     """Centre, scatter and degrees of freedom of a multivariate t distribution, by expectation–maximisation for each."""
     best, chosen, D = -math.inf, None, residual.shape[1]
@@ -124,11 +118,11 @@ def _fitted(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, " D"], Float[
     for freedom in _FREEDOM:
         centre, scatter = residual.median(0).values, torch.cov(residual.mT) + least
         for _ in range(_ROUNDS):
-            weight = (freedom + D) / (freedom + _distance(residual - centre, scatter))
+            weight = (freedom + D) / (freedom + mahalanobis(residual - centre, scatter))
             centre = (weight[:, None] * residual).sum(0) / weight.sum()
             off = residual - centre
             scatter = (weight[:, None] * off).mT @ off / len(off) + least
-        tails = (1 + _distance(residual - centre, scatter) / freedom).log().mean()
+        tails = (1 + mahalanobis(residual - centre, scatter) / freedom).log().mean()
         constant = math.lgamma((freedom + D) / 2) - math.lgamma(freedom / 2) - D / 2 * math.log(freedom)
         likelihood = (constant - 0.5 * (scatter.logdet() + (freedom + D) * tails)).item()  # nats a trial
         if likelihood > best:

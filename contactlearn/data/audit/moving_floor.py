@@ -23,7 +23,7 @@ from contactlearn.mechanics.rigid_body import contact_velocity
 _MIN_TRIALS = 20  # that show a constant beside a slope
 _SIGMAS = 8.0  # standard errors of the floor's velocity; random restitution of 0.1 makes 4 in one table of 1000
 _CLEARER = 12.0  # fall of n ln(mean distance) against a restitution that depends on the speed, as of a likelihood
-_SLOW = 0.1  # quantile of the speeds at which energy must be gained
+_SLOW_QUANTILE = 0.1  # quantile of the speeds at which energy must be gained
 _POWERS = torch.linspace(-1.0, 0.9, 20, dtype=torch.float64)  # of the speed, in a restitution that depends on it
 _ROUNDS = 20  # of weights for least absolute deviations
 
@@ -67,7 +67,7 @@ def moving_floor(impacts: Impacts) -> MovingFloor | None:
     velocity = Estimate(value=pushed / (1 + eps), error=errors[1].item() / abs(1 + eps))
     if eps < 0 or abs(velocity.value) <= _SIGMAS * velocity.error or gain <= _CLEARER:
         return None
-    slow = eps + pushed / speed.quantile(_SLOW).item()
+    slow = eps + pushed / speed.quantile(_SLOW_QUANTILE).item()
     return MovingFloor(velocity=velocity, restitution=eps, slow=slow, gain=gain)
 
 

@@ -57,9 +57,9 @@ class Finding:
         Raises:
             KeyError: the evidence has no such quantity.
         """
-        for one in self.evidence:
-            if one.quantity == quantity:
-                return one.value
+        for item in self.evidence:
+            if item.quantity == quantity:
+                return item.value
         raise KeyError(quantity)
 
 

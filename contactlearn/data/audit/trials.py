@@ -14,7 +14,7 @@ from contactlearn.core.numerics import MAD_SCALE, measured, number
 from contactlearn.data.audit.moments import kinetic_energy, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.mechanics.bodies import body_code, contact_points, per_body, shapes_among
+from contactlearn.mechanics.bodies import body_code, contact_points, numbered, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Polygon, Shape
@@ -301,8 +301,7 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
 
 def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: AuditThresholds) -> Bool[Tensor, " n"]:
     """Trials with a value far from its object's median; where that is common, two bodies share a name."""
-    known = {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
-    objects = torch.tensor([known[name] for name in impacts.object])
+    objects = numbered(impacts.object)
     unlike = torch.zeros(len(impacts), dtype=torch.bool)
     order, counts = objects.argsort(stable=True), torch.bincount(objects).tolist()
     for same in order.split(counts):

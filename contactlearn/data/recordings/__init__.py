@@ -3,6 +3,7 @@
 track        recordings as read, and tracks in the plane of motion
 readers      one small module a format
 conventions  gravity, units, axes, quaternion order: found from free flight or stated
+angles       unit and sense of angles: found from the impacts or stated
 frame        the way from a recording to a track
 markers      poses and shapes from markers
 flights      free flights of a track

@@ -43,7 +43,7 @@ from contactlearn.data.recordings.flights import (
     state_difference,
 )
 from contactlearn.data.recordings.poses import Array, arms, away, displaced, levers, orientation
-from contactlearn.data.recordings.result import Found, Reason, RecordedContact, Refusal
+from contactlearn.data.recordings.result import Reason, RecordedContact, Refusal, SearchedTrack
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Track, about_centre
 
@@ -51,7 +51,7 @@ _SKIPS = 0.02  # prior probability that one more frame is missing
 _BRIEF = 5e-4  # s, of a contact without a frame, unless its flights show a longer one
 _QUARTER = 0.25  # of the contact's duration: by so much rotations meet at another instant, since lever arms turn
 _ASIDE = 0.01  # of the whole change in the duration, in units of the noise: friction does not follow the normal force
-_LONG = 0.01  # prior probability that a contact lasts longer than its frames show
+_PRIOR_OF_LONG_CONTACT = 0.01  # prior probability that a contact lasts longer than its frames show
 _ROUNDS = 3
 
 
@@ -114,7 +114,7 @@ def fit_contact(
     outside = np.maximum(np.maximum(low - time, time - high), 0.0)
     chi_square = (d**2 / S).sum(-1) + (outside / (information**-0.5 + lasts / 2)) ** 2
     weight = -(chi_square + np.log(loose) + np.log(S).sum(-1)) / 2 + skipped / step * np.log(_SKIPS)
-    weight[1:] += np.log(_LONG)
+    weight[1:] += np.log(_PRIOR_OF_LONG_CONTACT)
     share = np.exp(weight - weight.max())
     how, best = np.unravel_index(int(share.argmax()), share.shape)
     return ContactFit(
@@ -138,8 +138,8 @@ def _differences(before: Flight, after: Flight, time: Array, skipped: Array) -> 
 def cut(
     track: Track,
     flights: Sequence[Flight],
-    meetings: Sequence[ContactFit | None],
-    found: Flights,
+    contacts: Sequence[ContactFit | None],
+    search: Flights,
     contact_time: float,
 ) -> list[Flight]:
     """Fit flights again without frames that are nearer to a contact than its duration, or beyond it.
@@ -149,13 +149,13 @@ def cut(
     Args:
         track: of the flights.
         flights: in their order.
-        meetings: of each with the next, where one contact may be between them.
-        found: noise of a frame, and width of a window.
+        contacts: of each with the next, where one contact may be between them.
+        search: noise of a frame, and width of a window.
         contact_time: longest contact in s; frames within half of it are left out, for one that bends them by less than
             the noise.
     """
-    fitted: list[Flight] = []
-    ends = (None, *meetings, None)
+    trimmed: list[Flight] = []
+    ends = (None, *contacts, None)
     for flight, start, end in zip(flights, ends, ends[1:], strict=False):
         when, kept = track.time[flight.frames], np.ones(len(flight.frames), dtype=np.bool_)
         if start is not None:
@@ -166,15 +166,15 @@ def cut(
         if len(frames) < 4:
             frames = flight.frames
         if start is None and flight.first > 0:
-            frames = _trim_flight_end(track, frames[::-1], found, flight)[::-1]
+            frames = _trim_flight_end(track, frames[::-1], search, flight)[::-1]
         if end is None and flight.last < len(track) - 1:
-            frames = _trim_flight_end(track, frames, found, flight)
+            frames = _trim_flight_end(track, frames, search, flight)
         changed = len(frames) < len(flight.frames)
-        fitted.append(fit(track.time, track.pose, frames, flight.sigma, flight.air) if changed else flight)
-    return fitted
+        trimmed.append(fit(track.time, track.pose, frames, flight.sigma, flight.air) if changed else flight)
+    return trimmed
 
 
-def _trim_flight_end(track: Track, frames: Indices, found: Flights, flight: Flight) -> Indices:
+def _trim_flight_end(track: Track, frames: Indices, search: Flights, flight: Flight) -> Indices:
     """Frames of a flight without its last one, and without those before it that are of something else.
 
     The last m frames are as they are left out if χ² of the flight falls by more than twice their k m numbers (Akaike
@@ -184,7 +184,7 @@ def _trim_flight_end(track: Track, frames: Indices, found: Flights, flight: Flig
     if len(frames) < _MIN_FLIGHT_FRAMES:
         return frames
     frames, sigma, air = frames[:-1], flight.sigma, flight.air
-    most = min(len(frames) // 3, len(frames) - found.width)
+    most = min(len(frames) // 3, len(frames) - search.width)
     if most < 1:
         return frames
     fits = [fit(track.time, track.pose, np.sort(frames[: len(frames) - m]), sigma, air) for m in range(most + 1)]
@@ -208,31 +208,31 @@ def fit_between(track: Track, before: Flight, after: Flight, options: FlightOpti
     between = np.arange(before.last + 1, after.first)
     times, brief = track.time[between[track.seen[between]]], min(_BRIEF, options.contact_time)
     durations = (brief, options.contact_time)
-    meeting = fit_contact(before, after, window, track.step, options.most_missing, durations)
-    away = np.minimum(np.abs(times - meeting.time), np.abs(times + meeting.missing * track.step - meeting.time))
+    contact = fit_contact(before, after, window, track.step, options.most_missing, durations)
+    away = np.minimum(np.abs(times - contact.time), np.abs(times + contact.missing * track.step - contact.time))
     within = away <= options.contact_time
     seen = float(away[within].max(initial=brief))
     if seen > brief:
-        meeting = fit_contact(before, after, window, track.step, options.most_missing, (seen, options.contact_time))
-    return meeting, int((~within).sum())
+        contact = fit_contact(before, after, window, track.step, options.most_missing, (seen, options.contact_time))
+    return contact, int((~within).sum())
 
 
 def recorded_contact(
-    track: Track, number: int, meeting: ContactFit, flights: Sequence[Flight], place: int, centre: Sequence[float]
+    track: Track, number: int, contact: ContactFit, flights: Sequence[Flight], place: int, centre: Sequence[float]
 ) -> RecordedContact:
     """State of the tracked point before and after contact at its instant, with all covariances.
 
     Args:
         track: of the centre of mass.
         number: of the contact.
-        meeting: of its flights.
+        contact: of its flights.
         flights: of the track.
         place: of the flight before contact.
         centre: of mass, about the tracked point.
     """
     before, after = flights[place : place + 2]
-    late = meeting.time - meeting.missing * track.step  # by the clock of the flight after contact
-    (p, u, A), (q, v, B) = before.at(meeting.time), after.at(late)
+    time_after = contact.time - contact.missing * track.step  # by the clock of the flight after contact
+    (p, u, A), (q, v, B) = before.at(contact.time), after.at(time_after)
     d, k = before.air.d, before.air.k
     errors = np.zeros((4 * k, 4 * k))
     errors[: 2 * k, : 2 * k], errors[2 * k :, 2 * k :] = A, B  # of p, u and q, v: two flights are independent
@@ -242,11 +242,11 @@ def recorded_contact(
     # Of (v_pre, v_post, pose, time) in (p, u, q, v).  The instant is that at which p and q are nearest, and it moves
     # along both flights whatever is evaluated there.
     jacobian, pre, post, at = np.zeros((3 * k + 1, 4 * k)), np.s_[:k], np.s_[k : 2 * k], np.s_[2 * k : 3 * k]
-    instant = np.concatenate((meeting.gain, np.zeros(k), -meeting.gain, np.zeros(k)))
+    instant = np.concatenate((contact.gain, np.zeros(k), -contact.gain, np.zeros(k)))
     jacobian[pre, k : 2 * k] = jacobian[post, 3 * k :] = np.eye(k)
     jacobian[at, :k], jacobian[at, 2 * k : 3 * k] = np.diag(1 - weight), np.diag(weight)
-    jacobian[pre] += np.outer(before.acceleration(meeting.time), instant)
-    jacobian[post] += np.outer(after.acceleration(late), instant)
+    jacobian[pre] += np.outer(before.acceleration(contact.time), instant)
+    jacobian[post] += np.outer(after.acceleration(time_after), instant)
     jacobian[at] += np.outer((1 - weight) * u + weight * v, instant)
     jacobian[3 * k] = instant
 
@@ -262,16 +262,16 @@ def recorded_contact(
     return RecordedContact(
         recording=track.name,
         number=number,
-        time=meeting.time,
+        time=contact.time,
         v_pre=v_pre,
         v_post=v_post,
         pose=np.append(pose[:d] - arm, pose[d:]),
         covariance=jacobian @ errors @ jacobian.T,
-        missing=meeting.missing,
-        certainty=meeting.certainty,
+        missing=contact.missing,
+        certainty=contact.certainty,
         lost=int((~track.seen[before.last + 1 : after.first]).sum()),
-        chi_square=meeting.chi_square,
-        lasting=meeting.lasting,
+        chi_square=contact.chi_square,
+        lasting=contact.lasting,
         flight=place,
     )
 
@@ -281,7 +281,8 @@ def _swept_matrix(spin: Float[Array, " s"]) -> Float[Array, "d d"]:
     return -levers(spin) if len(spin) == 3 else np.array(((0.0, -spin[0]), (spin[0], 0.0)))
 
 
-_UNEVEN = 20.0  # range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
+# range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
+_MIN_HEIGHT_RANGE = 20.0
 _MIN_FLIGHT_FRAMES = 3  # frames of any flight: two are no test of one
 _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
 
@@ -291,30 +292,30 @@ def find_contacts(
     model: FlightModel = FlightModel(),
     options: FlightOptions = FlightOptions(),
     limits: TrackThresholds = TrackThresholds(),
-) -> Found:
+) -> SearchedTrack:
     """Find the contacts of a track between free flights, and refuse everything else."""
     track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits.excess)
-    found = find_flights(track, model.air, options, limits)
-    flights, contacts, refusals = list(found.flights), list[RecordedContact](), list[Refusal]()
+    search = find_flights(track, model.air, options, limits)
+    flights, contacts, refusals = list(search.flights), list[RecordedContact](), list[Refusal]()
     if not flights:
-        refusals = [_gap(track, 0, len(track) - 1, found, limits)]
-        return Found(track=track, sigma=found.sigma, flights=(), contacts=(), refusals=tuple(refusals))
+        refusals = [_refused_gap(track, 0, len(track) - 1, search, limits)]
+        return SearchedTrack(track=track, sigma=search.sigma, flights=(), contacts=(), refusals=tuple(refusals))
     if flights[0].first > 0:
-        refusals.append(_gap(track, 0, flights[0].first - 1, found, limits))
-    meetings = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
-    flights = cut(track, flights, meetings, found, options.contact_time)
+        refusals.append(_refused_gap(track, 0, flights[0].first - 1, search, limits))
+    fits = [_one_contact(track, *pair, options, limits) for pair in pairwise(flights)]
+    flights = cut(track, flights, fits, search, options.contact_time)
     known = [flights[0].first == 0, *(close(*pair, options) for pair in pairwise(flights))]
     known.append(flights[-1].last == len(track) - 1)
     for k, (before, after) in enumerate(pairwise(flights)):
-        result = _between(track, before, after, (known[k], known[k + 2]), found, options, limits)
+        result = _between(track, before, after, (known[k], known[k + 2]), search, options, limits)
         if isinstance(result, ContactFit):
             contacts.append(recorded_contact(track, len(contacts) + 1, result, flights, k, model.centre))
         else:
             refusals.append(result)
     if flights[-1].last < len(track) - 1:
-        refusals.append(_gap(track, flights[-1].last + 1, len(track) - 1, found, limits))
-    return Found(
-        track=track, sigma=found.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
+        refusals.append(_refused_gap(track, flights[-1].last + 1, len(track) - 1, search, limits))
+    return SearchedTrack(
+        track=track, sigma=search.sigma, flights=tuple(flights), contacts=tuple(contacts), refusals=tuple(refusals)
     )
 
 
@@ -324,8 +325,8 @@ def _one_contact(
     """Where two flights meet if one contact may be between them: it then ends both."""
     if not close(before, after, options):
         return None
-    meeting, neither = fit_between(track, before, after, options)
-    return meeting if meeting.chi_square <= limits.meets_in(track.k) and neither <= 1 else None
+    contact, neither = fit_between(track, before, after, options)
+    return contact if contact.chi_square <= limits.meets_in(track.k) and neither <= 1 else None
 
 
 def _between(
@@ -333,40 +334,40 @@ def _between(
     before: Flight,
     after: Flight,
     known: tuple[bool, bool],
-    found: Flights,
+    search: Flights,
     options: FlightOptions,
     limits: TrackThresholds,
 ) -> ContactFit | Refusal:
     """Where two flights meet at a contact, or why not; `known` states whether the event that ends each is seen."""
     first, last = before.last, after.first
     if not close(before, after, options):
-        return _gap(track, first + 1, last - 1, found, limits)
-    meeting, neither = fit_between(track, before, after, options)
-    change, errors = state_difference(before, after, meeting.time)
+        return _refused_gap(track, first + 1, last - 1, search, limits)
+    contact, neither = fit_between(track, before, after, options)
+    change, errors = state_difference(before, after, contact.time)
     k, d = track.k, track.d
     changed = float(change[k:] @ np.linalg.solve(errors[k:, k:], change[k:]))
     lost = int((~track.seen[first + 1 : last]).sum())
-    few = _too_few((before, after), known, found.width - math.ceil(options.contact_time / 2 / track.step))
+    few = _too_few((before, after), known, search.width - math.ceil(options.contact_time / 2 / track.step))
     jump = 1e3 * float(np.linalg.norm(change[:d]))
-    late = (n for n in range(1, options.most_missing + 1) if same_flight(before, after, meeting.time, n * track.step))
-    skipped = next(late, 0)  # frames but for which the two flights are one
+    counts = range(1, options.most_missing + 1)  # of frames but for which the two flights are one
+    skipped = next((n for n in counts if same_flight(before, after, contact.time, n * track.step)), 0)
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
         (changed < limits.velocity_change, Reason.LOST_FRAMES, "jump without a change of velocity", jump, "mm"),
         (neither > 1, Reason.DOUBLE_HIT, "frames in neither flight", neither, "frames"),
         (
-            meeting.chi_square > limits.meets_in(k),
+            contact.chi_square > limits.meets_in(k),
             Reason.DOUBLE_HIT,
             "distance of the flights",
-            1e3 * meeting.distance,
+            1e3 * contact.distance,
             "mm",
         ),
         (
-            meeting.certainty < limits.certainty,
+            contact.certainty < limits.certainty,
             Reason.LOST_FRAMES,
             "certainty of the missing frames",
-            meeting.certainty,
+            contact.certainty,
             "–",
         ),
         (few > 0, Reason.TOO_FEW_FRAMES, "frames of a flight", few, "frames"),
@@ -374,7 +375,7 @@ def _between(
     for holds, reason, quantity, value, unit in reasons:
         if holds:
             return refuse(track, first, last, reason, quantity, value, unit)
-    return meeting
+    return contact
 
 
 def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: int) -> int:
@@ -390,7 +391,7 @@ def _too_few(flights: tuple[Flight, Flight], known: tuple[bool, bool], fewest: i
     )
 
 
-def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThresholds) -> Refusal:
+def _refused_gap(track: Track, first: int, last: int, search: Flights, limits: TrackThresholds) -> Refusal:
     """Why frames from the first to the last are in no flight."""
     frames = np.arange(first, last + 1)
     seen = frames[track.seen[frames]]
@@ -399,10 +400,10 @@ def _gap(track: Track, first: int, last: int, found: Flights, limits: TrackThres
         return refuse(track, first, last, Reason.LOST_FRAMES, "frames lost", lost, "frames")
     heights = track.height[track.seen]
     above, most = float(track.height[seen].mean() - heights.min()), float(np.ptp(heights))
-    few = found.width // 2 if found.flights else found.width
-    if above > limits.hand_height * most and most > _UNEVEN * found.sigma[track.d - 1] and len(seen) >= few:
+    few = search.width // 2 if search.flights else search.width
+    if above > limits.hand_height * most and most > _MIN_HEIGHT_RANGE * search.sigma[track.d - 1] and len(seen) >= few:
         return refuse(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
-    if len(seen) < found.width:
+    if len(seen) < search.width:
         ends = first == 0 or last == len(track) - 1
         reason = Reason.TOO_FEW_FRAMES if ends else Reason.DOUBLE_HIT
         return refuse(track, first, last, reason, "frames in no flight", len(seen), "frames")

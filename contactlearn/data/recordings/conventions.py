@@ -348,22 +348,24 @@ def find_flight_model(
         gravity_error=gravity.error * frame.scale,
         drag=gravity.drag,
         measured=(size.times(frame.scale), drag),
-        own=(still, still),
+        prior=(still, still),
         moments=moments,
         centre=(0.0,) * d,
     )
     long = long_flights(map(frame.track, recordings), model.air)
-    k, own = model.air.k, long[0][1].air.own if long else model.own
+    k, prior = model.air.k, long[0][1].air.prior if long else model.prior
     for _ in range(2):  # own accelerations are known better where the wobble is
-        measured = centre_of_mass([wobble(track, flight, own) for track, flight, _ in long])
+        measured = centre_of_mass([wobble(track, flight, prior) for track, flight, _ in long])
         if measured is not None:
             sure = any(abs(one.value) > _CENTRE_SIGMAS * one.error for one in measured)
             model = replace(model, centre=tuple(one.value * sure for one in measured))
         of_centre = ((about_centre(track, model.centre), flight, sigma) for track, flight, sigma in long)
-        own = own_accelerations([fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k)
-    steady, (*level, falling), turning = own[0], own[1][:d], own[1][d:]
+        prior = own_accelerations(
+            [fit(one.time, one.pose, of.frames, sigma, of.air) for one, of, sigma in of_centre], k
+        )
+    steady, (*level, falling), turning = prior[0], prior[1][:d], prior[1][d:]
     falling = math.hypot(falling, GRAVITY * min(model.measured[1].error, 1.0))
-    return replace(model, own=(steady, (*level, falling, *turning)))
+    return replace(model, prior=(steady, (*level, falling, *turning)))
 
 
 def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:

@@ -52,7 +52,7 @@ Indices = np.ndarray
 _REJECTED = 4.5  # standard deviations of a frame's residual; one of 150 000 frames by chance
 _ROUNDS = 4
 _BLOCK = 2048  # windows, some tens of MB
-_NOTHING = 1e-30  # s², of a window without frames
+_MIN_SUM = 1e-30  # s², of a window without frames
 
 
 AccelerationPrior = tuple[tuple[float, ...], tuple[float, ...]]
@@ -66,14 +66,14 @@ class Air:
     Args:
         gravity: (g_x, g_y) in m/s²; in space (g_x, g_y, g_z).
         drag: linear drag in 1/s.
-        own: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
+        prior: standard deviations of a flight's own acceleration about both, in m/s², m/s² and rad/s², and of the rate
             at which it changes, in m/s³, m/s³ and rad/s³; in space three of each.
         moments: in space principal moments of inertia, in any unit; None if they are equal.
     """
 
     gravity: tuple[float, ...] = (0.0, -GRAVITY)
     drag: float = 0.0
-    own: AccelerationPrior = STEADY
+    prior: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
 
     @property
@@ -88,7 +88,7 @@ class Air:
 
     def smooth(self) -> "Air":
         """Anything whose acceleration is steady."""
-        return Air(gravity=(0.0,) * self.d, own=((np.inf,) * self.k, (0.0,) * self.k), moments=self.moments)
+        return Air(gravity=(0.0,) * self.d, prior=((np.inf,) * self.k, (0.0,) * self.k), moments=self.moments)
 
     def basis(self, tau: Array) -> tuple[Array, Array]:
         """s(τ) and b(τ) of the module's table, in s and s²."""
@@ -131,7 +131,7 @@ class FlightModel:
         gravity_error: standard error of its size in m/s².
         drag: linear drag of the air in 1/s that flights have; 0 where none is seen.
         measured: gravity's size in m/s² and the drag in 1/s, fitted together whether the drag is seen or not.
-        own: standard deviations of the own accelerations of flights, as in `Air`.
+        prior: standard deviations of the own accelerations of flights, as in `Air`.
         moments: of inertia of a body that moves in space, as in `Air`.
         centre: of mass about the tracked point in m, in the body's axes, where flights show that it is off: flights are
             its, contacts are of the point.
@@ -141,7 +141,7 @@ class FlightModel:
     gravity_error: float = 0.0
     drag: float = 0.0
     measured: tuple[Estimate, Estimate] = (Estimate(value=GRAVITY, error=0.0), Estimate(value=0.0, error=0.0))
-    own: AccelerationPrior = STEADY
+    prior: AccelerationPrior = STEADY
     moments: tuple[float, ...] | None = None
     centre: tuple[float, ...] = (0.0, 0.0)
 
@@ -149,7 +149,9 @@ class FlightModel:
     def air(self) -> Air:
         """Free flight with 9.81 m/s² in the measured direction."""
         size = math.hypot(*self.gravity) / GRAVITY
-        return Air(gravity=tuple(g / size for g in self.gravity), drag=self.drag, own=self.own, moments=self.moments)
+        return Air(
+            gravity=tuple(g / size for g in self.gravity), drag=self.drag, prior=self.prior, moments=self.moments
+        )
 
     @property
     def lean(self) -> Estimate:
@@ -269,8 +271,8 @@ class Flight:
     def acceleration(self, time: float) -> Float[Array, "k"]:
         """Acceleration at an instant, without that of Euler's equations."""
         slowing = self.air.drag * self.velocities(np.asarray(time)) * (np.arange(self.air.k) < self.air.d)
-        own = self.state[2] + self.state[3] * (time - self.reference)
-        return self.air.pull() + own - slowing
+        deviation = self.state[2] + self.state[3] * (time - self.reference)
+        return self.air.pull() + deviation - slowing
 
 
 def fit(
@@ -311,28 +313,28 @@ def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, r
     In space the body turns freely but for a difference that is found and taken into it a few times.
     """
     tau, seen, d = time[frames] - reference, pose[frames], air.d
-    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.own)).T
+    slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.prior)).T
     design = slopes * units
     across = design / sigma[:, None] ** 2
     inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
-    turning, found, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
+    turning, coefficients, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
     if d == 3:
         middle = int(np.abs(tau).argmin())
         steps = rotation_vector(product(seen[1:, 3:], conjugate(seen[:-1, 3:]))) / np.diff(tau)[:, None]
         turning = Turning(q=seen[middle, 3:], spin=np.median(steps, 0), moments=air.moments)
     for _ in range(1 if turning is None else _TURNS):
         if turning is not None:
-            if found.any():
-                (q,), (spin,) = turning.placed(found[None, d:, 0], found[None, d:, 1], np.zeros(1))
+            if coefficients.any():
+                (q,), (spin,) = turning.placed(coefficients[None, d:, 0], coefficients[None, d:, 1], np.zeros(1))
                 turning = replace(turning, q=q, spin=spin)
             y = np.concatenate((seen[:, :d], turning.counted(seen[:, d:], tau)), 1) - slopes[..., 2] * air.pull()
-        found = np.einsum("kij,tkj,tk->ki", inverse, across, y)
+        coefficients = np.einsum("kij,tkj,tk->ki", inverse, across, y)
     return Flight(
         frames=frames,
         reference=reference,
-        state=(found * units).T,
+        state=(coefficients * units).T,
         covariance=inverse * units[:, :, None] * units[:, None],
-        residual=y - np.einsum("tki,ki->tk", design, found),
+        residual=y - np.einsum("tki,ki->tk", design, coefficients),
         sigma=sigma,
         air=air,
         turning=turning,
@@ -406,7 +408,7 @@ def windows(
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
     columns, sizes = _orthogonal(np.moveaxis(slopes, -1, 0))
     # place and speed are free; an acceleration beyond that of the air is as small as those of other flights
-    priors = (0.0, 0.0, (sigma / np.maximum(air.own[0], _NOTHING)) ** 2)
+    priors = (0.0, 0.0, (sigma / np.maximum(air.prior[0], _MIN_SUM)) ** 2)
     leverage, line, factor = np.zeros_like(residual), residual, residual
     for column, size, prior in zip(columns, sizes, priors, strict=True):
         line, factor = residual, (column * residual).sum(1, keepdims=True) / (size + prior)
@@ -431,7 +433,7 @@ def _orthogonal(columns: Iterable[Array]) -> tuple[list[Array], list[Array]]:
         for other, size in zip(rest, sizes, strict=True):
             column = column - other * (column * other).sum(1, keepdims=True) / size
         rest.append(column)
-        sizes.append(np.maximum((column**2).sum(1, keepdims=True), _NOTHING))
+        sizes.append(np.maximum((column**2).sum(1, keepdims=True), _MIN_SUM))
     return rest, sizes
 
 
@@ -444,7 +446,7 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
     )
     when, tau = np.take_along_axis(when, last, 1), when - when[:, seen.shape[1] // 2, None]
     steps = rotation_vector(product(q[:, 1:], conjugate(q[:, :-1]))).sum(1)
-    spin = steps / np.maximum(when[:, -1] - when[:, 0], _NOTHING)[:, None]
+    spin = steps / np.maximum(when[:, -1] - when[:, 0], _MIN_SUM)[:, None]
     return Turning(q=q[:, seen.shape[1] // 2], spin=spin, moments=air.moments).counted(q, tau)
 
 
@@ -452,14 +454,16 @@ _TURNS = 3  # of a flight in space, whose difference from free turning falls by 
 _WIDEST = 80  # frames
 # χ² that a body at rest makes in the shortest window of a flight, in plane and space; 300 to 750 decide alike
 _REST_POWER = {2: 300.0, 3: 100.0}
-_CONTINUED = 3.0  # standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
-_SAME = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
-_STILL = 0.1  # of the way of a fast window
-_UNEVEN = {2: 1.0, 3: 5.0}  # noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
-_SIDE = 3  # frames before and after a skip
+# standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
+_MAX_SIGMAS_OF_FLIGHT = 3.0
+_MAX_CHI2_SAME_FLIGHT = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
+_STILL_SHARE = 0.1  # of the way of a fast window
+# noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
+_MAX_NOISE_RATIO = {2: 1.0, 3: 5.0}
+_FRAMES_AT_SKIP = 3  # frames before and after a skip
 # m, by which the lowest point of a body may be lower at one contact than at another; 3 to 12 mm decide alike
-_ROUND = 0.006
-_MARGIN = 3  # frames of a window on each side of a bad one
+_MAX_DROP_OF_LOWEST_POINT = 0.006
+_FRAMES_AT_BAD_ONE = 3  # frames of a window on each side of a bad one
 
 
 def _least_noise(k: int) -> Float[Array, "k"]:
@@ -509,7 +513,7 @@ def find_flights(
         return Flights(flights=(), sigma=sigma, width=narrowest)
     if width > narrowest:
         sigma = frame_noise(time, pose, max(width, 5), air)
-    good, uneven = np.zeros(0, dtype=np.bool_), _UNEVEN[air.d]
+    good, uneven = np.zeros(0, dtype=np.bool_), _MAX_NOISE_RATIO[air.d]
     for _ in range(3):
         good, bad_frames = _judged(time, pose, width, air, sigma, limits.excess, uneven)
         if not bad_frames.any():
@@ -518,15 +522,15 @@ def find_flights(
     touches = _touches(track)
     good &= ~sliding_window_view(touches, width)[:, 1:-1].any(-1)
     pose[touches] = np.nan  # `_extended` decides on them
-    found = [_first(time, pose, run, sigma, air, width) for run in _runs(good, width)]
-    found = _joined(time, track.pose, [flight for flight in found if flight is not None], width)
-    found = [_extended(track, flight, sigma, width) for flight in found]
-    freedom = sum(len(f.residual) - 2 for f in found)
-    total = sum(((f.residual**2).sum(0) for f in found), np.zeros(air.k))
+    firsts = (_first(time, pose, run, sigma, air, width) for run in _runs(good, width))
+    joined = _joined(time, track.pose, [flight for flight in firsts if flight is not None], width)
+    extended = [_extended(track, flight, sigma, width) for flight in joined]
+    freedom = sum(len(flight.residual) - 2 for flight in extended)
+    total = sum(((flight.residual**2).sum(0) for flight in extended), np.zeros(air.k))
     # As if eight frames more had the noise of the windows.
     sigma = _evened(np.maximum(np.sqrt((total + 8 * sigma**2) / (freedom + 8)), _least_noise(air.k)))
-    flights = (fit(time, track.pose, f.frames, flight_noise(f, sigma), f.air) for f in found)
-    return Flights(flights=tuple(flights), sigma=sigma, width=width)
+    flights = tuple(fit(time, track.pose, f.frames, flight_noise(f, sigma), f.air) for f in extended)
+    return Flights(flights=flights, sigma=sigma, width=width)
 
 
 def _touches(track: Track) -> Bool[Mask, " t"]:
@@ -536,10 +540,10 @@ def _touches(track: Track) -> Bool[Mask, " t"]:
     """
     low, touches = np.full(len(track), np.inf) if track.low is None else track.low, np.zeros(len(track), dtype=np.bool_)
     seen = np.flatnonzero(np.isfinite(low))
-    if len(seen) > _SIDE:
+    if len(seen) > _FRAMES_AT_SKIP:
         there = low[seen]
         before, after = there[:-2] - there[1:-1], there[2:] - there[1:-1]
-        near = there[1:-1] - there.min() <= np.maximum(before, after) + _ROUND
+        near = there[1:-1] - there.min() <= np.maximum(before, after) + _MAX_DROP_OF_LOWEST_POINT
         touches[seen[1:-1]] = (before > 0) & (after >= 0) & near
     return touches
 
@@ -555,27 +559,30 @@ def flight_noise(flight: Flight, sigma: Float[Array, "k"]) -> Float[Array, "k"]:
     return sigma * np.repeat(np.sqrt((share + 24) / (3 * len(flight.residual) + 18)), 3)
 
 
-_OWN = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
+_WIDEST_PRIOR = {2: ((0.5, 30.0), (10.0, 300.0)), 3: ((0.5, 1.0), (1e-3, 1e-3))}
 """Of position and rotation, at most: with more of it a body at rest would be in flight.  No plates brake one in space,
 and short flights would not show that their accelerations are steady."""
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 
 
-def _most_own(k: int) -> AccelerationPrior:
+def _widest_prior(k: int) -> AccelerationPrior:
     d = k // 3 + 1
-    (a, a_turn), (j, j_turn) = _OWN[d]
+    (a, a_turn), (j, j_turn) = _WIDEST_PRIOR[d]
     return (a,) * d + (a_turn,) * (k - d), (j,) * d + (j_turn,) * (k - d)
 
 
 def long_flights(tracks: Iterable[Track], air: Air) -> list[tuple[Track, Flight, Float[Array, "k"]]]:
     """Flights that are long enough to show more than their velocities, with the noise of a frame about them."""
-    air, options, long = replace(air, own=_most_own(air.k)), FlightOptions(), []
+    air, options, long = replace(air, prior=_widest_prior(air.k)), FlightOptions(), []
     for track in tracks:
-        found, bent = find_flights(track, air, options), round(options.contact_time / 2 / track.step) + 1  # by contacts
-        for flight in found.flights:
-            if len(flight.frames) >= 2 * found.width + 2 * bent:
+        search, bent = (
+            find_flights(track, air, options),
+            round(options.contact_time / 2 / track.step) + 1,
+        )  # by contacts
+        for flight in search.flights:
+            if len(flight.frames) >= 2 * search.width + 2 * bent:
                 frames = flight.frames[bent:-bent]
-                long.append((track, fit(track.time, track.pose, frames, found.sigma, air), found.sigma))
+                long.append((track, fit(track.time, track.pose, frames, search.sigma, air), search.sigma))
     return long
 
 
@@ -588,7 +595,7 @@ def own_accelerations(long: Sequence[Flight], k: int = 3) -> AccelerationPrior:
     """
     if len(long) < NEEDED.flights_of_accelerations:
         return (0.0,) * k, (0.0,) * k
-    D = most = np.array(_most_own(k)).T ** 2
+    D = most = np.array(_widest_prior(k)).T ** 2
     inverse = np.linalg.inv(np.stack([flight.covariance[:, 2:, 2:] for flight in long]))
     J, h = (
         inverse - np.apply_along_axis(np.diag, -1, 1 / D),
@@ -609,21 +616,21 @@ def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, exces
     Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
     """
     time = track.time.copy()
-    if len(time) < 2 * _SIDE:
+    if len(time) < 2 * _FRAMES_AT_SKIP:
         return track
     sigma, k = frame_noise(time, track.pose, max(options.narrowest(air), 5), air), air.k
     for _ in range(_ROUNDS):
         late = [n * track.step for n in range(options.most_missing + 1)]
         chi_square = np.stack(
-            [windows(time, track.pose, 2 * _SIDE, air, sigma, seconds).misfit.sum(1) for seconds in late]
+            [windows(time, track.pose, 2 * _FRAMES_AT_SKIP, air, sigma, seconds).misfit.sum(1) for seconds in late]
         )
         best = chi_square.argmin(0)
-        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _SIDE - 2 * k), excess)) & (
-            chi_square[0] - chi_square.min(0) > _SAME
+        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _FRAMES_AT_SKIP - 2 * k), excess)) & (
+            chi_square[0] - chi_square.min(0) > _MAX_CHI2_SAME_FLIGHT
         )
         if not sure.any():
             break
-        time[_SIDE:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_SIDE - 1)))
+        time[_FRAMES_AT_SKIP:] += track.step * np.cumsum(np.append(best * sure, np.zeros(_FRAMES_AT_SKIP - 1)))
     return replace(track, time=time)
 
 
@@ -645,7 +652,7 @@ def frame_noise(time: Float[Array, " t"], pose: Float[Array, "t m"], width: int,
     enough = count > 4
     if not enough.any():
         return least
-    enough &= move >= _STILL * np.quantile(move[enough], 0.95)
+    enough &= move >= _STILL_SHARE * np.quantile(move[enough], 0.95)
     freedom = count[enough] - 3
     share = np.concatenate(squares)[enough] / freedom[:, None]
     typical = (1 - 2 / (9 * np.median(freedom))) ** 3  # median of χ² over its mean; Wilson & Hilferty 1931
@@ -689,7 +696,7 @@ def _worst(fits: Windows, excess: float, uneven: float) -> tuple[Mask, Indices]:
     noise = np.clip(fits.smooth.sum(1) / np.maximum(k * (fits.count - 3), 1), 1.0, uneven**2)
     good = enough & (total <= noise * _limit(freedom, excess))
     taken = (each / np.maximum(1 - fits.leverage, 1e-3)).sum(2)
-    taken[:, : min(_MARGIN, width // 3)] = taken[:, width - min(_MARGIN, width // 3) :] = 0
+    taken[:, : min(_FRAMES_AT_BAD_ONE, width // 3)] = taken[:, width - min(_FRAMES_AT_BAD_ONE, width // 3) :] = 0
     worst = taken.argmax(1)
     without = total - taken[np.arange(len(total)), worst]
     restored = enough & ~good & (without <= noise * _limit(freedom - k, excess))
@@ -737,13 +744,13 @@ def state_difference(
 def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
     """Whether two flights agree at an instant as one flight does."""
     difference, covariance = state_difference(one, other, time, late)
-    return float(difference @ np.linalg.solve(covariance, difference)) <= _SAME
+    return float(difference @ np.linalg.solve(covariance, difference)) <= _MAX_CHI2_SAME_FLIGHT
 
 
-def _joined(time: Array, pose: Array, found: Sequence[Flight], width: int) -> list[Flight]:
+def _joined(time: Array, pose: Array, flights: Sequence[Flight], width: int) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
-    for flight in found:
+    for flight in flights:
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2
@@ -769,7 +776,7 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         end = fit(track.time, track.pose, ends_with, sigma, flight.air)  # of a long one the acceleration may change
         off = away(track.pose[near], end.poses(track.time[near]))
         scaled = np.abs(off) / np.hypot(sigma, end.spread(track.time[near]))
-        continues = scaled.max(1, initial=0.0) <= _CONTINUED
+        continues = scaled.max(1, initial=0.0) <= _MAX_SIGMAS_OF_FLIGHT
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))

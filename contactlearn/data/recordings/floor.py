@@ -43,7 +43,7 @@ _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
 _LASTS = 0.3  # s of a rest, at least; 0.1 to 0.3 decide alike, 0.8 finds half
 _LEAST_NOISE = np.array((2e-5, 2e-5, 3e-4))  # m, m, rad: no frame of a body at rest is better
-_ROUND = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
+_ROUND_BODY = 1e-3  # relative difference of an ellipse's semi-axes, or change of the height with θ, of a round body
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +67,7 @@ class RestPoses:
             case Polygon():
                 angles = np.array(_sides(shape))
                 return cls(angles=angles, gain=1.0, arms=np.zeros(len(angles)))
-            case Ellipse(semi_axes=(first, second)) if abs(first / second - 1) > _ROUND:
+            case Ellipse(semi_axes=(first, second)) if abs(first / second - 1) > _ROUND_BODY:
                 a, b = max(first, second), min(first, second)
                 base, arm = 0.0 if first > second else math.pi / 2, b / (a**2 - b**2)
                 angles = np.array((base, base + math.pi))
@@ -109,7 +109,7 @@ def find_rests(
     """
     size = max(round(_BLOCK / track.step), 2)
     fewest = max(round(_LASTS / (size * track.step)), 2)
-    found, floor_noise = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
+    rests, floor_noise = list[Rest](), _LEAST_NOISE[np.arange(track.k) // track.d * 2]
     least = np.maximum(sigma, floor_noise)
     for begin, end in spans:
         frames = np.flatnonzero(track.seen & (track.time >= begin) & (track.time <= end))[::-1]
@@ -125,8 +125,8 @@ def find_rests(
         if len(run) >= fewest:
             error, mean = run.std(0, ddof=1) / math.sqrt(len(run)), run.mean(0)
             pose = displaced(0 * mean if track.d == 2 else last, mean)
-            found.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, floor_noise / size)))
-    return tuple(found)
+            rests.append(Rest(recording=track.name, pose=pose, error=np.maximum(error, floor_noise / size)))
+    return tuple(rests)
 
 
 _ROUNDS, _TURNS, _COMPONENTS = 10, 2, 6
@@ -181,7 +181,7 @@ def _changes(shape: Shape) -> tuple[str, ...]:
     match shape:
         case Cornered() if shape.largest_corner():
             return ("corner",)
-        case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND:
+        case Ellipse(semi_axes=(a, b)) if abs(a / b - 1) > _ROUND_BODY:
             return ("oblong",)
         case _:
             return ()
@@ -242,23 +242,23 @@ def _under_solid(
     contacts: Sequence[RecordedContact], shape: Solid, rests: Sequence[Rest], limits: TrackThresholds
 ) -> Floor:
     """The floor under a body in space, robustly: its height and slopes, and round corners and the outline's place."""
-    lies, down = _lying(shape, rests, limits)
-    within = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lies])) if lies else 0.0
-    alone, done, floor = np.ones(len(contacts), dtype=np.bool_), dict[str, float](), None
+    lying, down = _lying(shape, rests, limits)
+    within = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lying])) if lying else 0.0
+    used, changes, floor = np.ones(len(contacts), dtype=np.bool_), dict[str, float](), None
     for _ in range(_TURNS + 1):  # each about the outline that the one before has found
-        design = _solid_design(contacts, lies, down, shape, done, limits)
-        found, scatter, above, (_, on, *_) = design.solved(alone, (within, 0.0))
-        found = {name: replace(one, value=one.value + done.get(name, 0.0)) for name, one in found.items()}
-        if isinstance(shape, Cornered) and "corner" in found:  # no radius is less than 0
-            found["corner"] = replace(found["corner"], value=max(found["corner"].value, -shape.corner))
-        done = {name: found[name].value for name in _changes(shape) if name in found}
+        design = _solid_design(contacts, lying, down, shape, changes, limits)
+        estimates, scatter, above, (_, on, *_) = design.solved(used, (within, 0.0))
+        estimates = {name: replace(one, value=one.value + changes.get(name, 0.0)) for name, one in estimates.items()}
+        if isinstance(shape, Cornered) and "corner" in estimates:  # no radius is less than 0
+            estimates["corner"] = replace(estimates["corner"], value=max(estimates["corner"].value, -shape.corner))
+        changes = {name: estimates[name].value for name in _changes(shape) if name in estimates}
         floor = Floor(
-            height=found["height"],
-            slope=found.get("slope"),
-            slope_b=found.get("slope_b"),
+            height=estimates["height"],
+            slope=estimates.get("slope"),
+            slope_b=estimates.get("slope_b"),
             orientation=None,
-            outline={name: found[name] for name in _OUTLINE if name in found},
-            sinking=found.get("sinking"),
+            outline={name: estimates[name] for name in _OUTLINE if name in estimates},
+            sinking=estimates.get("sinking"),
             scatter=scatter,
             rests=int(on.sum()),
             above=above,
@@ -299,12 +299,12 @@ class _Design:
         self.priors.update({name: Estimate(value=-about.get(name, 0.0), error=error) for name in names})
 
     def solved(
-        self, alone: Mask, within: tuple[float, float]
+        self, used: Mask, within: tuple[float, float]
     ) -> tuple[dict[str, Estimate], float, Float[Array, " contacts"], list[Mask]]:
         """Solve robustly: estimates by column, the scatter of contacts, their heights above the fit, and good rows.
 
         Args:
-            alone: contacts that take part, of all.
+            used: contacts that take part, of all.
             within: scatter within bodies at rest, of heights and of angles.
         """
         errors = [max(one.error, _MIN_SCATTER) for one in self.priors.values()]
@@ -323,46 +323,46 @@ class _Design:
         )
         wanted = [one.value / error for one, error in zip(self.priors.values(), errors, strict=True)]
         value = np.concatenate((self.heights, self.angles, wanted))
-        hits, rests = len(alone), len(self.heights) - len(alone)
+        hits, rests = len(used), len(self.heights) - len(used)
         kinds: list[Indices] = np.split(np.arange(len(value)), np.cumsum((hits, rests, len(self.angles))))
-        contacts, kinds[0] = kinds[0], kinds[0][alone]
+        contacts, kinds[0] = kinds[0], kinds[0][used]
         good = _near(matrix, value, kinds, within[1])
         fit, deviations, scatter = _weighted(matrix, value, [rows[good[rows]] for rows in kinds], within)
-        found = {
+        estimates = {
             name: Estimate(value=float(x), error=float(error))
             for name, x, error in zip(self.columns, fit, deviations, strict=True)
         }
-        return found, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
+        return estimates, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
 
 
 def _solid_design(
     contacts: Sequence[RecordedContact],
-    lies: Sequence[Rest],
+    lying: Sequence[Rest],
     down: Float[Array, " r"],
     shape: Solid,
-    done: Mapping[str, float],
+    changes: Mapping[str, float],
     limits: TrackThresholds,
 ) -> _Design:
     """Heights in space of a body of an outline that is changed."""
-    now, hits, none = reshaped(shape, done), np.stack([hit.pose for hit in contacts]), np.zeros(len(lies))
-    size, still = float(shape.outline().norm(dim=-1).nanmean()), np.reshape([rest.pose for rest in lies], (-1, 7))
-    points, pose = _lowest(contacts, now), np.concatenate((hits, still))
+    changed, hits, none = reshaped(shape, changes), np.stack([hit.pose for hit in contacts]), np.zeros(len(lying))
+    size, still = float(shape.outline().norm(dim=-1).nanmean()), np.reshape([rest.pose for rest in lying], (-1, 7))
+    points, pose = _lowest(contacts, changed), np.concatenate((hits, still))
     x, y, _ = np.concatenate((points, still[:, :3])).T
     design = _Design(heights=np.concatenate((points[:, 2], still[:, 2] + down)), angles=np.zeros(0))
     heights = {"height": np.ones(len(x))}
     if len(contacts) > NEEDED.heights_of_slope:
         heights |= {"slope": x, "slope_b": y}
-    if lies:  # bodies at rest do not sink in as contacts do
-        heights["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lies)))
+    if lying:  # bodies at rest do not sink in as contacts do
+        heights["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lying)))
         design.expect(limits.off_least, "raised")
     if len(contacts) >= 2 * limits.contacts_of_a_slope:
         up = rotation(torch.from_numpy(pose[:, 3:]))[:, 2].numpy()
         heights |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
         speeds, *_ = _speeds(contacts, points)
         heights["sinking"] = np.append(speeds, none)
-        heights |= {name: np.append(-_raised(now, name, hits[:, 3:]), none) for name in _changes(shape)}
+        heights |= {name: np.append(-_raised(changed, name, hits[:, 3:]), none) for name in _changes(shape)}
         design.expect(size, "middle_a", "middle_b", "middle_c")
-        design.expect(_CHANGE * size, *_changes(shape), about=done)
+        design.expect(_CHANGE * size, *_changes(shape), about=changes)
     design.columns.update({name: (column, 0.0) for name, column in heights.items()})
     return design
 
@@ -393,36 +393,36 @@ class _Problem:
         change = {name: outline[name].value for name in _changes(self.shape) if name in outline}
         design, rests = self._design(turned, change), self.rests
         _, lies, turns = np.sqrt(np.mean([r.error**2 for r in rests], axis=0)).tolist() if rests else (0.0,) * 3
-        found, scatter, above, (_, on, flat, _) = design.solved(self._alone(turned), (lies, turns))
-        slope, zero, sinking = (found.get(name) for name in ("slope", "orientation", "sinking"))
-        deep = abs(sinking.value) if sinking else 0.0
-        for name in _LASTING_SHARES.keys() & found.keys():  # what the course of the force in a lasting contact adds
-            typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if deep else 0.0
+        estimates, scatter, above, (_, on_floor, flat, _) = design.solved(self._single(turned), (lies, turns))
+        slope, zero, sinking = (estimates.get(name) for name in ("slope", "orientation", "sinking"))
+        depth = abs(sinking.value) if sinking else 0.0
+        for name in _LASTING_SHARES.keys() & estimates.keys():  # what the course of the force in a lasting contact adds
+            typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if depth else 0.0
             speed = 1.0 if name == "late" else typical
-            found[name] = replace(
-                found[name], error=math.hypot(found[name].error, _LASTING_SHARES[name] * deep * speed)
+            estimates[name] = replace(
+                estimates[name], error=math.hypot(estimates[name].error, _LASTING_SHARES[name] * depth * speed)
             )
         floor = Floor(
-            height=found["height"],
+            height=estimates["height"],
             slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
             orientation=zero and replace(zero, value=turned + zero.value),
             outline={
-                name: replace(found[name], value=found[name].value + change.get(name, 0.0))
+                name: replace(estimates[name], value=estimates[name].value + change.get(name, 0.0))
                 for name in _OUTLINE
-                if name in found
+                if name in estimates
             },
             sinking=sinking,
             scatter=scatter,
             rests=len(rests),
             above=above,
         )
-        return floor, on & flat if len(flat) else on
+        return floor, on_floor & flat if len(flat) else on_floor
 
-    def _alone(self, turned: float) -> Mask:
+    def _single(self, turned: float) -> Mask:
         """Contacts of one point; all of them where these are too few to show the floor."""
         pose, v, w = (torch.from_numpy(np.stack([getattr(hit, n) for hit in self.contacts])) for n in ("pose", *_SIDES))
-        alone = one_point(self.shape, pose[:, 2] + turned, v, w).numpy()
-        return alone if alone.sum() >= NEEDED.heights_of_slope else np.ones_like(alone)
+        single = one_point(self.shape, pose[:, 2] + turned, v, w).numpy()
+        return single if single.sum() >= NEEDED.heights_of_slope else np.ones_like(single)
 
     def _design(self, turned: float, change: Mapping[str, float]) -> _Design:
         """Heights and angles of a body of such an outline that is turned further by an angle in rad."""
@@ -440,7 +440,7 @@ class _Problem:
         # Angles of rests show the zero of θ beside a slope; on one pole of an ellipse its centre of mass may be off.
         by_angle = len(side) >= limits.contacts_of_a_slope // 2 and len(x) >= limits.contacts_of_a_slope
         by_angle = by_angle and np.ptp(x) > 0 and (lying.gain == 1 or len(set(side)) > 1)
-        by_height = len(theta) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND * size
+        by_height = len(theta) >= 2 * limits.contacts_of_a_slope and np.std(rising) > _ROUND_BODY * size
         off = turn(rest[:, 2] + turned - lies)[: len(side) if by_angle else 0]
         design = _Design(heights=y, angles=off)
         columns = design.columns
@@ -556,8 +556,8 @@ def off_the_floor(
     r = points - np.stack([contact.pose[:d] for contact in contacts])
     before = torch.from_numpy(np.stack([contact.v_pre for contact in contacts]))
     approach = contact_velocity(torch.from_numpy(r), before)[:, d - 1].numpy()
-    alone = _alone(contacts, shape, floor, longest)
-    for contact, above, v_n, gap in zip(contacts, floor.above.tolist(), approach, alone, strict=True):
+    clearances = _clearance(contacts, shape, floor, longest)
+    for contact, above, v_n, clearance in zip(contacts, floor.above.tolist(), approach, clearances, strict=True):
         push = float(contact.v_post[d - 1] - contact.v_pre[d - 1])
         for holds, quantity, value, unit in (
             (
@@ -569,16 +569,16 @@ def off_the_floor(
             (v_n >= 0, "normal velocity of the contact point", float(v_n), "m/s"),
             (push <= 0, "change of the upward velocity", push, "m/s"),
             (
-                gap <= 0,
+                clearance <= 0,
                 "height of another corner over what its error and the contact's duration allow",
-                1e3 * gap,
+                1e3 * clearance,
                 "mm",
             ),
         ):
             if holds:
                 refusal = Refusal(
                     recording=contact.recording,
-                    reason=Reason.HAND_OR_WALL if gap > 0 else Reason.DOUBLE_HIT,
+                    reason=Reason.HAND_OR_WALL if clearance > 0 else Reason.DOUBLE_HIT,
                     quantity=quantity,
                     value=value,
                     unit=unit,
@@ -591,7 +591,7 @@ def off_the_floor(
     return kept, refusals
 
 
-def _alone(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
+def _clearance(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
     """Least height in m of another corner, less three errors and its way down in the longest contact."""
     pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
     if isinstance(shape, Polygon):
@@ -599,21 +599,21 @@ def _alone(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, long
         corners = np.moveaxis(_corners_in_plane(shape, pose[:, 2] + turned), 0, 1)
         first, others = np.split(np.argsort(corners[..., 1], 1), (1,), 1)
         lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
-        apart = corners - lowest
-        error = np.abs(apart[..., 0]) * np.array([hit.covariance[8, 8] for hit in contacts])[:, None] ** 0.5
+        offsets = corners - lowest
+        error = np.abs(offsets[..., 0]) * np.array([hit.covariance[8, 8] for hit in contacts])[:, None] ** 0.5
         sinks = -(v[:, 1, None] + v[:, 2, None] * corners[..., 0])
-        return (apart[..., 1] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
+        return (offsets[..., 1] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
     if not isinstance(shape, Polytope):
         return np.full(len(contacts), np.inf)
     corners = rotated(pose[:, None, 3:], (shape.corners() + shape.corner * shape.arc_centres()).numpy())
     first, others = np.split(np.argsort(corners[..., 2], 1), (1,), 1)
     lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
-    apart = corners - lowest
-    lean = np.stack((apart[..., 1], -apart[..., 0]), -1)
+    offsets = corners - lowest
+    lean = np.stack((offsets[..., 1], -offsets[..., 0]), -1)
     errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
     error = np.sqrt(np.einsum("nci,nij,ncj->nc", lean, errors, lean))
     sinks = -(v[:, 2, None] + np.cross(v[:, None, 3:], corners)[..., 2])
-    return (apart[..., 2] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
+    return (offsets[..., 2] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
 
 
 def _corners_in_plane(shape: Polygon, theta: Float[Array, " n"]) -> Float[Array, "v n 2"]:

@@ -41,9 +41,9 @@ def scalar_first(columns: Float[Array, "t c"], order: str) -> Float[Array, "t 4"
         turned = Rotation.from_matrix(R) if len(R) else Rotation.identity(0)
     else:
         turned = Rotation.from_euler(order, columns[seen][:, ["xyz".index(axis) for axis in order]])
-    found = np.full((len(columns), 4), np.nan)
-    found[seen] = turned.as_quat(scalar_first=True)
-    return found
+    quaternions = np.full((len(columns), 4), np.nan)
+    quaternions[seen] = turned.as_quat(scalar_first=True)
+    return quaternions
 
 
 def orders_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -60,13 +60,13 @@ def orders_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 def _unsteadiness(recordings: Sequence[Recording], order: str) -> float:
     """Median change of the turn from one step of frames to the next, in rad."""
-    found = list[Array]()
+    quaternions = list[Array]()
     for recording in recordings:
         assert recording.quaternion is not None
         R = matrices(recording.quaternion[recording.seen], order)[:: _FRAME_STRIDE // 2]
         turn = Rotation.from_matrix(R[1:] @ R[:-1].transpose(0, 2, 1)).as_rotvec() if len(R) > 2 else np.zeros((0, 3))
-        found.append(np.linalg.norm(np.diff(turn, axis=0), axis=1))
-    every = np.concatenate(found)
+        quaternions.append(np.linalg.norm(np.diff(turn, axis=0), axis=1))
+    every = np.concatenate(quaternions)
     return float(np.median(every)) if len(every) else 0.0
 
 

@@ -30,7 +30,7 @@ from contactlearn.data.recordings.frame import Frame, matrices
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.result import RecordedContact
 from contactlearn.data.recordings.sufficiency import NEEDED
-from contactlearn.data.recordings.track import Recording, finite
+from contactlearn.data.recordings.track import Mask, Recording, finite
 from contactlearn.mechanics.shapes import Polygon, Polytope, Shape, Solid, contact_point
 
 
@@ -72,16 +72,10 @@ def pose_of_markers(
     body = np.array(places, dtype=np.float64) if len(places) else arms[int(np.argmax(seen))]
     off = body.mean(0)
     reference = body - off
-    if dimensions == 2:
-        z, zero = arms[..., 0] + 1j * arms[..., 1], reference[:, 0] + 1j * reference[:, 1]
-        angle, quaternion = np.angle((z * zero.conj()).sum(1)), None
-        R = np.stack((np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)), -1).reshape(-1, 2, 2)
-    else:
-        U, _, V = np.linalg.svd(np.where(seen[:, None, None], arms, 0.0).transpose(0, 2, 1) @ reference)
-        mirror = np.ones((len(time), 3))
-        mirror[:, 2] = np.linalg.det(U @ V)
-        R = (U * mirror[:, None]) @ V
-        angle, quaternion = None, np.where(seen[:, None], Rotation.from_matrix(R).as_quat(scalar_first=True), np.nan)
+    R, angle = _rotations(arms, reference, seen)
+    quaternion = None
+    if angle is None:
+        quaternion = np.where(seen[:, None], Rotation.from_matrix(R).as_quat(scalar_first=True), np.nan)
     return Recording(
         name=name,
         source=source,
@@ -98,6 +92,23 @@ def pose_of_markers(
 _MOST_CORNERS = 24  # of a body whose corners are compared with markers
 _OFF_CORNER = 0.1  # of the body's radius, by which markers are off its corners, as those on its faces are
 _ALIKE = 2.0  # times the least distance, up to which another pose fits as well
+
+
+def _rotations(
+    arms: Float[Array, "t m d"], reference: Float[Array, "m d"], seen: Mask
+) -> tuple[Float[Array, "t d d"], Float[Array, " t"] | None]:
+    """Rotations that bring the reference nearest to the arms, and in the plane their angles."""
+    if arms.shape[2] == 2:
+        z, zero = arms[..., 0] + 1j * arms[..., 1], reference[:, 0] + 1j * reference[:, 1]
+        angle = np.angle((z * zero.conj()).sum(1))
+        R = np.stack((np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)), -1).reshape(-1, 2, 2)
+        return R, angle
+    U, _, V = np.linalg.svd(np.where(seen[:, None, None], arms, 0.0).transpose(0, 2, 1) @ reference)
+    mirror = np.ones((len(arms), 3))
+    mirror[:, 2] = np.linalg.det(U @ V)
+    return (U * mirror[:, None]) @ V, None
+
+
 _FLAT = 1e-3  # width of a hull over its length, at least
 
 Centre = str | Sequence[float] | None

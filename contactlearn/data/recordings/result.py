@@ -131,7 +131,7 @@ class SlideToRest:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Found:
+class SearchedTrack:
     """Flights, contacts, refusals, rests and slides of one track.
 
     Args:

@@ -59,7 +59,7 @@ def friction_of(slides: Sequence[SlideToRest], gravity: float, drag: float) -> E
     if len(slides) < NEEDED.slides_of_friction:
         return None
     low, mu, high = np.quantile(
-        [(one.deceleration - drag * one.speed) / gravity for one in slides], (0.25, 0.5, 0.75)
+        [(slide.deceleration - drag * slide.speed) / gravity for slide in slides], (0.25, 0.5, 0.75)
     ).tolist()
     deviation = (high - low) / 1.349  # of a normal distribution; its median has √(π/2) times the error of its mean
     return Estimate(value=mu, error=math.sqrt(math.pi / 2 / len(slides)) * deviation)

@@ -24,7 +24,7 @@ from contactlearn.data.recordings.flights import FlightModel, FlightOptions
 from contactlearn.data.recordings.floor import find_rests
 from contactlearn.data.recordings.frame import Frame
 from contactlearn.data.recordings.readers import Layout, read
-from contactlearn.data.recordings.result import Found, Reason, RecordedContact, Refusal, Rest, SlideToRest
+from contactlearn.data.recordings.result import Reason, RecordedContact, Refusal, Rest, SearchedTrack, SlideToRest
 from contactlearn.data.recordings.rocking import Rocking, rocking
 from contactlearn.data.recordings.slides import find_slides
 from contactlearn.data.recordings.thresholds import TrackThresholds
@@ -37,8 +37,8 @@ _MANY = 100  # files from which on they are shared among processes
 _CHUNK = 16  # recordings of a file that are searched at once
 _AHEAD = 4  # files, or pieces of a single one, that wait for each process
 
-_Piece = list[Recording | Found | Refusal]
-Searched = Mapping[tuple[str, str], Found]
+_Piece = list[Recording | SearchedTrack | Refusal]
+Searched = Mapping[tuple[str, str], SearchedTrack]
 """Recordings that were searched, by source and name."""
 Progress = Callable[[Iterable[Any]], Iterable[Any]]
 """Wraps files as they are read or, for a single file, pieces of at most 16 recordings."""
@@ -144,7 +144,7 @@ def survey(
 
 def search_sample(recordings: Sequence[Recording], frame: Frame, model: FlightModel, options: TrackOptions) -> Searched:
     """Search a few recordings."""
-    founds = map(partial(tracked, frame=frame, model=model, options=options), recordings)
+    founds = map(partial(search_recording, frame=frame, model=model, options=options), recordings)
     return {key(recording): found for recording, found in zip(recordings, founds, strict=True)}
 
 
@@ -176,9 +176,11 @@ def sample(files: Sequence[Path], layout: Layout) -> list[Recording]:
     return found
 
 
-def tracked(recording: Recording | Found, frame: Frame, model: FlightModel, options: TrackOptions) -> Found:
+def search_recording(
+    recording: Recording | SearchedTrack, frame: Frame, model: FlightModel, options: TrackOptions
+) -> SearchedTrack:
     """Find the contacts of one recording, unless it was searched; one that leaves the plane of motion is refused."""
-    if isinstance(recording, Found):
+    if isinstance(recording, SearchedTrack):
         return recording
     if (recording.quaternion is None) != (frame.axes.shape[1] == 2):
         raise DataError(f"{recording.source}: is in a plane where others are in space, or the other way round")
@@ -188,15 +190,15 @@ def tracked(recording: Recording | Found, frame: Frame, model: FlightModel, opti
         track = replace(track, low=low)
     leaves = _out_of_plane(track, options.thresholds)
     if leaves is not None:
-        return Found(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
-    found = find_contacts(track, model, options.flight, options.thresholds)
-    lies = [refusal.time for refusal in found.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
-    point = replace(found.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
+        return SearchedTrack(track=track, sigma=np.zeros(3), flights=(), contacts=(), refusals=(leaves,))
+    searched = find_contacts(track, model, options.flight, options.thresholds)
+    lies = [refusal.time for refusal in searched.refusals if refusal.reason in (Reason.REST, Reason.SLIDING)]
+    point = replace(searched.track, pose=track.pose)  # flights are of the centre of mass, all else of the tracked point
     return replace(
-        found,
-        rests=find_rests(point, lies, found.sigma),
-        slides=find_slides(found.track, lies, found.sigma),
-        wobbles=tuple(wobble(point, flight, model.own) for flight in found.flights),
+        searched,
+        rests=find_rests(point, lies, searched.sigma),
+        slides=find_slides(searched.track, lies, searched.sigma),
+        wobbles=tuple(wobble(point, flight, model.prior) for flight in searched.flights),
         rocking=rocking(point, options.solid),
     )
 
@@ -258,29 +260,29 @@ def _search_file(file: Path, frame: Frame, model: FlightModel, options: TrackOpt
 
 
 def _search(piece: _Piece, frame: Frame, model: FlightModel, options: TrackOptions) -> Survey:
-    founds, refusals = list[Found](), list[Refusal]()
+    searched, refusals = list[SearchedTrack](), list[Refusal]()
     for recording in piece:
         if isinstance(recording, Refusal):
             refusals.append(recording)
             continue
         try:
-            found = tracked(recording, frame, model, options)
+            track = search_recording(recording, frame, model, options)
         except ContactLearnError as error:
             assert isinstance(recording, Recording)
-            refusals.append(_not_read(Path(recording.source), len(founds), error))
+            refusals.append(_not_read(Path(recording.source), len(searched), error))
             continue
-        founds.append(found)
-        refusals += found.refusals
+        searched.append(track)
+        refusals += track.refusals
     return Survey(
         frame=frame,
         model=model,
-        recordings=len(founds),
-        contacts=tuple(contact for found in founds for contact in found.contacts),
+        recordings=len(searched),
+        contacts=tuple(contact for track in searched for contact in track.contacts),
         refusals=tuple(refusals),
-        rests=tuple(rest for found in founds for rest in found.rests),
-        slides=tuple(slide for found in founds for slide in found.slides),
-        wobbles=tuple(wobble for found in founds for wobble in found.wobbles),
-        rocking=tuple(found.rocking for found in founds if found.rocking is not None and len(found.rocking)),
+        rests=tuple(rest for track in searched for rest in track.rests),
+        slides=tuple(slide for track in searched for slide in track.slides),
+        wobbles=tuple(wobble for track in searched for wobble in track.wobbles),
+        rocking=tuple(track.rocking for track in searched if track.rocking is not None and len(track.rocking)),
     )
 
 

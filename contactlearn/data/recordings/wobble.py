@@ -23,10 +23,10 @@ Wobble = Float[Array, "d e"]
 """Of one flight normal matrix and right-hand side of c, side by side."""
 
 
-def wobble(track: Track, flight: Flight, own: AccelerationPrior) -> Wobble:
+def wobble(track: Track, flight: Flight, prior: AccelerationPrior) -> Wobble:
     """Return the normal equations of c that a flight of the tracked point makes, with own accelerations so large."""
     time, d = track.time[flight.frames], track.d
-    units = np.concatenate((np.ones((2, track.k)), own)).T
+    units = np.concatenate((np.ones((2, track.k)), prior)).T
     slopes, turned = flight.air.slopes(time - flight.reference), orientation(flight.poses(time))
     y = track.pose[flight.frames, :d] - slopes[:, :d, 2] * flight.air.gravity
     turning, found = -np.stack([arms(one, turned) for one in np.eye(d)], -1), np.zeros((d, d + 1))

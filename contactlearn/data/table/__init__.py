@@ -212,7 +212,8 @@ def read_blocks(
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
         cells = restated(cells, known_units, columns, known_shape)
-        shaped, turning = known_shape is not None, not _all_discs(known_shape)
+        shaped = known_shape is not None
+        turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
@@ -243,10 +244,6 @@ def _stated(mass: float | None, inertia: float | Sequence[float] | None) -> dict
     elif inertia is not None:
         found["inertia"] = torch.tensor(finite_number("data.inertia", inertia, 0, above=True), dtype=torch.float64)
     return found
-
-
-def _all_discs(shape: AnyShape | None) -> bool:
-    return shape is not None and all(isinstance(one, Disc) for one in shapes_among(shape).values())
 
 
 def _source(path: "str | os.PathLike[str] | DataFrame") -> str:
@@ -482,9 +479,9 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
         DataError: impacts that break a rule once corrected.
     """
     trials = 0
-    for one in tables:
+    for table in tables:
         try:
-            impacts = impacts_of(one)
+            impacts = impacts_of(table)
         except DataError as error:
             raise error.shifted_by(trials) from None
         trials += len(impacts)

@@ -104,7 +104,7 @@ def covariate_columns(cells: Sheet, covariates: Sequence[str]) -> dict[str, str]
     Raises:
         DataError: the table has no such column, or it is not clear which it is.
     """
-    if isinstance(covariates, str) or not all(isinstance(one, str) for one in covariates):
+    if isinstance(covariates, str) or not all(isinstance(covariate, str) for covariate in covariates):
         raise DataError(f"data.covariates is a list of columns, such as [temperature, operator], got {covariates!r}")
     found: dict[str, str] = {}
     for name in covariates:

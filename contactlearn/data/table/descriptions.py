@@ -129,14 +129,14 @@ def _without_angles(cells: Sheet, units: Units) -> Sheet:
     names = {words[0]: name for name in cells.header if (words := name_words(name)) and words[0] in _TURNS}
     if len(names) < len(_TURNS):
         return cells
+    from scipy.spatial.transform import Rotation  # SciPy takes long to load
+
     vocabulary = impact_vocabulary(PLANE)
     factors, said = list[float](), "rad"
     for name in names.values():
         of_angle = Units(units.stated, {"theta": stated} if (stated := unit_in(name, "theta", vocabulary)) else {})
         factors.append(of_angle.factor("theta"))
         said = of_angle.text("theta")
-    from scipy.spatial.transform import Rotation  # slow to load
-
     turns = [cells.numbers(names[turn], said) * factor for turn, factor in zip(_TURNS, factors, strict=True)]
     quaternions = Rotation.from_euler("xyz", np.stack(turns, -1)).as_quat()
     kept = [k for k, name in enumerate(cells.header) if name not in names.values()]

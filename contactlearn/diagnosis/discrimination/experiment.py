@@ -49,7 +49,7 @@ _ODDS = 20.0  # 3.0 nats over all drops: evidence that decides between two model
 _DRAWN = 4096
 _GRAZING = 0.1  # a drop's contact point approaches at more than this share of the body's speed
 _BEYOND = 0.25  # of its own size, by which a limit of v or ω lies beyond the measured ones
-_APART = 0.4  # of the widths of the limits: drops that are closer count for less
+_DISTINCT_DROPS = 0.4  # of the widths of the limits: drops that are closer count for less
 
 
 # --- Model discrimination --------------------------------------------------------------------------
@@ -93,13 +93,13 @@ class ModelDiscrimination:
         covariance = C - gain @ J @ C
         return replace(self, difference=difference, covariance=(covariance + covariance.mT) / 2)
 
-    def needed(self, odds: float, most: int = 1000) -> int | None:
-        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond `most`.
+    def needed(self, odds: float) -> int | None:
+        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond 1000.
 
         It is that of a single pair.
         """
         discrimination, nats = self, 0.0
-        for made in range(most):
+        for made in range(1000):
             k = made % len(self.noise)
             nats += discrimination.squared()[k].item() / 2
             if nats >= math.log(odds):
@@ -113,18 +113,18 @@ def discriminations(
 ) -> dict[Key, ModelDiscrimination]:
     """Set a chosen model against each rival at states; all are fitted to the impacts."""
     noise = robust_covariance(impacts.v_post - chosen.predict(impacts).v_post)
-    mean, (slope, covariance), found = chosen.predict(states).v_post, parameter_slopes(chosen, states), {}
+    mean, (slope, covariance), discriminated = chosen.predict(states).v_post, parameter_slopes(chosen, states), {}
     for key, rival in rivals.items():
         other, spread = parameter_slopes(rival, states)
         difference, both = mean - rival.predict(states).v_post, torch.cat((slope, -other), -1)
         good = difference.isfinite().all(-1) & both.isfinite().all(-1).all(-1)
-        found[key] = ModelDiscrimination(
+        discriminated[key] = ModelDiscrimination(
             difference=torch.where(good[:, None], difference, 0.0),
             slope=torch.where(good[:, None, None], both, 0.0),
             covariance=torch.block_diag(covariance, spread),
             noise=noise.expand(len(states), -1, -1),
         )
-    return found
+    return discriminated
 
 
 def parameter_slopes(model: ContactModel, states: Impacts) -> tuple[Float[Tensor, "n D k"], Float[Tensor, "k k"]]:
@@ -181,31 +181,37 @@ def next_experiment(
         raise DataError("an experiment that separates models needs at least one rival, got none")
     within = state_limits(impacts, limits or {})
     states = _states(impacts, within, generator, drawn)
-    apart = [*discriminations(impacts, chosen, rivals, states).values()]
-    picked = _picked(apart, _places(states, within), count)
-    at_drops = {key: one.at(picked) for key, one in zip(rivals, apart, strict=True)}
-    squared = torch.stack([one.squared() for one in at_drops.values()])
+    discriminated = discriminations(impacts, chosen, rivals, states)
+    picked = _picked([*discriminated.values()], _places(states, within), count)
+    at_drops = {key: discrimination.at(picked) for key, discrimination in discriminated.items()}
+    squared = torch.stack([discrimination.squared() for discrimination in at_drops.values()])
     names, drops = STATES[impacts.space], states[picked]
     floor = [names.index(name) for name in ("x", "y") if name in names]
     middle = drops.q.clone()
     middle[:, floor] = within[floor].mean(-1)
     moved = separations_of(impacts, chosen, rivals, drops.replace(q=middle))
     located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())  # a separation depends on the place
-    several, in_space = len({*impacts.object}) > 1, impacts.space is SPACE
-    made = tuple(
+    separations = tuple(
+        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
+        for key, discrimination in at_drops.items()
+    )
+    made = _drops(drops, squared, located=located, several=len({*impacts.object}) > 1)
+    return Experiment(separations=separations, drops=made)
+
+
+def _drops(drops: Impacts, squared: Float[Tensor, "r n"], *, located: bool, several: bool) -> tuple[Drop, ...]:
+    """Drops as they are to be made: where, if a separation depends on the place, and with which of several bodies."""
+    names, in_space = STATES[drops.space], drops.space is SPACE
+    states = torch.cat((drops.q[:, _POSE[drops.space]], drops.v_pre), 1)
+    return tuple(
         Drop(
             **{name: value for name, value in zip(names, state, strict=True) if located or name not in ("x", "y")},
             orientation=tuple(drops.q[k, 3:].tolist()) if in_space else None,
             differences=tuple(squared[:, k].sqrt().tolist()),
             body=drops.object[k] if several else None,
         )
-        for k, state in enumerate(torch.cat((drops.q[:, _POSE[impacts.space]], drops.v_pre), 1).tolist())
+        for k, state in enumerate(states.tolist())
     )
-    separations = tuple(
-        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
-        for key, discrimination in at_drops.items()
-    )
-    return Experiment(separations=separations, drops=made)
 
 
 def separations_of(
@@ -302,6 +308,6 @@ def _picked(rivals: Sequence[ModelDiscrimination], places: Float[Tensor, "n s"],
         best = int(worth.argmax())
         picked.append(best)
         total = total + squared[:, best]
-        near = near.minimum((places - places[best]).norm(dim=-1) / _APART)
+        near = near.minimum((places - places[best]).norm(dim=-1) / _DISTINCT_DROPS)
         rivals = [rival.after(best) for rival in rivals]
     return picked

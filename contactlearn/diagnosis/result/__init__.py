@@ -113,7 +113,7 @@ class LawFit:
 def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds) -> LawFit | None:
     """Find the law that does clearly better than the full model with its error `named`; None where none does."""
     limit = (1 - thresholds.form_error) * named
-    better = [one for one in laws if one.least_error < limit]
+    better = [law for law in laws if law.least_error < limit]
     return min(better, key=lambda one: one.least_error, default=None)
 
 

@@ -71,7 +71,7 @@ class ContactScatter:
     def seen(self) -> bool:
         """Whether contact or recorded pose differ from impact to impact by more than what follows something."""
         recorded = any(one.name not in INSTRUMENT for one in self.instrument)
-        return recorded or any(one.follows < 1 for one in self.components)
+        return recorded or any(component.follows < 1 for component in self.components)
 
     @property
     def random(self) -> bool:

@@ -33,7 +33,7 @@ from contactlearn.models.contact_model import ContactModel
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
 _EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
 _DRAWS, _RESAMPLES = 16, 1000
-_LEAST = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
+_MIN_VARIANCE_SHARE = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ def contact_scatter(
     dependences = screen_deviations(scatter, some, thresholds)
     random = random_shares(scatter, some, dependences, thresholds)
     instrument, floor, sizes = _drawn(some, scatter, random)
-    by_name = {one.name: one for one in scatter.deviations}
+    by_name = {deviation.name: deviation for deviation in scatter.deviations}
     coefficients = dict(zip("με", (x.mean().item() for x in scatter.model.law.coefficients), strict=True))
     components: list[ScatterComponent] = []
     for name in scatter.names:
@@ -81,7 +81,7 @@ def contact_scatter(
         )
     result = ContactScatter(
         components=tuple(sorted(components, key=lambda one: -one.share)),
-        instrument=tuple(one for one in scatter.deviations if one.name not in scatter.names),
+        instrument=tuple(deviation for deviation in scatter.deviations if deviation.name not in scatter.names),
         stated=scatter.stated,
         trials=len(some),
         bic=scatter.bic,
@@ -118,7 +118,7 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
     if not scatter.names or screen_deviations(scatter, some, thresholds):
         return None
     covariance = scatter.covariance(known)
-    covariance = covariance + _LEAST * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
+    covariance = covariance + _MIN_VARIANCE_SHARE * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
     return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts) + shift)
 
 
@@ -197,7 +197,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
     earlier = {f"{memory.variable} of earlier impacts": values for memory, values in past.items()}
     by_name, found = {one.name: one for one in scatter.deviations}, list[Deviations]()
     for name, (u, error) in scatter.each.items():
-        first = next((one.variable for one in dependences if one.component == name), "")
+        first = next((dependence.variable for dependence in dependences if dependence.component == name), "")
         if first in earlier:
             variable, unit, x = first.replace("_", " "), "standardised", earlier[first]
         elif first in ("order", "period"):

@@ -27,6 +27,7 @@ from contactlearn.diagnosis.sign_flips import (
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
+    periodogram_peak,
     random_signs,
     window_spread,
 )
@@ -42,7 +43,7 @@ _POSE = "pose"
 _SERIAL = {"order", "period"}
 _HARMONICS = 40  # of an orientation: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
-_TOLD = 3  # dependences of each component, the most significant ones
+_MAX_DEPENDENCES = 3  # dependences of each component, the most significant ones
 
 
 def screen_deviations(
@@ -67,10 +68,11 @@ def screen_deviations(
     for column, (_, u) in enumerate(columns):
         statistics.append(normal_neg_log_p(signs @ (u[:, None] * functions)))
         labels += [(column, variable, order) for variable, order, _ in named]
-        spread, peak, period = _serial(signs * u)
+        flipped = (signs * u)[..., None]
+        spread, (peak, halves) = window_spread(flipped)[..., 0], periodogram_peak(flipped)
         statistics += [gamma_neg_log_p(spread), gumbel_neg_log_p(peak)]
         labels += [(column, "order", 2.0 ** (k + 1)) for k in range(spread.shape[1])]
-        labels.append((column, "period", period))
+        labels.append((column, "period", 2 * len(u) / int(halves[0])))
     every = torch.cat(statistics, 1).nan_to_num(0.0)
     largest = every.amax(1)
     enough = largest[1:].quantile(1 - thresholds.dependence_level).item()
@@ -80,7 +82,9 @@ def screen_deviations(
     for k in every[0].argsort(descending=True)[: int((every[0] > enough).sum())].tolist():
         column, variable, order = labels[k]
         component, u = columns[column]
-        if (component, variable) not in best and sum(one.component == component for one in best.values()) < _TOLD:
+        if (component, variable) not in best and sum(
+            one.component == component for one in best.values()
+        ) < _MAX_DEPENDENCES:
             # A pose has more harmonics than there may be trials: its share is that of the strongest one.
             own = functions[:, [n == variable and (n != _POSE or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(
@@ -101,14 +105,14 @@ def random_shares(
     functions = torch.stack([function - function.mean() for *_, function in named], -1)
     rest, shares = dict(scatter.each), dict.fromkeys(scatter.each, 1.0)
     for name, (u, error) in scatter.each.items():
-        followed = {one.variable for one in dependences if one.component == name}
-        own = functions[:, [variable in followed for variable, *_ in named]]
-        if followed and 0 < own.shape[1] < len(u) - 1 and not followed & _SERIAL:
-            left, centred = _left(u, own), u - u.mean(0)
-            lost = (len(u) - 1) / (len(u) - own.shape[1] - 1)
+        followed = {dependence.variable for dependence in dependences if dependence.component == name}
+        following = functions[:, [variable in followed for variable, *_ in named]]
+        if followed and 0 < following.shape[1] < len(u) - 1 and not followed & _SERIAL:
+            rest_of, centred = _left(u, following), u - u.mean(0)
+            lost = (len(u) - 1) / (len(u) - following.shape[1] - 1)
             rest[name], shares[name] = (
-                (left, error),
-                min(1.0, (left.square().sum() / centred.square().sum() * lost).item()),
+                (rest_of, error),
+                min(1.0, (rest_of.square().sum() / centred.square().sum() * lost).item()),
             )
         elif followed:
             shares[name] = 0.0
@@ -127,8 +131,8 @@ def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float
     n, k = functions.shape
     if not 0 < k < n - 1:
         return None
-    left, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
-    return 1 - (left / whole).item() * (n - 1) / (n - k - 1)
+    residual, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
+    return 1 - (residual / whole).item() * (n - 1) / (n - k - 1)
 
 
 def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Float[Tensor, " n"]]]:
@@ -149,11 +153,3 @@ def _angles(impacts: Impacts) -> list[Float[Tensor, " n"]]:
     if impacts.space is PLANE:
         return [impacts.q[:, 2]]
     return [up.clamp(-1, 1).acos() for up in rotation(impacts.q[:, 3:])[:, 2].unbind(-1)]
-
-
-def _serial(flipped: Float[Tensor, "flips n"]) -> tuple[Tensor, Tensor, float]:
-    """Spread of windows [flips, widths], peak of the periodogram [flips, 1], and its period in trials."""
-    n = flipped.shape[1]
-    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
-    peak, which = power.max(1, keepdim=True)
-    return window_spread(flipped[..., None])[..., 0], peak, 2 * n / (int(which[0]) + 2)

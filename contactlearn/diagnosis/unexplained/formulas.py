@@ -70,6 +70,7 @@ LIBRARIES = {
 """Quantities with the dimensions of impulses and of moments, factors that may stand alone, and all factors."""
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted
+_MOST_FORMULAS = 2
 _TOLERANCE = 1e-5  # nats a trial, of fits that begin next to their ends
 
 
@@ -218,7 +219,6 @@ def formulas(
     component: str,
     folds: Folds,
     *,
-    most: int = 2,
     name: str = "mine",
     options: FitOptions = FitOptions(),
     thresholds: Thresholds = Thresholds(),
@@ -232,7 +232,6 @@ def formulas(
         model: a law with effects, fitted to these impacts.
         component: t, n or tau.
         folds: to fit the coefficients to, and to hold out.
-        most: formulas, at most.
         name: of the effect while it is fitted; no effect of the model may have it.
         options: of the fits.
         thresholds: limits of what is reported.
@@ -263,7 +262,7 @@ def formulas(
     terms = [*((axis, [term]) for axis, term in single), *((axis, pair) for (axis, _), pair in pairs.items())]
     coefficients = (libraries[axis][0].coefficients(some, libraries[axis][1]) for axis, some in terms)
     tried = [trials.tried(*one, c) for one, c in zip(terms, coefficients, strict=True)]
-    best = _best(tried[: len(single)], tried[len(single) :], before, most, thresholds)
+    best = _best(tried[: len(single)], tried[len(single) :], before, thresholds)
     return tuple(trial.formula(before) for trial in best)
 
 
@@ -334,7 +333,6 @@ def _best(
     one: Sequence[_Trial],
     two: Sequence[_Trial],
     before: Float[Tensor, " n"],
-    most: int,
     thresholds: Thresholds,
 ) -> list[_Trial]:
     """The best trial of one or two terms, and others as good that share no term with it."""
@@ -346,7 +344,7 @@ def _best(
     found = sorted((*one, *two), key=lambda trial: trial.error.nanmean().item())
     good = [t for t in found if clearly(before - t.error)]
     good = [t for t in good if not clearly(t.error - good[0].error)]
-    return [t for t in good if t is good[0] or not {*good[0].terms} & {*t.terms}][:most]
+    return [t for t in good if t is good[0] or not {*good[0].terms} & {*t.terms}][:_MOST_FORMULAS]
 
 
 def _error_of_mean(x: Float[Tensor, " n"]) -> float:

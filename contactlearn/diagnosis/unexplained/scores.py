@@ -20,12 +20,13 @@ from torch.nn.functional import one_hot
 from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import linearised, resolve
 
 _MANY = 100  # trials from which on the trial's own state is projected out
-_SLOW, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
+_SLOW_COSINES, _TRIALS_A_CURVE = 12, 25  # cosines over the sequence at most, and trials for each
 _ROUNDING = 1e-9  # standard deviations of the residual in the unit of a parameter
 _BODIES = 10  # at most, that have coefficients of their own
 
@@ -54,7 +55,7 @@ class Scores:
 
         Where so many neighbouring trials, a `block`, resemble each other, there are fewer drifts, as of fewer trials.
         """
-        most = min(_SLOW, len(impacts) // (_TRIALS_A_CURVE * block))
+        most = min(_SLOW_COSINES, len(impacts) // (_TRIALS_A_CURVE * block))
         place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
         slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
         drifts = (torch.eye(impacts.space.D, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
@@ -93,9 +94,9 @@ class Scores:
     def flipped(self, signs: Float[Tensor, "flips n"]) -> Float[Tensor, "flips n 2"]:
         """Compute the scores [flips, n, 2] of residuals with other signs, projected again."""
         each = (self.slope * self.residual[..., None]).sum(1)
-        found = signs @ (self.reach * self.residual[..., None]).sum(1)  # [flips, q]
+        along = signs @ (self.reach * self.residual[..., None]).sum(1)  # [flips, q]
         back = torch.einsum("ncp,ncq->qnp", self.slope, self.reach)
-        return signs[..., None] * each - torch.einsum("fq,qnp->fnp", found, back)
+        return signs[..., None] * each - torch.einsum("fq,qnp->fnp", along, back)
 
     def terms(self, change: Float[Tensor, "n D"], functions: Float[Tensor, "n k"]) -> Float[Tensor, "n k"]:
         """Return residuals times a change that follows functions of the trials, without what is projected out."""
@@ -108,14 +109,14 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
     """Standardised variables of the trials' own state before impact; none of few trials."""
     if len(impacts) < _MANY:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
-    state, bodies = State.of(impacts), {name: k for k, name in enumerate(dict.fromkeys(impacts.object))}
+    state, bodies = State.of(impacts), numbered(impacts.object)
     if impacts.space is SPACE:
         parts = [one for name, one in of_state(state).items() if name not in ("order", *state.covariates)]
     else:
         circle = (f(k * state.theta) for f in (torch.sin, torch.cos) for k in (1, 2))
         parts = [state.v_n, state.v_t, state.v_t.abs(), state.omega, state.x, *circle]
-    if 1 < len(bodies) <= _BODIES:
-        parts += one_hot(torch.tensor([bodies[name] for name in impacts.object])).to(torch.float64).unbind(-1)
+    if 1 <= bodies.max() < _BODIES:
+        parts += one_hot(bodies).to(torch.float64).unbind(-1)
     columns = torch.cat((torch.stack([*parts], -1), *impacts.covariate_columns.values()), -1)
     return (columns - columns.mean(0)) / columns.std(0).clamp_min(1e-12)
 

@@ -31,6 +31,7 @@ from contactlearn.diagnosis.sign_flips import (
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
+    periodogram_peak,
     random_signs,
     window_spread,
 )
@@ -47,12 +48,12 @@ from contactlearn.mechanics.space import PLANE
 _DECAYS = (0.0, 0.8)  # of the memory of earlier impacts, from trial to trial: of the last alone, of about five
 _REMEMBERED = 40  # impacts at most
 _WIDTHS, _BINS = (0.03, 0.12), 128  # of a place, standard deviations in the range of all places; for the range
-_LASTING = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
+_PLACE_DECAYS = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
 _COEFFICIENTS = tuple(Coefficient)
-_FEWEST = 40  # trials below which nothing is tested
-_STRETCH = 560  # consecutive trials that processes are fitted to and tested on, at most
-_TRIED = 4  # associations, the most significant ones
+_MIN_TRIALS = 40  # trials below which nothing is tested
+_MAX_CONSECUTIVE = 560  # consecutive trials that processes are fitted to and tested on, at most
+_MAX_TRIED = 4  # associations, the most significant ones
 _PLACES = 4.0  # trials in the unit of length of processes over the place, whose lengths begin at 7 and at 49 trials
 
 
@@ -126,13 +127,13 @@ def screen_associations(
     D = scores.residual.shape[-1]
     historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory, D)]
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *historical]
-    found = [
-        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=own)
-        for (coefficient, memory, x), own in zip(names, neg_log_p[0].tolist(), strict=True)
-        if own > enough
+    associations = [
+        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=significance)
+        for (coefficient, memory, x), significance in zip(names, neg_log_p[0].tolist(), strict=True)
+        if significance > enough
     ]
     best: dict[tuple[Coefficient | None, LaggedVariable], Association] = {}
-    for one in sorted(found, key=lambda one: -one.neg_log_p):
+    for one in sorted(associations, key=lambda one: -one.neg_log_p):
         best.setdefault((one.coefficient, one.variable), one)
     return chance, tuple(best.values()) if chance <= level else ()
 
@@ -141,10 +142,9 @@ def _statistics(
     scores: Scores, terms: Float[Tensor, "n v"], signs: Float[Tensor, "flips n"]
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Spread of windows [flips, 2 widths], peak of the periodogram and its frequency [flips, 2], sums [flips, v]."""
-    flipped, n = scores.flipped(signs), len(scores)
-    power = torch.fft.rfft(flipped, 2 * n, dim=1).abs().square()[:, 2:] / flipped.square().sum(1, keepdim=True)
-    peak, place = power.max(1)
-    return window_spread(flipped).mT.flatten(1), peak, (place + 2) / (2 * n), signs @ terms
+    flipped = scores.flipped(signs)
+    peak, halves = periodogram_peak(flipped)
+    return window_spread(flipped).mT.flatten(1), peak, halves / (2 * len(scores)), signs @ terms
 
 
 def _lagged_terms(scores: Scores, history: Mapping[Memory, Tensor]) -> Float[Tensor, "n v"]:
@@ -197,7 +197,7 @@ def _visited(state: State) -> dict[Memory, Float[Tensor, " n"]]:
         return found
     each = ((place - low) / (high - low) * _BINS).long().clamp(0, _BINS - 1)
     apart = (torch.arange(_BINS) - torch.arange(_BINS)[:, None]) / _BINS
-    for decay in _LASTING:
+    for decay in _PLACE_DECAYS:
         there = _earlier(one_hot(each, _BINS).to(torch.float64), decay)
         for width in _WIDTHS:
             near = (there * (-0.5 * (apart / width).square()).exp()[each]).sum(1)
@@ -231,7 +231,7 @@ def find_serial_dependence(
         options: options of the fit.
         thresholds: level of the test, and size of a large share.
     """
-    if len(impacts) < _FEWEST:
+    if len(impacts) < _MIN_TRIALS:
         return None
     scores, model = Scores.of_sequence(impacts, fit, options), fit.model
     ordered = impacts[scores.rows]
@@ -239,9 +239,9 @@ def find_serial_dependence(
     chance, found = screen_associations(scores, history, thresholds.dependence_level)
     if not found:
         return None
-    first = max(0, (len(ordered) - _STRETCH) // 2)
-    stretch = slice(first, first + _STRETCH)
-    best = _best(VaryingCoefficientModel.of(ordered, fit, scores, stretch), stretch, found[:_TRIED])
+    first = max(0, (len(ordered) - _MAX_CONSECUTIVE) // 2)
+    stretch = slice(first, first + _MAX_CONSECUTIVE)
+    best = _best(VaryingCoefficientModel.of(ordered, fit, scores, stretch), stretch, found[:_MAX_TRIED])
     if best is None:
         return None
     coefficient, association, share, scale = best

@@ -34,6 +34,7 @@ from contactlearn.effects import State
 from contactlearn.effects.formula.symbols import of_state
 from contactlearn.inference.evaluation.partial_residuals import share_explained
 from contactlearn.inference.identification.joint import Fit, FitOptions
+from contactlearn.mechanics.bodies import numbered
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -43,12 +44,12 @@ _PLACES = (PLACE, "floor_y")
 _IN_SPACE = ("vn", "slip", "lever", "spin", "twist", *_PLACES)
 _ALONE, _STRIPES = 16, 32  # cosines over a variable alone, over a place in space
 _TOGETHER = {**dict.fromkeys(_PLACES, 8), "vx": 0, ORIENTATION: 0}  # in a product; v_t stands for v_x
-_FEW = 4  # of all other variables
+_FUNCTIONS_OF_OTHERS = 4  # of all other variables
 _BODIES = 10  # at most, that have a function each
 _TURNS = 0.05  # standard deviation of every component of the axes of bodies that lie in all directions
-_FEWEST, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
+_MIN_TRIALS, _BLOCKS = 40, 20  # trials, and blocks of them, below which nothing is tested
 _TRIALS = 560  # trials that processes are fitted to and tested on, at most
-_TRIED = 3  # associations, the most significant ones
+_MAX_TRIED = 3  # associations, the most significant ones
 _UNION = 3  # variables of their union, at most
 
 
@@ -69,13 +70,13 @@ class StateAssociation:
 
 def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     """Compute columns of each variable that varies: (cos θ, sin θ) or axes, each body alone, others standardised."""
-    state, names = State.of(impacts), list(dict.fromkeys(impacts.object))
+    state, bodies = State.of(impacts), numbered(impacts.object)
     names_of = _IN_SPACE if impacts.space is SPACE else ("vn", "vt", "vx", "omega", PLACE)
     known = of_state(state)
     values = {name: known[name] for name in names_of}
     if impacts.space is SPACE:  # stripes are narrower than a body, so the place is that of its contact
         values |= {name: known[name] + impacts.r[:, k] for k, name in enumerate(_PLACES)}
-    found = {
+    variables = {
         name: ((value - value.mean()) / value.std())[:, None]
         for name, value in values.items()
         if value.std() > 1e-9 * value.abs().max()
@@ -83,12 +84,12 @@ def state_variables(impacts: Impacts) -> dict[str, Float[Tensor, "n c"]]:
     if impacts.space is PLANE:
         circle = torch.stack((state.theta.cos(), state.theta.sin()), -1)
         if circle.std(0).max() > 1e-9:
-            found[ANGLE] = circle
+            variables[ANGLE] = circle
     elif (axes := rotation(impacts.q[:, 3:]).flatten(1)).std(0).min() > _TURNS:
-        found[ORIENTATION] = axes
-    if 1 < len(names) <= _BODIES:
-        found[BODY] = one_hot(torch.tensor([names.index(name) for name in impacts.object])).to(torch.float64)
-    return found | {
+        variables[ORIENTATION] = axes
+    if 1 <= bodies.max() < _BODIES:
+        variables[BODY] = one_hot(bodies).to(torch.float64)
+    return variables | {
         name: columns if columns.shape[1] > 1 else (columns - columns.mean(0)) / columns.std(0)
         for name, columns in impacts.covariate_columns.items()
     }
@@ -106,8 +107,8 @@ def screen_state_associations(
     D = scores.residual.shape[-1]
     alike = torch.eye(D, dtype=torch.float64).expand(len(scores), -1, -1)
     kinds = (*Coefficient, *[None] * D)  # that may depend on the state: coefficients, whitened velocities
-    changes, found, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
-    functions = torch.cat([own - own.mean(0) for _, own in groups], 1)
+    changes, associations, largest = torch.cat((scores.slope, alike), -1), list[StateAssociation](), list[Tensor]()
+    functions = torch.cat([columns - columns.mean(0) for _, columns in groups], 1)
     for kind, change in zip(kinds, changes.unbind(-1), strict=True):
         every = signs @ scores.terms(change, functions)
         for (orders, _), sums in zip(groups, every.split([len(orders) for orders, _ in groups], 1), strict=True):
@@ -115,12 +116,14 @@ def screen_state_associations(
             each, together = normal_neg_log_p(sums), gamma_neg_log_p(z.square().sum(1, keepdim=True))
             largest.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
             strongest = orders[int(each[0].argmax())]
-            found.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
+            associations.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
     overall = torch.stack(largest, 1).amax(1)
     chance, enough = exceedance(overall), overall[1:].quantile(1 - level).item()
     if chance > level:
         return chance, ()
-    return chance, tuple(sorted((one for one in found if one.neg_log_p > enough), key=lambda one: -one.neg_log_p))
+    return chance, tuple(
+        sorted((one for one in associations if one.neg_log_p > enough), key=lambda one: -one.neg_log_p)
+    )
 
 
 def screened_functions(
@@ -157,7 +160,7 @@ def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[
 
 def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple[Float[Tensor, "n l"], list[int]]:
     """Those of low orders."""
-    most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FEW)  # every body, or group
+    most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FUNCTIONS_OF_OTHERS)  # every body, or group
     return functions[:, :most], orders[:most]
 
 
@@ -227,7 +230,7 @@ def fit_state_dependence(
     impacts: Impacts, fit: Fit, options: FitOptions, level: float, trials: int, block: int = 1
 ) -> StateDependenceFit | None:
     """Fit the remainder of a model over the state, on so many trials; None where it does not depend on it."""
-    if len(impacts) < max(_FEWEST, _BLOCKS * block):
+    if len(impacts) < max(_MIN_TRIALS, _BLOCKS * block):
         return None
     scores = Scores.of_state(impacts, fit, options, block)
     ordered = impacts[scores.rows]
@@ -239,7 +242,8 @@ def fit_state_dependence(
     model = VaryingCoefficientModel.of(ordered, fit, scores, rows)
     inputs = {name: columns[rows] for name, columns in among.items()}
     tried = _tried(found)
-    fits = [_fit_coefficient(model, one.coefficient, one.orders, inputs) for one in tried]
+    products = (torch.cat([order * inputs[name] for name, order in one.orders.items()], -1) for one in tried)
+    fits = [model.dependent(one.coefficient, product) for one, product in zip(tried, products, strict=True)]
     association, best = max(zip(tried, fits, strict=True), key=lambda one: one[1].share.mean)
     return StateDependenceFit(model=model, inputs=inputs, association=association, fit=best, p_value=p_value)
 
@@ -264,7 +268,7 @@ def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
     first: dict[tuple[Coefficient | None, frozenset[str]], StateAssociation] = {}
     for one in found:
         first.setdefault((one.coefficient, frozenset(one.orders)), one)
-    chosen = list(first.values())[:_TRIED]
+    chosen = list(first.values())[:_MAX_TRIED]
     for coefficient in {one.coefficient for one in chosen}:
         union: dict[str, int] = {}
         for one in first.values():
@@ -273,16 +277,6 @@ def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
         if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
             chosen.append(StateAssociation(coefficient=coefficient, orders=union, neg_log_p=found[0].neg_log_p))
     return chosen
-
-
-def _fit_coefficient(
-    model: VaryingCoefficientModel,
-    coefficient: Coefficient | None,
-    orders: Mapping[str, int],
-    inputs: Mapping[str, Tensor],
-) -> VaryingCoefficientFit:
-    """Let a coefficient, or the velocities, depend on variables."""
-    return model.dependent(coefficient, torch.cat([order * inputs[name] for name, order in orders.items()], -1))
 
 
 def _same_dependence(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # GPyTorch takes long to load
     from contactlearn.models.gp.exact import ExactGPs
 
 _INFORMATIVE = 0.02  # of the mean information of a trial, below which it does not inform a coefficient
-_LEAST = 40  # most informative trials that do so in any case: a single one may have nearly all information
+_MIN_TRIALS = 40  # most informative trials that do so in any case: a single one may have nearly all information
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class VaryingCoefficientModel:
         """Let a coefficient depend on the inputs."""
         k, law = tuple(Coefficient).index(which), self.fit.model.law
         known = self.information[:, k]
-        enough = torch.minimum(_INFORMATIVE * known.mean(), known.topk(min(_LEAST, len(known))).values[-1])
+        enough = torch.minimum(_INFORMATIVE * known.mean(), known.topk(min(_MIN_TRIALS, len(known))).values[-1])
         informative = self.inliers & (known >= enough) & (known > 0)
         weight = (known / known[informative].median())[:, None]
         change, make_fit = self._fit_processes(x, self.delta[:, k : k + 1], weight, informative)

@@ -28,7 +28,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction, measured_impulse
 from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
 
-_SIMILAR, _CLOUD = 30, 30  # impacts of a cloud, and draws of each
+_CLOUDS, _SIMILAR, _CLOUD = 3, 30, 30  # incidences, impacts of a cloud, and draws of each
 _STEPS, _PAGE_STEPS = 24, 12  # of a path of the slip, in a figure and for every trial of a page
 
 
@@ -193,14 +193,8 @@ class ScatterCloud:
     drawn: Float[Tensor, "s k 2"]
 
     @classmethod
-    def along(cls, model: ContactModel, impacts: Impacts, count: int = 3) -> list["ScatterCloud"]:
-        """Return clouds at several incidences, from steep to shallow.
-
-        Args:
-            model: whose contact scatters.
-            impacts: measured.
-            count: of the clouds.
-        """
+    def along(cls, model: ContactModel, impacts: Impacts) -> list["ScatterCloud"]:
+        """Return clouds of measured impacts at several incidences, from steep to shallow."""
         d, generator = impacts.space.d, torch.Generator().manual_seed(0)
         plane = [0, d - 1]
         turn = impacts.slip_axes[:, :d, :d].mT[:, plane]
@@ -208,9 +202,9 @@ class ScatterCloud:
         turn = torch.cat((torch.where(slip < 0, -1.0, 1.0)[..., None] * turn[:, :1], turn[:, 1:]), 1)
         W, v_c = turn @ impacts.W @ turn.mT, rigid_body.matvec(turn, impacts.v_c)
         features = torch.stack((-v_c[:, 0] / v_c[:, 1], W[:, 0, 1] / W[:, 1, 1], W[:, 0, 0] / W[:, 1, 1]), 1)
-        places = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+        places = (torch.arange(_CLOUDS, dtype=torch.float64) + 0.5) / _CLOUDS
         scale = features.quantile(0.75, 0) - features.quantile(0.25, 0)
-        middle = features.median(0).values.repeat(count, 1)
+        middle = features.median(0).values.repeat(_CLOUDS, 1)
         middle[:, 0] = features[:, 0].quantile(places)
         apart = ((features - middle[:, None]) / scale.clamp_min(1e-9)).norm(dim=-1)
         return [
@@ -259,4 +253,4 @@ def slip_paths(impacts: Impacts, law: Law, steps: int = _STEPS) -> Float[Tensor,
     path, P_n = Hodograph(contact, law.coefficients[0].to(impacts.mass)), law.impulse(impacts.W, impacts.v_c)[:, 2]
     shares = torch.linspace(0, 1, steps + 1, dtype=torch.float64).to(P_n)
     points = [path.followed(path.start(), after_impulse(share * P_n)) for share in shares]
-    return torch.stack([torch.stack((one.v_1, one.v_2), -1) for one in points], 1)
+    return torch.stack([torch.stack((point.v_1, point.v_2), -1) for point in points], 1)

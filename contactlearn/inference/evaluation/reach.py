@@ -17,6 +17,7 @@ from contactlearn.mechanics.space import require_space
 _NODES = 33, 17  # of μ and ε; eight times as many change no share of the published drops by 0.01
 _JUMP = 0.2  # of the energy ellipse's radius: a wider cell spans a jump of the law
 
+_CELL_NODES, _CELL_FINER = (65, 33), 4  # of μ and ε; steps between two of them, where an impulse jumps
 _CELL_JUMP = 0.03  # of the ellipse's size, between the corners of a cell that is drawn
 _RESOLUTION = 4000  # steps across the ellipse: finer than a printer's dot
 _PAGE_NODES, _PAGE_FINER = (9, 5), 4  # of μ and ε; between two of them, to see where an impulse jumps
@@ -31,8 +32,8 @@ def grid(box: Box, nodes: tuple[int, int], finer: int = 1) -> tuple[Float[Tensor
     return box.mu[0] + u**2 * (box.mu[1] - box.mu[0]), box.eps[0] + w * (box.eps[1] - box.eps[0])
 
 
-def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[Tensor, "n"]:
-    """Compute the share [N] of the admissible impulses, by area, that a law gives with some (μ, ε) in the box.
+def reached_share(law: Law, impacts: Impacts) -> Float[Tensor, "n"]:
+    """Compute the share [N] of the admissible impulses, by area, that a law gives with some (μ, ε) in the default box.
 
     It is the area of those cells of a (μ, ε) grid, as the law maps them, whose centres are admissible.  The laws map
     sliding contacts one to one; where a contact sticks, cells become lines, which have no area.  A cell across a jump
@@ -40,7 +41,7 @@ def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[T
     v_n⁺ = 0 runs through its centre; the few of them that pull count as well.
     """
     require_space("the area of the admissible impulses", impacts.space)
-    mu, eps = (nodes.to(impacts.mass) for nodes in grid(box or Box(), _NODES))
+    mu, eps = (nodes.to(impacts.mass) for nodes in grid(Box(), _NODES))
     W, v_c = impacts.W, impacts.v_c
     P = law.at(mu[:, None, None], eps[:, None]).impulse(W, v_c)
     across, along = P[1:, 1:] - P[:-1, :-1], P[:-1, 1:] - P[1:, :-1]  # diagonals of the cells
@@ -51,26 +52,19 @@ def reached_share(law: Law, impacts: Impacts, box: Box | None = None) -> Float[T
     return (area * counted).sum((0, 1)) / (math.pi / 2 * radius**2 / torch.linalg.det(W).sqrt())
 
 
-def reached_cells(
-    law: Law,
-    W: Float[Tensor, "2 2"],
-    v_c: Float[Tensor, "2"],
-    box: Box,
-    nodes: tuple[int, int] = (65, 33),
-    finer: int = 4,
-) -> Cells:
+def reached_cells(law: Law, W: Float[Tensor, "2 2"], v_c: Float[Tensor, "2"], box: Box) -> Cells:
     """The cells of a (μ, ε) grid as a law maps them, each as its four corners in N s, counter-clockwise.
 
     Sticking makes μ void, and maps many cells onto one; one of them is kept.  Where P̂ jumps (Whittaker's does) a cell
     would hold impulses that the law cannot give: it is split, and parts that jump still are left out.
     """
-    mu, eps = grid(box, nodes, finer)
+    mu, eps = grid(box, _CELL_NODES, _CELL_FINER)
     P = _array(law.at(mu[:, None], eps).impulse(W, v_c))
     size = np.linalg.norm(np.ptp(_array(rigid_body.energy_ellipse(W, v_c)), axis=0))
-    parts, coarse = _cells(P), _cells(P[::finer, ::finer])
+    parts, coarse = _cells(P), _cells(P[::_CELL_FINER, ::_CELL_FINER])
     jumps = np.linalg.norm(np.ptp(parts, axis=2), axis=-1) > _CELL_JUMP * size
-    split = jumps.reshape(nodes[0] - 1, finer, nodes[1] - 1, finer).any((1, 3))
-    parts = parts[~jumps & split.repeat(finer, 0).repeat(finer, 1)]
+    split = jumps.reshape(_CELL_NODES[0] - 1, _CELL_FINER, _CELL_NODES[1] - 1, _CELL_FINER).any((1, 3))
+    parts = parts[~jumps & split.repeat(_CELL_FINER, 0).repeat(_CELL_FINER, 1)]
     unit = size / _RESOLUTION
     cells = np.round(np.concatenate((coarse[~split], parts)) / unit)
     cells = np.where((signed_areas(cells) < 0)[:, None, None], cells[:, ::-1], cells)

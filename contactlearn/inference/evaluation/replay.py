@@ -1,7 +1,7 @@
 """Replays: the trajectories of recordings as models predict them from the state of a first flight.
 
-    for one in replays({"law": model}, found, ["rig"]):
-        one.errors("law")
+    for replay in replays({"law": model}, tracked, ["rig"]):
+        replay.errors("law")
 
 A prediction starts with the flight before the first accepted contact of a recording, or with its first frames, and
 knows nothing of what comes later.  Recorded poses are corrected as the impacts are.  Heights are above the floor that
@@ -31,7 +31,7 @@ from contactlearn.core.numerics import wrapped
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings.flights import FlightModel
 from contactlearn.data.recordings.poses import Array, away
-from contactlearn.data.recordings.result import Found, Reason, RecordedContact
+from contactlearn.data.recordings.result import Reason, RecordedContact, SearchedTrack
 from contactlearn.data.tracks import Tracked
 from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
@@ -43,7 +43,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
 
 _BOUNCES = 1000  # after which a prediction ends
-_ABOVE = 0.02  # widths above the floor from which on a flight is predicted
+_MIN_CLEARANCE = 0.02  # widths above the floor from which on a flight is predicted
 FAR = 0.1
 """Distance over the body's width from which on a prediction is lost."""
 STARTS = ("flight", "frames")
@@ -96,12 +96,12 @@ class Replay:
     def errors(self, model: str) -> Float[Tensor, "t 2"]:
         """Return the distance over the body's width, and the angle in rad, of each frame."""
         predicted, recorded, d = self.predicted[model], self.recorded, 2 if self.recorded.shape[1] == 3 else 3
-        apart = (predicted - recorded)[:, :d].norm(dim=-1) / width(self.shape)
-        one, other = predicted[:, d:], recorded[:, d:]
+        distance = (predicted - recorded)[:, :d].norm(dim=-1) / width(self.shape)
+        turn, true = predicted[:, d:], recorded[:, d:]
         if d == 2:
-            return torch.stack((apart, wrapped(one - other).abs()[:, 0]), -1)
-        chord = torch.minimum((one - other).norm(dim=-1), (one + other).norm(dim=-1))  # of quaternions: 2 sin(angle/4)
-        return torch.stack((apart, 4 * (chord / 2).arcsin()), -1)
+            return torch.stack((distance, wrapped(turn - true).abs()[:, 0]), -1)
+        chord = torch.minimum((turn - true).norm(dim=-1), (turn + true).norm(dim=-1))  # of quaternions: 2 sin(angle/4)
+        return torch.stack((distance, 4 * (chord / 2).arcsin()), -1)
 
     def lost_after(self, model: str) -> float:
         """Return the time in s until the distance first exceeds `FAR`; infinite if it never does."""
@@ -138,12 +138,12 @@ class ReplayErrors:
     @classmethod
     def of(cls, replays: Sequence[Replay], model: str) -> Self:
         """Return the errors of one model."""
-        means = torch.stack([one.errors(model).mean(0) for one in replays])
+        means = torch.stack([replay.errors(model).mean(0) for replay in replays])
         distance, angle = (
             Spread(mean=x.mean().item(), deviation=x.std(correction=0).item(), median=x.quantile(0.5).item())
             for x in means.unbind(-1)
         )
-        lost = float(np.median([one.lost_after(model) for one in replays]))
+        lost = float(np.median([replay.lost_after(model) for replay in replays]))
         return cls(
             distance=distance,
             angle=angle,
@@ -154,8 +154,8 @@ class ReplayErrors:
 
 def coverage(replays: Sequence[Replay], model: str) -> Float[Tensor, "{BOUNCES}"]:
     """Return the share of recorded positions within the bands of a model after each bounce; NaN where there is none."""
-    inside = torch.cat([one.inside(model).double().mean(-1) for one in replays])
-    bounces = torch.cat([one.bounces[: one.fans[model].shape[1]] for one in replays])
+    inside = torch.cat([replay.inside(model).double().mean(-1) for replay in replays])
+    bounces = torch.cat([replay.bounces[: replay.fans[model].shape[1]] for replay in replays])
     return torch.stack([inside[bounces == k + 1].mean() for k in range(BOUNCES)])
 
 
@@ -167,7 +167,7 @@ def width(shape: Shape) -> float:
 
 def replays(
     models: Mapping[str, ContactModel],
-    found: Tracked,
+    tracked: Tracked,
     corrections: Sequence[str] = (),
     without: Collection[str] = (),
     *,
@@ -177,7 +177,7 @@ def replays(
 
     Args:
         models: by name.
-        found: recordings as they were searched.
+        tracked: recordings as they were searched.
         corrections: of the impacts, by name; they correct recorded poses as well.
         without: names of recordings to leave out.
         start: of the predictions: the fitted "flight" before the first accepted contact, or the first "frames" of the
@@ -186,8 +186,8 @@ def replays(
     Raises:
         DataError: no recording is left.
     """
-    hits = _hits(found, without)
-    raw = found.impacts.replace(validate=False)
+    contacts = _contacts_by_recording(tracked, without)
+    raw = tracked.impacts.replace(validate=False)
     impacts = correct(raw, corrections)
     shape = impacts.shape
     assert shape is not None
@@ -195,17 +195,19 @@ def replays(
     up = impacts.space.d - 1
     floor = (impacts.q[:, up] + impacts.r[:, up]).median()
     generator = np.random.default_rng(0)
-    again = found.reload({*hits})
-    takes = [_Take.of(one, hits[one.track.name], found.survey.model, start, generator) for one in again]
+    takes = [
+        _Take.of(recording, contacts[recording.track.name], tracked.survey.model, start, generator)
+        for recording in tracked.reload({*contacts})
+    ]
     seen = correct(_as_impacts(raw, takes), corrections)
     poses = seen.q.clone()
     poses[:, up] -= floor
     starts = torch.tensor([0, *(len(take.pose) for take in takes)]).cumsum(0)[:-1]
     orientation = poses[starts, 2] if up == 1 else poses[starts, 3:]
-    above = poses[starts, up] + contact_point(shape, orientation)[:, up] > _ABOVE * width(shape)
+    above = poses[starts, up] + contact_point(shape, orientation)[:, up] > _MIN_CLEARANCE * width(shape)
     kept, starts = [take for take, high in zip(takes, above, strict=True) if high], starts[above]
     if not kept:
-        raise DataError(f"{found.path}: no recording has a flight from above the floor to an accepted contact")
+        raise DataError(f"{tracked.path}: no recording has a flight from above the floor to an accepted contact")
     state = BodyState(
         pose=poses[starts],
         velocity=seen.v_pre[starts],
@@ -216,16 +218,10 @@ def replays(
     )
     floors = {name: model.contact_heights(impacts).median() - floor for name, model in models.items()}
     models = _about_the_centre(models, impacts)
-    predicted = _predicted(models, state, floors, [take.time for take in kept], found.rig)
-    first = [take.time[: take.followed] for take in kept]
+    predicted = _predicted(models, state, floors, [take.time for take in kept], tracked.rig)
     rows = starts[:, None] + torch.tensor([len(take.time) for take in kept])[:, None] + 1 + torch.arange(FAN)
     drawn = replace(state.repeated(FAN), pose=poses[rows].movedim(0, 1), velocity=seen.v_pre[rows].movedim(0, 1))
-    raised = torch.zeros_like(drawn.pose)
-    raised[..., up] = torch.from_numpy(generator.normal(0.0, found.floor.scatter, (FAN, len(kept))))
-    scattering = {name: model for name, model in models.items() if model.under.scatter}
-    sizes = np.array(found.survey.model.own[0][: impacts.space.d])
-    own = torch.from_numpy(sizes * generator.standard_normal((FAN, len(kept), len(sizes))))
-    fans = _fans(scattering, drawn, raised, own, floors, first, found.rig)
+    fans = _fans(models, drawn, floors, [take.time[: take.followed] for take in kept], tracked, generator)
     return [
         Replay(
             recording=take.recording,
@@ -241,23 +237,25 @@ def replays(
     ]
 
 
-def _hits(found: Tracked, without: Collection[str]) -> Mapping[str, list[tuple[int, RecordedContact]]]:
+def _contacts_by_recording(
+    tracked: Tracked, without: Collection[str]
+) -> Mapping[str, list[tuple[int, RecordedContact]]]:
     """Accepted contacts and their rows by recording."""
-    hits = defaultdict[str, list[tuple[int, RecordedContact]]](list)
-    for row, hit in enumerate(found.survey.contacts):
-        if hit.recording not in without:
-            hits[hit.recording].append((row, hit))
-    if not hits:
-        raise DataError(f"{found.path}: no recording is left that the model was not fitted to")
-    return hits
+    contacts = defaultdict[str, list[tuple[int, RecordedContact]]](list)
+    for row, contact in enumerate(tracked.survey.contacts):
+        if contact.recording not in without:
+            contacts[contact.recording].append((row, contact))
+    if not contacts:
+        raise DataError(f"{tracked.path}: no recording is left that the model was not fitted to")
+    return contacts
 
 
 def _about_the_centre(models: Mapping[str, ContactModel], impacts: Impacts) -> Mapping[str, ContactModel]:
     """The models of a body whose mass centre the rig card has moved away from the middle of its shape."""
-    beside = () if impacts.apparatus is None else impacts.apparatus.beside[: impacts.space.d]
-    if not any(beside):
+    offset = () if impacts.apparatus is None else impacts.apparatus.beside[: impacts.space.d]
+    if not any(offset):
         return models
-    rig = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, beside)])}
+    rig = {"rig": find_effect("com_offset", "contact")().at([*map(torch.tensor, offset)])}
 
     def moved(model: ContactModel) -> ContactModel:
         if isinstance(model.base, ContactModel):
@@ -281,11 +279,11 @@ def _predicted(
     floors: Mapping[str, Tensor],
     times: Sequence[Array],
     rig: Apparatus,
-    own: Float[Tensor, "s n d"] | None = None,
+    accelerations: Float[Tensor, "s n d"] | None = None,
 ) -> dict[str, Float[Tensor, "... n t pose"]]:
     """Poses of bodies at times of their own, padded, by model above its floor; a body at rest stays there.
 
-    With `own` accelerations the contact scatters, and poses have a first axis of one.
+    With `accelerations` the contact scatters, and poses have a first axis of one.
     """
     time = pad_sequence([torch.from_numpy(one) for one in times], batch_first=True, padding_value=math.nan)
     friction = None if rig.friction is None else rig.friction.value
@@ -296,9 +294,11 @@ def _predicted(
         raised = torch.zeros(state.pose.shape[-1], dtype=torch.float64)
         raised[state.space.d - 1] = floors[name]
         above = replace(state, pose=state.pose - raised)
-        how: dict[str, Any] = {"gravity": rig.gravity.value, "drag": drag, "friction": friction}
-        how |= {} if own is None else {"own": own[None], "samples": 1, "generator": torch.Generator().manual_seed(0)}
-        path = model.roll_out(above, until=until, **how)
+        random: dict[str, Any] = {}
+        if accelerations is not None:
+            generator = torch.Generator().manual_seed(0)
+            random = {"acceleration": accelerations[None], "samples": 1, "generator": generator}
+        path = model.roll_out(above, until=until, gravity=rig.gravity.value, drag=drag, friction=friction, **random)
         predicted[name] = path.at(torch.minimum(time, path.end[..., None])) + raised
     return predicted
 
@@ -306,27 +306,36 @@ def _predicted(
 def _fans(
     models: Mapping[str, ContactModel],
     drawn: BodyState,
-    raised: Float[Tensor, "s n pose"],
-    own: Float[Tensor, "s n d"],
     floors: Mapping[str, Tensor],
     times: Sequence[Array],
-    rig: Apparatus,
+    tracked: Tracked,
+    generator: np.random.Generator,
 ) -> dict[str, list[Float[Tensor, "s f pose"]]]:
-    """Fans of each recording by model, from drawn starts [FAN, N] above floors that are raised, with own accelerations.
+    """Fans of each recording by model whose contact scatters, from drawn starts [FAN, N].
 
-    Parameters are known well beside the scatter.
+    The floor's height and an acceleration in flight are drawn for each trajectory; parameters are known well beside the
+    scatter.
     """
+    d = drawn.space.d
+    raised = torch.zeros_like(drawn.pose)
+    raised[..., d - 1] = torch.from_numpy(generator.normal(0.0, tracked.floor.scatter, (FAN, len(times))))
+    sizes = np.array(tracked.survey.model.prior[0][:d])
+    accelerations = torch.from_numpy(sizes * generator.standard_normal((FAN, len(times), d)))
     drawn = replace(drawn, pose=drawn.pose - raised)
-    models = {name: replace(model, parameter_covariance=None) for name, model in models.items()}
-    found: dict[str, list[Tensor]] = {name: [] for name in models}
+    models = {
+        name: replace(model, parameter_covariance=None) for name, model in models.items() if model.law_model.scatter
+    }
+    fans: dict[str, list[Tensor]] = {name: [] for name in models}
     for begin in range(0, len(times), _AT_ONCE) if models else ():
         rows = slice(begin, begin + _AT_ONCE)
         fields = ("pose", "velocity", "mass", "inertia", "order")
         starts = replace(drawn, **{name: getattr(drawn, name)[:, rows] for name in fields})
-        for name, poses in _predicted(models, starts, floors, times[rows], rig, own=own[:, rows]).items():
+        for name, poses in _predicted(
+            models, starts, floors, times[rows], tracked.rig, accelerations=accelerations[:, rows]
+        ).items():
             poses = poses[0] + raised[:, rows, None]
-            found[name] += [poses[:, k, : len(time)] for k, time in enumerate(times[rows])]
-    return found
+            fans[name] += [poses[:, k, : len(time)] for k, time in enumerate(times[rows])]
+    return fans
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -349,31 +358,30 @@ class _Take:
     @classmethod
     def of(
         cls,
-        found: Found,
-        hits: Sequence[tuple[int, RecordedContact]],
+        searched: SearchedTrack,
+        contacts: Sequence[tuple[int, RecordedContact]],
         model: FlightModel,
         start: str,
         generator: np.random.Generator,
     ) -> Self:
         """Return the frames from the start until the body rests."""
-        (row, first), track = hits[0], found.track
-        flight = found.flights[first.flight]
+        (row, first), track = contacts[0], searched.track
+        flight = searched.flights[first.flight]
         seen = np.flatnonzero(track.seen)
         begin = float(track.time[flight.first if start == "flight" else seen[0]])
         rest = min(
-            (part.time[0] for part in found.refusals if part.reason is Reason.REST and part.time[0] > begin),
+            (part.time[0] for part in searched.refusals if part.reason is Reason.REST and part.time[0] > begin),
             default=math.inf,
         )
         frames = seen[(track.time[seen] >= begin) & (track.time[seen] <= rest)]
         time = track.time[frames]
-        late = sum((hit.missing * track.step * (time > hit.time) for _, hit in hits), np.zeros(len(time)))
+        skipped = sum((hit.missing * track.step * (time > hit.time) for _, hit in contacts), np.zeros(len(time)))
         if start == "flight":
             first_pose, first_velocity, errors = flight.at(begin)
         else:
             first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
             errors = np.zeros(2 * [2 * len(first_velocity)])
-        off = generator.multivariate_normal(np.zeros(len(errors)), errors, FAN)
-        moved, faster = np.split(off, 2, 1)
+        moved, faster = np.split(generator.multivariate_normal(np.zeros(len(errors)), errors, FAN), 2, 1)
         pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames], _displaced(first_pose, moved))))
         velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
         velocity[0], velocity[-FAN:] = torch.from_numpy(first_velocity), torch.from_numpy(first_velocity + faster)
@@ -381,17 +389,17 @@ class _Take:
         d = arm.shape[1]  # flights and tracks are of the centre of mass, impacts of the tracked point
         pose[:, :d] -= arm
         velocity[:, :d] -= swept(arm, velocity[:, d:])
-        last = [found_flight.last for found_flight in found.flights[first.flight :]]
-        bounces = np.searchsorted(last, frames)
+        ends = [later.last for later in searched.flights[first.flight :]]
+        bounces = np.searchsorted(ends, frames)
         return cls(
             recording=track.name,
             row=row,
-            time=time - begin + late,
+            time=time - begin + skipped,
             pose=pose.numpy(),
             velocity=velocity.numpy(),
             bounces=bounces,
-            sigma=found.sigma,
-            followed=int((bounces <= min(BOUNCES, len(last) - 1)).sum()),
+            sigma=searched.sigma,
+            followed=int((bounces <= min(BOUNCES, len(ends) - 1)).sum()),
         )
 
 
@@ -405,8 +413,8 @@ def _displaced(pose: Float[Array, "m"], moved: Float[Array, "s k"]) -> Float[Arr
 
 def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> tuple[Float[Array, "pose"], Float[Array, "D"]]:
     """Pose of a first frame, and its velocity as the median of differences of the frames from there on."""
-    few, d = slice(0, _DIFFERENCES + 1), len(gravity)
-    step, middle = np.diff(time[few])[:, None], (time[few][1:, None] + time[few][:-1, None]) / 2 - time[0]
-    moved = away(pose[few][1:], pose[few][:-1]) / step
+    first, d = slice(0, _DIFFERENCES + 1), len(gravity)
+    step, middle = np.diff(time[first])[:, None], (time[first][1:, None] + time[first][:-1, None]) / 2 - time[0]
+    moved = away(pose[first][1:], pose[first][:-1]) / step
     moved[:, :d] -= middle * gravity
     return pose[0], np.median(moved, 0)

@@ -30,7 +30,7 @@ from contactlearn.inference.identification.problem import JointProblem
 
 _ROUNDS = 4
 _SETTLED = 1e-3  # change of a parameter, of its range, at which it has converged; the next is at most a thirtieth of it
-_APART = 1e-3  # of the noise before impact: J from the outcomes so far to either side has nine digits
+_DIFFERENCE_STEP = 1e-3  # of the noise before impact: J from the outcomes so far to either side has nine digits
 _STEPS = (1.0, 0.5, 0.25, 0.0)  # lengths of a latent state's step that are tried; the best is taken
 
 
@@ -85,7 +85,7 @@ def _corrected(observed: JointProblem, problem: JointProblem, noise: Noise, thet
     """Return the problem about updated latent states, from those of the last problem, at parameters [B, K]."""
     before = torch.diag(noise.before.square())
     last, seen = problem.state.v_pre, observed.state.v_pre
-    apart = (_APART * torch.diag(noise.before))[:, None, None]
+    apart = (_DIFFERENCE_STEP * torch.diag(noise.before))[:, None, None]
     outcomes = observed.outcome(torch.cat((last[None], last + apart, last - apart)), theta[:, None])
     outcome, up, down = outcomes[0], *outcomes[1:].chunk(2)
     J = ((up - down) / (2 * apart.sum(-1, keepdim=True))).movedim(0, -1).nan_to_num(0.0, 0.0, 0.0)

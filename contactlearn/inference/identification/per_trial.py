@@ -22,6 +22,8 @@ from contactlearn.laws import Law, named
 from contactlearn.mechanics.impacts import Impacts, measured_impulse, require_impacts
 
 _STEP = 1e-7  # finite difference of P̂ in μ and ε
+_PROBES = 15  # of μ between one that fits and one that does not
+_WIDEST = 0.1  # half-width of a grid in μ and ε
 
 
 def fit_trials(
@@ -144,19 +146,17 @@ def _levenberg_marquardt(problem: _Problem, mu: Tensor, eps: Tensor, rounds: int
     return cost, mu, eps, torch.where(better, torch.inf, promised)
 
 
-def _edge_of_sticking(
-    problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, *, nodes: int = 33
-) -> tuple[Tensor, ...]:
+def _edge_of_sticking(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor) -> tuple[Tensor, ...]:
     """Best (cost, μ, ε) [N] on the curve of the largest μ that still slides, where P̂ may jump."""
     low, high = problem.box.eps
     centre, half = torch.full_like(cost, 0.5 * (low + high)), 0.5 * (high - low)
-    best, line = (cost, mu, eps), torch.linspace(-1, 1, nodes, dtype=torch.float64).to(cost)[:, None]
+    best, line = (cost, mu, eps), torch.linspace(-1, 1, 33, dtype=torch.float64).to(cost)[:, None]
     while half > 1e-9:
         eps = (centre + half * line).clamp(low, high)
         mu = ((1 - 1e-12) * _slope(*problem.impulse(problem.box.mu[1], eps))).clamp(*problem.box.mu)
-        found = _lowest(problem.cost(mu, eps), mu, eps)
-        best = _lower(found, best)
-        centre, half = found[2], half * 0.1
+        lowest = _lowest(problem.cost(mu, eps), mu, eps)
+        best = _lower(lowest, best)
+        centre, half = lowest[2], half * 0.1
     return best
 
 
@@ -166,9 +166,7 @@ def _jumps(problem: _Problem, mu: Tensor, eps: Tensor) -> Tensor:
     return _dot(jump, jump) > 1e-8 * _dot(problem.P.T, problem.P.T)
 
 
-def _shrinking_grid(
-    problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, *, widest: float = 0.1
-) -> tuple[Tensor, ...]:
+def _shrinking_grid(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor) -> tuple[Tensor, ...]:
     """Best (cost, μ, ε) [N] of 9 × 9 grids about the best so far.
 
     Each is a quarter as wide as the last, but three times as wide where its best point is on the border, since a kink
@@ -177,7 +175,7 @@ def _shrinking_grid(
     offsets = torch.linspace(-1, 1, 9, dtype=torch.float64).to(mu)
     offset_mu, offset_eps = torch.cartesian_prod(offsets, offsets)[:, :, None].unbind(1)
     border = torch.maximum(offset_mu.abs(), offset_eps.abs())
-    half = torch.full_like(cost, widest)
+    half = torch.full_like(cost, _WIDEST)
     for _ in range(100):
         if not bool((half > 1e-9).any()):
             break
@@ -186,11 +184,11 @@ def _shrinking_grid(
         *found, out = _lowest(problem.cost(around_mu, around_eps), around_mu, around_eps, border)
         better = found[0] < cost
         cost, mu, eps = (torch.where(better, a, b) for a, b in zip(found, (cost, mu, eps), strict=True))
-        half = torch.where(better & (out == 1), (3 * half).clamp_max(widest), 0.25 * half)
+        half = torch.where(better & (out == 1), (3 * half).clamp_max(_WIDEST), 0.25 * half)
     return cost, mu, eps
 
 
-def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes: int = 15) -> tuple[Tensor, Tensor]:
+def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor) -> tuple[Tensor, Tensor]:
     """Ends [N] of the interval of μ about the optimum on which ε alone keeps the error as small."""
     # An allowance on the square of the error, so that a smooth minimum above zero has no width either.
     limit = cost + 1e-14 * _dot(problem.P.T, problem.P.T)
@@ -202,14 +200,14 @@ def _mu_interval(problem: _Problem, cost: Tensor, mu: Tensor, eps: Tensor, nodes
     side, rows = open_.nonzero(as_tuple=True)
     problem, limit, eps = problem[rows], limit[rows], eps[rows]
     good, bad = ends[open_], bounds[side, 0]
-    fraction = torch.linspace(0, 1, nodes + 2, dtype=torch.float64).to(mu)[:, None]
+    fraction = torch.linspace(0, 1, _PROBES + 2, dtype=torch.float64).to(mu)[:, None]
     width = 1.0
     while width > 1e-7:
-        mu = torch.lerp(good, bad, fraction)  # [nodes + 2, pairs], the first is good
+        mu = torch.lerp(good, bad, fraction)  # [_PROBES + 2, pairs], the first is good
         fits = (_best_in_eps(problem, mu, eps, steps=3)[0] <= limit).cumprod(0).sum(0).clamp_min(1)
         good = mu.gather(0, (fits - 1)[None])[0]
-        bad = mu.gather(0, fits.clamp_max(nodes + 1)[None])[0]
-        width /= nodes + 1
+        bad = mu.gather(0, fits.clamp_max(_PROBES + 1)[None])[0]
+        width /= _PROBES + 1
     ends[open_] = good
     return ends[0], ends[1]
 

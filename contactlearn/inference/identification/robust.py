@@ -22,6 +22,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from contactlearn.core.numerics import mahalanobis
+
 _NU = 5.0  # degrees of freedom: 95 % as efficient as least squares on Gaussian noise
 _ROUNDS, _HALVING = 60, 6
 _DAMPING = torch.tensor((0.1, 0.1, 10.0), dtype=torch.float64)  # of each step, by that of the last
@@ -72,12 +74,6 @@ class Problem(Protocol):
     def linearised(self, theta: Tensor) -> tuple[Tensor, Tensor]:
         """Residual [B, n, D], and its derivative [B, n, D, K], at parameters [B, K]."""
         ...
-
-
-def _distance(residual: Tensor, scatter: Tensor) -> Tensor:
-    """d² [..., n] of the module's formula."""
-    white = torch.linalg.solve_triangular(torch.linalg.cholesky(scatter), residual.mT, upper=False)
-    return white.square().sum(-2)
 
 
 def _weight(distance: Tensor, components: int) -> Tensor:
@@ -199,7 +195,7 @@ def _steps(
     width = problem.high - problem.low
     gradient, curvature, _, each = _normal(residual, slope * width, scatter)
     components = residual.shape[-1]
-    newton = _observed(curvature, each, _weight(_distance(residual, scatter), components), components)
+    newton = _observed(curvature, each, _weight(mahalanobis(residual, scatter), components), components)
     held = ((theta <= problem.low) & (gradient > 0)) | ((theta >= problem.high) & (gradient < 0))
     curvature = torch.stack((newton, curvature, curvature)).masked_fill(held[:, :, None] | held[:, None, :], 0.0)
     dampings = (_DAMPING.to(damping)[:, None] * damping)[..., None] * curvature.diagonal(dim1=-2, dim2=-1)
@@ -228,7 +224,7 @@ def whitened(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, 
 
 def robust_distance(residual: Tensor, scatter: Tensor) -> Tensor:
     """Compute a trial's term of the loss for a given scatter, ½ (ν + D) log(1 + d²/ν) [..., n] in nats."""
-    return (0.5 * (_NU + residual.shape[-1])) * torch.log1p(_distance(residual, scatter) / _NU)
+    return (0.5 * (_NU + residual.shape[-1])) * torch.log1p(mahalanobis(residual, scatter) / _NU)
 
 
 def _normal(residual: Tensor, slope: Tensor, scatter: Tensor) -> tuple[Tensor, ...]:
@@ -247,7 +243,7 @@ def _picked(x: Tensor, which: Tensor) -> Tensor:
 
 def trial_weights(residual: Tensor, scatter: Tensor) -> Tensor:
     """Compute the weights [B, n] of the trials, near 0 for gross outliers and 1 for those that are fitted exactly."""
-    return _NU / (_NU + _distance(residual.nan_to_num(0.0, 0.0, 0.0), scatter))
+    return _NU / (_NU + mahalanobis(residual.nan_to_num(0.0, 0.0, 0.0), scatter))
 
 
 def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tensor, Tensor]:
@@ -264,7 +260,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
     width = problem.high - problem.low
     slope = slope * width  # parameters in units of their ranges from here on
     residual, slope = (x.nan_to_num(0.0, 0.0, 0.0) for x in (residual, slope))  # then the loss is infinite
-    distance, (n, D), K = _distance(residual, scatter), residual.shape[1:], theta.shape[-1]
+    distance, (n, D), K = mahalanobis(residual, scatter), residual.shape[1:], theta.shape[-1]
     _, curvature, slope, each = _normal(residual, slope, scatter)
     weight = _weight(distance, D)
     observed = _observed(curvature, each, weight, D)
@@ -294,7 +290,7 @@ def uncertainty(problem: Problem, theta: Tensor, scatter: Tensor) -> tuple[Tenso
 def _scattered(problem: Problem, residual: Tensor, scatter: Tensor, steps: int) -> Tensor:
     """Update the scatter [..., B, D, D] by steps of expectation–maximisation."""
     for _ in range(steps):
-        weighted = _weight(_distance(residual, scatter), residual.shape[-1])[..., None] * residual
+        weighted = _weight(mahalanobis(residual, scatter), residual.shape[-1])[..., None] * residual
         scatter = (residual.mT @ weighted) / residual.shape[-2]
         if problem.scaled:
             scatter = scatter.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(residual.shape[-1]).to(

@@ -135,7 +135,7 @@ class Scatter:
         the contact scatters: the normal by 0.65 ± 0.04°, friction by 0.016 ± 0.003
         the instrument has noise beside the stated: 0.100 ± 0.004 rad/s
         """
-        values = {one.name: str(one) for one in self.deviations}
+        values = {deviation.name: str(deviation) for deviation in self.deviations}
         parts = [component.in_words.format(sigma=values[name]) for name, component in self.model.scatter.items()]
         lines = ["the contact scatters: " + ", ".join(parts) if parts else "no scatter of the contact is seen"]
         noise = ", ".join(values[name] for name in (*INSTRUMENT, *self.recorded) if name in values)
@@ -149,9 +149,10 @@ class Scatter:
         lines += [f"{outliers:.0%} are outliers, {far:.0f} times as far off"] if outliers > 0.005 else []
         return "\n".join(lines)
 
-    def confounded(self, limit: float = ScatterThresholds().collinearity) -> tuple[tuple[str, str, float], ...]:
-        """Pairs of components whose estimates are correlated beyond a limit."""
-        names = [one.name for one in self.deviations]
+    def confounded(self) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of components whose estimates are correlated too much to be told apart."""
+        limit = ScatterThresholds().collinearity
+        names = [deviation.name for deviation in self.deviations]
         pairs = (self.correlation.abs().triu(1) > limit).nonzero().tolist()
         return tuple((names[j], names[k], self.correlation[j, k].item()) for j, k in pairs)
 
@@ -161,7 +162,7 @@ class Scatter:
         It is the sum of that of the impacts and of the estimated one.
         """
         problem = _Problem.of(replace(self.model, scatter={}), impacts)
-        values = {one.name: one.value**2 for one in self.deviations}
+        values = {deviation.name: deviation.value**2 for deviation in self.deviations}
         before, after = problem.instrument(torch.tensor([values.get(name, 0.0) for name in INSTRUMENT]).double())
         theta = torch.stack([x.mean() for x in self.model.values])
         slope = problem.linearised(theta, *problem.still).slope_before
@@ -222,7 +223,7 @@ def _fitted(
     impacts: Impacts, model: ContactModel, candidates: Sequence[Component], thresholds: ScatterThresholds, quick: bool
 ) -> Scatter:
     """Search the components, and estimate the best sets anew unless it shall be `quick`."""
-    problem = _Problem.of(replace(model, scatter={one.name: one for one in candidates}), impacts)
+    problem = _Problem.of(replace(model, scatter={candidate.name: candidate for candidate in candidates}), impacts)
     theta, every = torch.stack([x.mean() for x in model.values]), torch.ones(len(problem.starts), dtype=torch.bool)
     whole = _estimate(problem, theta, every)
     penalty = max(math.log(len(impacts)), thresholds.least_gain)
@@ -315,7 +316,7 @@ class _Problem:
     @property
     def sizes(self) -> list[int]:
         """Number of deviations of each component."""
-        return [one.deviations(self.impacts.space) for one in self.components]
+        return [component.deviations(self.impacts.space) for component in self.components]
 
     @property
     def fixed(self) -> Bool[Tensor, " c"]:
@@ -334,12 +335,12 @@ class _Problem:
         d = self.impacts.space.d
         speeds = (self.impacts.v_pre[:, :d], self.impacts.v_pre[:, d:])
         instrument = [1e-4 * v.square().mean().item() + 1e-12 for v in speeds]
-        own = [(_START * one.highest) ** 2 for one in self.components]
+        own = [(_START * component.highest) ** 2 for component in self.components]
         return torch.tensor([*instrument, *own], dtype=torch.float64)
 
     def names(self, free: Tensor) -> tuple[str, ...]:
         """Names of the components of a set, the instrument's only where they need not be there."""
-        every = [*INSTRUMENT, *(one.name for one in self.components)]
+        every = [*INSTRUMENT, *(component.name for component in self.components)]
         chosen = (free & ~self.fixed).tolist()
         return tuple(name for name, is_chosen in zip(every, chosen, strict=True) if is_chosen)
 
@@ -477,8 +478,8 @@ def _calibrated(scatter: Scatter, impacts: Impacts) -> Scatter:
 
 def _prior(problem: _Problem, variances: Tensor) -> Tensor:
     """Variance [q] of each deviation."""
-    own = variances[_FIRST:]
-    return torch.cat([x.expand(size) for x, size in zip(own, problem.sizes, strict=True)]) if len(own) else own
+    each = variances[_FIRST:]
+    return torch.cat([x.expand(size) for x, size in zip(each, problem.sizes, strict=True)]) if len(each) else each
 
 
 def _most_probable(
@@ -518,16 +519,16 @@ def _described(
     covariance = torch.linalg.pinv(inside / (size[:, None] * size), hermitian=True) / (size[:, None] * size)
     spread = covariance.diagonal().sqrt()
     labels = [(INSTRUMENT[0], "s_v", "m/s"), (INSTRUMENT[1], "s_ω", "rad/s")]
-    labels += [(one.name, f"σ_{one.symbol}", one.unit) for one in components]
+    labels += [(component.name, f"σ_{component.symbol}", component.unit) for component in components]
     deviations: list[StandardDeviation] = []
     for row, error in zip(rows.tolist(), spread.tolist(), strict=True):
         name, symbol, unit = labels[row]
         value = math.sqrt(fit.variances[row].item())
         near = min(error / (2 * value), math.sqrt(error))  # of a variance that may be 0
         deviations.append(StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=near))
-    values = {one.name: one.value for one in deviations}
-    own = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
-    scatter = {name: one for name, one in own.items() if not one.of_instrument}
+    values = {deviation.name: deviation.value for deviation in deviations}
+    estimated = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
+    scatter = {name: one for name, one in estimated.items() if not one.of_instrument}
     inverse = torch.linalg.inv(fit.precision)
     model = assemble(problem.model.law, problem.model.effects, best.theta, inverse)
     prior = _prior(problem, fit.variances)
@@ -544,8 +545,8 @@ def _described(
         bic=best.bic(penalty) - without.bic(penalty),
         rivals=rivals,
         mixture=fit.mixture,
-        each={one.name: (u, error) for one, u, error in each if one.name in own},
+        each={one.name: (u, error) for one, u, error in each if one.name in estimated},
         distance=fit.distance,
         converged=best.converged,
-        recorded={name: one for name, one in own.items() if one.of_instrument},
+        recorded={name: one for name, one in estimated.items() if one.of_instrument},
     )

@@ -63,7 +63,7 @@ def finer(cost: Cost, x: Tensor, box: Box, keep: int) -> Tensor:
     return points.gather(0, best[..., None].expand(*best.shape, 2))
 
 
-def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> tuple[Tensor, Tensor]:
+def pattern_search(cost: Cost, x: Tensor, box: Box) -> tuple[Tensor, Tensor]:
     """Minimise the cost from the starts x [starts, B, S, 2]: the best x [B, S, 2] and its cost [B, S].
 
     Each round tries twelve points around x, at first one grid spacing away, and nearer after a round without
@@ -75,7 +75,7 @@ def pattern_search(cost: Cost, x: Tensor, box: Box, tolerance: float = 1e-6) -> 
     step = torch.full_like(x[..., 0], spacing)
     best = cost(x)
     turn = 0.0
-    while bool((step > tolerance).any()):
+    while bool((step > 1e-6).any()):
         around = torch.stack(((clock + turn).cos(), (clock + turn).sin()), -1) * step[..., None] * (high - low)
         around = torch.minimum(torch.maximum(x + around, low), high)
         value, which = cost(around).min(0)

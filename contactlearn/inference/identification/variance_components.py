@@ -20,10 +20,10 @@ from torch import Tensor
 _ROUNDS = 6
 _REWEIGHTED = 3  # times that trials get new weights at given variances
 _CALM = 1e-3  # nats that a last round brings
-_NOTHING = 1e-6  # share of the variance of the trials below which a component is 0
+_MIN_VARIANCE_SHARE = 1e-6  # share of the variance of the trials below which a component is 0
 _FASTEST = 0.05  # of its last value, to which a variance may fall in one step, so that it does not stick at 0 too early
-_WIDEST = ((1.0, 1.0), (1.5, 5.0), (5.0, 100.0))  # bounds of the factors c of trials, tails, outliers
-_MOST = (1.0, 0.4, 0.1)  # bounds of their shares
+_FACTOR_BOUNDS = ((1.0, 1.0), (1.5, 5.0), (5.0, 100.0))  # bounds of the factors c of trials, tails, outliers
+_SHARE_BOUNDS = (1.0, 0.4, 0.1)  # bounds of their shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Mixture:
     def updated(self, distance: Float[Tensor, " n"], components: int) -> "Mixture":
         """Return the mixture after one step of expectation–maximisation."""
         each = self.log_density(distance, components).softmax(-1)
-        most, bounds = torch.tensor(_MOST).double(), torch.tensor(_WIDEST).double()
+        most, bounds = torch.tensor(_SHARE_BOUNDS).double(), torch.tensor(_FACTOR_BOUNDS).double()
         shares = torch.minimum(each.mean(0), most)
         shares[0] = 1 - shares[1:].sum()
         square = (each * distance[:, None]).sum(0) / (components * each.sum(0).clamp_min(1e-12))
@@ -141,7 +141,7 @@ class MixedModel:
         whole = torch.einsum("nij,cnji->cn", fit.inverse, self.bases).mean(-1)  # share of a unit variance
         for length in (1.0, 0.5, 0.25, 0.1, 0.02):
             tried = torch.maximum(fit.variances + length * step, _FASTEST * fit.variances)
-            tried = torch.where(tried * whole > _NOTHING, tried, 0.0)
+            tried = torch.where(tried * whole > _MIN_VARIANCE_SHARE, tried, 0.0)
             moved = self.at(tried, fit.mixture, fit.weight)
             if moved.log_likelihood >= fit.log_likelihood:
                 return moved

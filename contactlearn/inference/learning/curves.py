@@ -442,10 +442,10 @@ def first_below(curve: Sequence[float], sizes: Sequence[int], reference: Sequenc
     return next((size for size, a, b in zip(sizes, curve, reference, strict=True) if a < b), None)
 
 
-def settled(curve: Sequence[float], sizes: Sequence[int], share: float = 0.05) -> int | None:
-    """Find the size from which on the curve is within a share of its minimum; None if its last value is not."""
+def settled(curve: Sequence[float], sizes: Sequence[int]) -> int | None:
+    """Find the size from which on the curve is within 5 % of its minimum; None if its last value is not."""
     least = min(curve)
-    late = [value > (1 + share) * least for value in curve]
+    late = [value > 1.05 * least for value in curve]
     if late[-1]:
         return None
     return sizes[len(late) - late[::-1].index(True)] if any(late) else sizes[0]

@@ -186,18 +186,11 @@ def learn(
         P = measured_impulse(impacts, impulse)
         regressor, values = _learn_parameters(recipe, impacts, rows, start, P, box or Box(), like, listener)
     elif recipe.target == "parameters_identified":
-        found = fit_trials(impacts, start.law, target=impulse, box=box)
-        values = torch.stack((found.mu, found.eps), -1)[rows]
+        trials = fit_trials(impacts, start.law, target=impulse, box=box)
+        values = torch.stack((trials.mu, trials.eps), -1)[rows]
         regressor = fit(values, on_round=listener(values))
     else:
-        left = start.base_prediction(impacts)
-        values = {
-            "velocity": impacts.v_post - left.v_post,
-            "impulse": measured_impulse(impacts, impulse) - left.wrench[..., : impacts.space.d],
-            "wrench": impacts.wrench - left.wrench,
-        }[recipe.target]
-        size = values.shape[-1]
-        values = _at(matvec(impacts.slip_axes.mT[:, :size, :size], values), rows)
+        values = _at(_residual(recipe.target, impacts, start, impulse), rows)
         known = _scattering(impacts, start)
         stated = noise_weight(known, recipe.target), noise_variance(known, recipe.target)
         weight, noise = (None if part is None else part[rows] for part in stated)
@@ -292,6 +285,18 @@ def _fitted_law(law: Law, impacts: Impacts, rows: Tensor, impulse: str, box: Box
     return law.at(*(values.reshape(*rows.shape[:-1], 1) for values in (fitted.mu, fitted.eps)))
 
 
+def _residual(target: str, impacts: Impacts, start: ContactModel, impulse: str) -> Tensor:
+    """Measured target less that of the base, along the axes of the slip."""
+    base = start.base_prediction(impacts)
+    values = {
+        "velocity": impacts.v_post - base.v_post,
+        "impulse": measured_impulse(impacts, impulse) - base.wrench[..., : impacts.space.d],
+        "wrench": impacts.wrench - base.wrench,
+    }[target]
+    size = values.shape[-1]
+    return matvec(impacts.slip_axes.mT[:, :size, :size], values)
+
+
 def _before_learning(recipe: Recipe, base: Law | ContactModel | None) -> ContactModel:
     """Return the base as a model without the part that is learnt.
 
@@ -364,7 +369,7 @@ def _learn_parameters(
 
 def _scattering(impacts: Impacts, model: ContactModel) -> Impacts:
     """Return impacts whose covariances of v_post have the scatter of a model's contact."""
-    if not model.under.scatter:
+    if not model.law_model.scatter:
         return impacts
     stated, scatter = impacts.v_post_cov, model.scatter_covariance(impacts)
     return impacts.replace(v_post_cov=scatter if stated is None else stated + scatter, validate=False)

@@ -106,7 +106,7 @@ def trace(
     names = {
         **{"mass": ("mass",), "inertia": space.inertia, "r": space.position, "pose": space.pose},
         **{"velocity": space.velocity, "order": ("order",), "body": ("body",)},
-        **({"deviations": tuple(one.name for one in deviations)} if deviations else {}),
+        **({"deviations": tuple(deviation.name for deviation in deviations)} if deviations else {}),
     }
     example = chain(_EXAMPLE[space.name], repeat(0.0))
     values = dict[str, torch.Tensor]()
@@ -131,7 +131,7 @@ def trace(
             state = actual_state(moved.effects, state.replace(r=state.contact_points(state.orientation)))
             values["mu"], values["eps"] = actual_coefficients(moved.effects, state, *moved.law.coefficients)
         else:
-            sizes = [one.deviations(space) for one in components]
+            sizes = [component.deviations(space) for component in components]
             parts = given["deviations"].split(sizes, -1) if deviations else ()
             deviated = [*zip(components, parts, strict=True)]
             found = resolve(moved.law, moved.effects, state, *moved.law.coefficients, deviations=deviated)
@@ -180,9 +180,9 @@ def without_residual(model: ContactModel) -> ContactModel:
     Raises:
         ContactLearnError: without its processes there is no law, or no μ and ε.
     """
-    if model.under.base is None or model.under.parameters is not None:
+    if model.law_model.base is None or model.law_model.parameters is not None:
         raise ContactLearnError("without its Gaussian processes this model has no law with μ and ε to export")
-    under = model.under
+    under = model.law_model
     return replace(under, noise=None, provenance={})
 
 

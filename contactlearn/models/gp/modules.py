@@ -68,8 +68,8 @@ def find(target: object) -> type[torch.nn.Module]:
     library, _, path = str(target).partition(".")
     package, _, name = path.partition(".")
     if library == "gpytorch" and package in _PACKAGES:
-        own, base = vars(getattr(gpytorch, package)), _PACKAGES[package]
-        known = {key: kind for key, kind in own.items() if isinstance(kind, type) and issubclass(kind, base)}
+        classes, base = vars(getattr(gpytorch, package)), _PACKAGES[package]
+        known = {key: kind for key, kind in classes.items() if isinstance(kind, type) and issubclass(kind, base)}
         if name not in known:
             raise UnknownNameError(f"module of gpytorch.{package}", name, known)
         return known[name]
@@ -197,16 +197,16 @@ def build(description: Mapping[str, Any], filled: Mapping[str, Any]) -> Any:
     kind, filled = description["_target_"], dict(filled)
     if description.get("active_dims") is not None:
         filled |= dict.fromkeys(("ard_num_dims", "num_dims"), len(description["active_dims"]))
-    own = {name: value for name, value in description.items() if name not in ("_target_", "_args_")}
+    arguments = {name: value for name, value in description.items() if name not in ("_target_", "_args_")}
     inner = dict(filled)
     if kind is gpytorch.kernels.ArcKernel:
         inner["ard_num_dims"] *= 2  # each feature is a cosine and a sine to the kernel inside
-    own = {name: _argument(value, kind, inner) for name, value in own.items()}
+    arguments = {name: _argument(value, kind, inner) for name, value in arguments.items()}
     parts = [_argument(value, kind, inner) for value in description.get("_args_", ())]
-    if any(isinstance(part, Kernel) for part in (*own.values(), *parts)):
+    if any(isinstance(part, Kernel) for part in (*arguments.values(), *parts)):
         del filled["ard_num_dims"]  # of the kernels inside
     takes = _parameters(kind)
-    return kind(*parts, **{name: value for name, value in filled.items() if name in takes} | own)
+    return kind(*parts, **{name: value for name, value in filled.items() if name in takes} | arguments)
 
 
 def _argument(value: Any, kind: type, filled: Mapping[str, Any]) -> Any:
@@ -223,6 +223,6 @@ def _parameters(kind: type) -> set[str]:
         if "__init__" in vars(base):
             parameters = list(inspect.signature(base.__init__).parameters.values())[1:]
             names |= {one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)}
-            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
+            if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
                 break
     return names

@@ -36,7 +36,7 @@ from contactlearn.models.gp.training import optimise
 INDUCING = 200
 """Inducing points M of a process; all training points where these are fewer."""
 
-_FEW = 500  # random training points, on which exact processes find where the search begins
+_EXACT_POINTS = 500  # random training points, on which exact processes find where the search begins
 _SAMPLE = 10_000  # random training points, of which the inducing points and the hyperparameters are
 _BLOCK = 1 << 14  # points whose features are in memory at a time
 _JITTER = 1e-10  # relative, on the diagonal of K_zz: long length scales leave it singular to rounding
@@ -68,7 +68,7 @@ class SparseGPs(GaussianProcesses):
         n = self.train_targets.shape[-1]
         order = torch.randperm(n, generator=torch.Generator().manual_seed(0)).to(self.train_targets.device)
         if like is None:
-            like = ExactGPs(*self.data(order[:_FEW]))
+            like = ExactGPs(*self.data(order[:_EXACT_POINTS]))
             like.fit()
         sample = self if n <= _SAMPLE else SparseGPs(*self.data(order[:_SAMPLE]))
         like.copy_to(sample)

@@ -51,7 +51,9 @@ from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import scattered_impulses
-from contactlearn.report.text import base_label, effect_label, error, fix_spacing, percent, phrase, rung_label, sentence
+from contactlearn.report.text.names import base_label, effect_label, rung_label, sentence
+from contactlearn.report.text.numbers import error, fix_spacing, percent
+from contactlearn.report.text.sentences import phrase
 
 _BLUE, _RED, _YELLOW = st.CONTRAST
 _INKS = {
@@ -78,60 +80,60 @@ _QUESTIONS = {
 _VECTOR = 5000  # dots that a PDF draws one by one
 
 
-def drawn(found: Diagnosis) -> dict[str, Figure]:
+def drawn(diagnosis: Diagnosis) -> dict[str, Figure]:
     """Draw every figure of a diagnosis.
 
     They are `audit_<finding>`, `regions`, `residual`, `scatter`, `scatter_impulses`, `effect_<name>`, `ladder`,
     `budget` and `frontier`.
 
     Args:
-        found: the diagnosis with the evidence of its audit, and with its record unless the data were refused.
+        diagnosis: the diagnosis with the evidence of its audit, and with its record unless the data were refused.
     """
-    figures, record = dict[str, Figure](), found.record
-    for finding in found.findings:
-        if finding.name in found.evidence:
-            figures[f"audit_{finding.name}"] = audit_figure(finding, found.evidence[finding.name])
-    if record is not None and found.regions:
-        figures["regions"] = regions_figure(found.regions, record)
-    if record is not None and found.remainder is not None:
-        figures["residual"] = residual_figure(found.remainder, record)
+    figures, record = dict[str, Figure](), diagnosis.record
+    for finding in diagnosis.findings:
+        if finding.name in diagnosis.evidence:
+            figures[f"audit_{finding.name}"] = audit_figure(finding, diagnosis.evidence[finding.name])
+    if record is not None and diagnosis.regions:
+        figures["regions"] = regions_figure(diagnosis.regions, record)
+    if record is not None and diagnosis.remainder is not None:
+        figures["residual"] = residual_figure(diagnosis.remainder, record)
     if record is not None and record.deviations:
         figures["scatter"] = scatter_figure(record.deviations)
     if record is not None and record.model.scatter:
         figures["scatter_impulses"] = scattered_impulses(ScatterCloud.along(record.model, record.impacts))
     if record is not None:
-        for missing, partial in zip(found.missing, record.residuals, strict=True):
+        for missing, partial in zip(diagnosis.missing, record.residuals, strict=True):
             name = "_".join(filter(None, ("effect", missing.effect.name, missing.effect.form)))
             figures[name] = effect_curve(partial, effect_label(missing.effect))
-    if found.ladder:
-        figures["ladder"] = ladder_figure(found)
-    if found.budget is not None and found.budget.shares.noise is not None:
-        figures["budget"] = budget_figure(found.budget)
-    if found.frontier:
-        figures["frontier"] = frontier_figure(found)
+    if diagnosis.ladder:
+        figures["ladder"] = ladder_figure(diagnosis)
+    if diagnosis.budget is not None and diagnosis.budget.shares.noise is not None:
+        figures["budget"] = budget_figure(diagnosis.budget)
+    if diagnosis.frontier:
+        figures["frontier"] = frontier_figure(diagnosis)
     return figures
 
 
 @st.look()
-def ladder_figure(found: Diagnosis) -> Figure:
+def ladder_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the held-out error of each rung with its 95 % interval; the IRB bound is a line."""
-    names = [rung_label(rung, base_label(found)) for rung in found.ladder]
-    colors = [_INKS.get(rung.kind, st.tint(st.DARK, 0.35)) for rung in found.ladder]
-    figure = error_bars(names, [rung.error for rung in found.ladder], colors)
-    if found.budget is not None:
+    names = [rung_label(rung, base_label(diagnosis)) for rung in diagnosis.ladder]
+    colors = [_INKS.get(rung.kind, st.tint(st.DARK, 0.35)) for rung in diagnosis.ladder]
+    figure = error_bars(names, [rung.error for rung in diagnosis.ladder], colors)
+    if diagnosis.budget is not None:
         style = st.law_style("irb")
         look: dict[str, Any] = {"color": style.color, "linestyle": style.linestyle, "zorder": 0.5}
-        figure.axes[0].axvline(found.budget.bound.mean, **look, label=style.label)
+        figure.axes[0].axvline(diagnosis.budget.bound.mean, **look, label=style.label)
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center")
     return figure
 
 
 @st.look()
-def laws_figure(found: Diagnosis) -> Figure:
+def laws_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the held-out error of each law without effects, the least first."""
-    laws = sorted(found.laws, key=lambda one: one.error)
-    errors = [Interval(one.error, one.error, one.error) for one in laws]
-    return error_bars([st.law_style(one.name).label for one in laws], errors)
+    laws = sorted(diagnosis.laws, key=lambda one: one.error)
+    errors = [Interval(law.error, law.error, law.error) for law in laws]
+    return error_bars([st.law_style(law.name).label for law in laws], errors)
 
 
 @st.look()
@@ -177,20 +179,20 @@ def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _
 
 
 @st.look()
-def frontier_figure(found: Diagnosis) -> Figure:
+def frontier_figure(diagnosis: Diagnosis) -> Figure:
     """Draw the held-out error of the best model of each number of effects; the chosen number is marked."""
     figure = st.new_figure(st.PAGE, 2.6)
     axes = st.name_axes(figure.subplots(), "Number of effects (–)", ERROR)
-    sizes = [len(model.effects) for model in found.frontier]
-    means = [model.error.mean for model in found.frontier]
-    lows, highs = ([getattr(model.error, end) for model in found.frontier] for end in ("low", "high"))
+    sizes = [len(model.effects) for model in diagnosis.frontier]
+    means = [model.error.mean for model in diagnosis.frontier]
+    lows, highs = ([getattr(model.error, end) for model in diagnosis.frontier] for end in ("low", "high"))
     axes.vlines(sizes, lows, highs, color=st.DARK)
     axes.plot(sizes, means, color=st.CONTRAST[0], marker="o", label="Best of each number")
-    chosen = len(found.missing)
+    chosen = len(diagnosis.missing)
     if chosen in sizes:
         axes.plot(chosen, means[sizes.index(chosen)], color=st.CONTRAST[1], marker="o", linestyle="", label="Chosen")
-    if found.budget is not None and found.budget.noise is not None:
-        axes.axhline(found.budget.noise.mean, color=st.DARK, linestyle=":", label="Noise floor")
+    if diagnosis.budget is not None and diagnosis.budget.noise is not None:
+        axes.axhline(diagnosis.budget.noise.mean, color=st.DARK, linestyle=":", label="Noise floor")
     axes.set_xticks(sizes)
     axes.set_ylim(bottom=0)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
@@ -318,7 +320,7 @@ def scatter_figure(deviations: Sequence[Deviations]) -> Figure:
 
 
 @st.look()
-def residual_figure(found: Remainder, record: Record) -> Figure:
+def residual_figure(remainder: Remainder, record: Record) -> Figure:
     """Draw the measured wrench minus the model's, against the one or two symbols that matter most.
 
     A row for each component that processes predict; where there is none, for the one that they predict best, against
@@ -332,14 +334,14 @@ def residual_figure(found: Remainder, record: Record) -> Figure:
     columns = {
         name: max(those, key=lambda k: residual[:, k].square().mean()) for name, those in wrench_columns(space).items()
     }
-    by_name = {one.component: one for one in found.tested}
-    tests = [by_name[name] for name in found.components] or [max(found.tested, key=lambda one: one.r_squared)]
+    by_name = {one.component: one for one in remainder.tested}
+    tests = [by_name[name] for name in remainder.components] or [max(remainder.tested, key=lambda one: one.r_squared)]
     first = residual[:, columns[tests[0].component]]
-    shares = {one.symbol: one.share for one in found.variables}
+    shares = {variable.symbol: variable.share for variable in remainder.variables}
     symbols = [name for name in shares if name in known][:_SYMBOLS] or [
         max(known, key=lambda name: share_explained(known[name], first))
     ]
-    title = phrase("residual_share", found) if found.predictable else phrase("not_predictable")
+    title = phrase("residual_share", remainder) if remainder.predictable else phrase("not_predictable")
     lines = wrap(title.replace("\u00a0", " "), 54 if len(symbols) == 1 else 112)
     figure = st.new_figure((st.COLUMN, st.PAGE)[len(symbols) - 1], 0.5 + st.ROW * len(lines) + 2.0 * len(tests))
     figure.suptitle("\n".join(lines))

@@ -13,7 +13,7 @@ from torch import Tensor
 from contactlearn.core.numerics import wrapped
 from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures import style as st
-from contactlearn.report.text import label
+from contactlearn.report.text.names import label
 
 _Look = dict[str, Any]
 _BLUE, _RED, _ = st.CONTRAST

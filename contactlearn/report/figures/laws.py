@@ -83,13 +83,13 @@ def convergence(fit: SubsetFit) -> Figure:
     return figure
 
 
-def _draw_means(axes: Axes, fit: SubsetFit, found: Float[np.ndarray, "repetitions sizes"]) -> None:
+def _draw_means(axes: Axes, fit: SubsetFit, values: Float[np.ndarray, "repetitions sizes"]) -> None:
     """Mean and standard deviation of one parameter over the repetitions."""
-    style, mean = st.law_style(fit.law.name), found.mean(0)
+    style, mean = st.law_style(fit.law.name), values.mean(0)
     marker = "o" if len(fit.sizes) < 12 else ""
     axes.plot(fit.sizes, mean, marker=marker, markersize=3.5, color=style.color, label="Mean", zorder=3)
-    if len(found) > 1:
-        std = found.std(0, ddof=1)
+    if len(values) > 1:
+        std = values.std(0, ddof=1)
         for sign, name in ((-1, ""), (1, "± 1 standard deviation")):
             axes.plot(fit.sizes, mean + sign * std, "--", color=st.DARK, linewidth=0.8, label=name or None)
         axes.fill_between(fit.sizes, mean - std, mean + std, color=st.tint(style.color, 0.25), linewidth=0)

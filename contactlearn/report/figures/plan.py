@@ -11,7 +11,7 @@ from contactlearn.planning.result import Goal, Plan, Purpose
 from contactlearn.report.figures import style as st
 from contactlearn.report.text.plan import PURPOSES, setting
 
-_MOST = 3  # settings that are drawn against each other
+_MAX_SETTINGS = 3  # settings that are drawn against each other
 _MARKERS = {
     Purpose.NAMES: ("o", st.CONTRAST[1]),
     Purpose.PARAMETERS: ("o", st.CONTRAST[1]),
@@ -29,7 +29,7 @@ def plan_figure(plan: Plan, measured: Mapping[str, Float[Tensor, "n"]]) -> Figur
         plan: a batch of drops.
         measured: values of settings at the measured impacts; nothing where there are none.
     """
-    names = [name for name, one in plan.rig.items() if one.chosen][:_MOST]
+    names = [name for name, one in plan.rig.items() if one.chosen][:_MAX_SETTINGS]
     pairs = [*combinations(names, 2)] or [(names[0], names[0])]
     forecast = plan.forecast.right_name or plan.forecast.error
     figure = st.new_figure(st.PAGE, 2.5)

@@ -14,7 +14,7 @@ from contactlearn.report.figures import style as st
 from contactlearn.report.figures.contact_in_space import CABINET
 
 _BINS = 30  # of time
-_FEWEST = 5  # recordings of which quartiles are drawn
+_MIN_RECORDINGS = 5  # recordings of which quartiles are drawn
 _DEGREES = 180 / np.pi
 _TIMES = 6  # at which bodies are drawn
 
@@ -24,14 +24,14 @@ def replay_figure(replays: Sequence[Replay]) -> Figure:
     """Draw medians and, dotted, quartiles over recordings: distance and angle over time, distance over bounces."""
     figure = st.new_figure(st.PAGE, 2.4 + st.ROW * len(replays[0].predicted))
     panels = figure.subplots(1, 3)
-    longest = float(np.quantile([one.time[-1].item() for one in replays], 0.9))
-    bins = [(one.time / longest * _BINS).long() for one in replays]
+    longest = float(np.quantile([replay.time[-1].item() for replay in replays], 0.9))
+    bins = [(replay.time / longest * _BINS).long() for replay in replays]
     for color, model in zip((*st.CONTRAST, st.DARK), replays[0].predicted, strict=False):
-        errors = [one.errors(model) * torch.tensor([100.0, _DEGREES]) for one in replays]
+        errors = [replay.errors(model) * torch.tensor([100.0, _DEGREES]) for replay in replays]
         for k, axes in enumerate(panels[:2]):
             over = _quartiles([e[:, k] for e in errors], bins, _BINS)
             _draw(axes, (np.arange(_BINS) + 0.5) * longest / _BINS, over, color, model)
-        bounces = [one.bounces for one in replays]
+        bounces = [replay.bounces for replay in replays]
         most = max(int(b.max()) for b in bounces) + 1
         _draw(panels[2], np.arange(most), _quartiles([e[:, 0] for e in errors], bounces, most), color, model)
     st.name_axes(panels[0], "Time (s)", "Distance (% of the width)")
@@ -88,7 +88,7 @@ def fan_figure(replays: Sequence[Replay], shown: Replay, model: str) -> Figure:
         for when in time[1:][np.diff(st.array(shown.bounces[: len(time)])) > 0]:
             axes.axvline(when, color=st.DARK, linewidth=0.6, linestyle=":")
         st.name_axes(axes, "Time (s)", name)
-    share = [st.array(100 * one.inside(model).double().mean(-1)) for one in replays]
+    share = [st.array(100 * replay.inside(model).double().mean(-1)) for replay in replays]
     since = [st.array(one.time[: len(held)]) - _first_bounce(one) for one, held in zip(replays, share, strict=True)]
     every, held = np.concatenate(since), np.concatenate(share)
     edges = np.linspace(0, np.quantile(every, 0.95), 13)
@@ -115,10 +115,10 @@ def _quartiles(errors: Sequence[torch.Tensor], places: Sequence[torch.Tensor], c
         for k in place.unique().tolist():
             if k < count:
                 means[row, k] = error[place == k].mean()
-    found = np.full((count, 3), np.nan)
-    enough = np.isfinite(means).sum(0) >= min(_FEWEST, len(errors))
-    found[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
-    return found
+    quartiles = np.full((count, 3), np.nan)
+    enough = np.isfinite(means).sum(0) >= min(_MIN_RECORDINGS, len(errors))
+    quartiles[enough] = np.nanquantile(means[:, enough], (0.25, 0.5, 0.75), axis=0).T
+    return quartiles
 
 
 def _draw(axes: Axes, x: np.ndarray, quartiles: np.ndarray, color: str, label: str) -> None:

@@ -190,10 +190,10 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     return axes
 
 
-def scale_logarithmically(axes: Axes, labelled: Sequence[int] = (1, 2, 5)) -> None:
-    """Scale a y axis logarithmically, with plain numbers at these places of each decade."""
+def scale_logarithmically(axes: Axes) -> None:
+    """Scale a y axis logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
     axes.set_yscale("log")
-    ticks = {"major_locator": LogLocator(subs=labelled), "major_formatter": StrMethodFormatter("{x:g}")}
+    ticks = {"major_locator": LogLocator(subs=(1, 2, 5)), "major_formatter": StrMethodFormatter("{x:g}")}
     axes.yaxis.set(**ticks, minor_formatter=NullFormatter())
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.poses import Array, away, rotated, turn
-from contactlearn.data.recordings.result import Found, RecordedContact
+from contactlearn.data.recordings.result import RecordedContact, SearchedTrack
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Shape
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -25,12 +25,12 @@ _DEGREES = 180 / math.pi
 
 
 @st.look()
-def contact_figure(found: Found, contact: RecordedContact, shape: Shape) -> Figure:
+def contact_figure(searched: SearchedTrack, contact: RecordedContact, shape: Shape) -> Figure:
     """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there.
 
     In space rotations are counted from the pose at contact, and the body is seen along y.
     """
-    track, flights = found.track, found.flights[contact.flight : contact.flight + 2]
+    track, flights = searched.track, searched.flights[contact.flight : contact.flight + 2]
     names, d, rows = residual_names(track.k), track.d, track.k // 3
     figure = st.new_figure(st.PAGE, 4.2 if d == 2 else 7.0)
     panels = figure.subplots(2 * rows, 4, height_ratios=(2, 1) * rows)
@@ -71,10 +71,10 @@ def contact_figure(found: Found, contact: RecordedContact, shape: Shape) -> Figu
 
 
 @st.look()
-def residuals_figure(founds: Sequence[Found]) -> Figure:
+def residuals_figure(tracks: Sequence[SearchedTrack]) -> Figure:
     """Draw the distribution of residuals in standard deviations and the normal one, for each coordinate."""
     figure = st.new_figure(st.PAGE, 2.2)
-    grid, scores = np.linspace(-5, 5, 101), standardised(founds).clip(-5, 5)
+    grid, scores = np.linspace(-5, 5, 101), standardised(tracks).clip(-5, 5)
     names = residual_names(scores.shape[1])
     for k, axes in enumerate(figure.subplots(1, len(names), sharey=True)):
         axes.hist(scores[:, k], bins=50, range=(-5, 5), density=len(scores) > 0, color=st.tint(_BLUE, 0.5))
@@ -92,13 +92,13 @@ def residual_names(coordinates: int) -> tuple[str, ...]:
     return ("x", "y", "θ") if coordinates == 3 else ("x", "y", "z", "θ_x", "θ_y", "θ_z")
 
 
-def standardised(founds: Sequence[Found]) -> Float[Array, "n k"]:
+def standardised(tracks: Sequence[SearchedTrack]) -> Float[Array, "n k"]:
     """Residuals of all flights in units of their standard deviation, the fit's own share allowed for."""
-    parts = [np.zeros((0, founds[0].track.k if founds else 3))]
-    for found in founds:
-        for flight in found.flights:
+    parts = [np.zeros((0, tracks[0].track.k if tracks else 3))]
+    for searched in tracks:
+        for flight in searched.flights:
             residual = flight.residual.copy()
-            if found.track.d == 2:
+            if searched.track.d == 2:
                 residual[:, 2] = turn(residual[:, 2])
             parts.append(residual / flight.sigma / math.sqrt(1 - 2 / max(len(residual), 3)))
     return np.concatenate(parts)

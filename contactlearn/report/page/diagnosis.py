@@ -43,52 +43,46 @@ from contactlearn.report.page.trials import (
     of_outcomes,
     of_trials,
 )
-from contactlearn.report.text import (
-    base_label,
-    effect_label,
+from contactlearn.report.text.names import base_label, effect_label, label, rung_label, sentence, source_label
+from contactlearn.report.text.numbers import counted, share_of_whole
+from contactlearn.report.text.sentences import (
     grounds,
     headline,
-    label,
     listed_models,
     listed_name,
     phrase,
     phrases,
-    rung_label,
     searched_name,
-    sentence,
-    share_of_whole,
-    source_label,
     undecided,
 )
-from contactlearn.report.text.numbers import counted
 from contactlearn.results.types import DataSource, Provenance
 
 
-def save_report(found: Diagnosis, folder: str | os.PathLike[str]) -> Path:
+def save_report(diagnosis: Diagnosis, folder: str | os.PathLike[str]) -> Path:
     """Write report.html of a diagnosis that was made in Python; return its path.
 
     Raises:
         ContactLearnError: a diagnosis that was read without its record.
         OSError: the folder cannot be written to.
     """
-    if found.record is None:
+    if diagnosis.record is None:
         raise ContactLearnError("a report shows trials, and this diagnosis has no record of them")
-    impacts = found.record.impacts
+    impacts = diagnosis.record.impacts
     data = DataSource(
         source=impacts.source, trials=len(impacts), sha256=impacts.fingerprint(), space=impacts.space.name
     )
     Path(folder).mkdir(parents=True, exist_ok=True)
-    return write_page(Path(folder), found, Provenance(data=data, versions={"contactlearn": __version__}))
+    return write_page(Path(folder), diagnosis, Provenance(data=data, versions={"contactlearn": __version__}))
 
 
 def write_page(
-    folder: Path, found: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
+    folder: Path, diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
 ) -> Path:
     """Write report.html of a diagnosis into a folder, whole or not at all.
 
     Args:
         folder: of the run.
-        found: with its record, unless the data were refused.
+        diagnosis: with its record, unless the data were refused.
         provenance: data, versions, configuration, and the command of the diagnosis.
         use: the command that evaluates the model with the missing effects.
         next_command: that trains it from the folder of the run, as the terminal says.
@@ -96,41 +90,51 @@ def write_page(
     Raises:
         OSError: the folder cannot be written to.
     """
-    return write(folder, of_diagnosis(found, provenance, use=use, next_command=next_command))
+    return write(folder, of_diagnosis(diagnosis, provenance, use=use, next_command=next_command))
 
 
-def of_diagnosis(found: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = "") -> dict[str, Any]:
+def of_diagnosis(
+    diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
+) -> dict[str, Any]:
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
         "title": f"Diagnosis of {source_label(provenance.data.source)}",
         "_measure": phrase("measure", "mass"),
-        "_rig": next((one.rig for one in found.findings if one.rig), ()),
+        "_rig": next((finding.rig for finding in diagnosis.findings if finding.rig), ()),
         "verdict": {
-            "key": str(found.verdict),
-            "headline": headline(found),
-            "support": grounds(found),
-            "sentences": phrases("summary", found),
+            "key": str(diagnosis.verdict),
+            "headline": headline(diagnosis),
+            "support": grounds(diagnosis),
+            "sentences": phrases("summary", diagnosis),
         },
-        "findings": [_finding(finding) for finding in found.findings],
+        "findings": [_finding(finding) for finding in diagnosis.findings],
         "consistent": phrase("consistent"),
-        "law": {"name": found.law, "label": law_style(found.law).label if found.law else ""},
+        "law": {"name": diagnosis.law, "label": law_style(diagnosis.law).label if diagnosis.law else ""},
         "next": next_command,
         "reproduce": reproduced(provenance, use),
         "trials": None,
-        **sample_content(found),
+        **sample_content(diagnosis),
     }
-    if found.record is None or found.choices is None or found.budget is None:
+    if diagnosis.record is None or diagnosis.choices is None or diagnosis.budget is None:
         return content
-    models = _models(found, found.choices)
+    models = _models(diagnosis, diagnosis.choices)
     figures = dict[str, Figure]()  # no choice changes them
-    if found.record.deviations:
-        figures["scatter"] = scatter_figure(found.record.deviations)
-    if found.record.model.scatter:
-        clouds = ScatterCloud.along(found.record.model, found.record.impacts)
+    if diagnosis.record.deviations:
+        figures["scatter"] = scatter_figure(diagnosis.record.deviations)
+    if diagnosis.record.model.scatter:
+        clouds = ScatterCloud.along(diagnosis.record.model, diagnosis.record.impacts)
         figures["cloud"] = scattered_impulses(clouds)
     fixed = {"figures": {key: digits(as_plotly(one)) for key, one in figures.items()}}
-    shown = replace(found, record=thinned(found.record, found.sample))
-    return content | fixed | _ladder(found) | _budget(found, found.budget) | models | _effects(shown) | _arrays(shown)
+    shown = replace(diagnosis, record=thinned(diagnosis.record, diagnosis.sample))
+    return (
+        content
+        | fixed
+        | _ladder(diagnosis)
+        | _budget(diagnosis, diagnosis.budget)
+        | models
+        | _effects(shown)
+        | _arrays(shown)
+    )
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -146,28 +150,30 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _ladder(found: Diagnosis) -> dict[str, Any]:
+def _ladder(diagnosis: Diagnosis) -> dict[str, Any]:
     """Rungs, laws by their error, and the regions in which the law fails."""
-    base = base_label(found)
-    shown = places(found.record, found.sample)
-    compared = sorted(found.laws, key=lambda one: one.error)
+    base = base_label(diagnosis)
+    shown = places(diagnosis.record, diagnosis.sample)
+    compared = sorted(diagnosis.laws, key=lambda one: one.error)
     return {
         "base": base,
         "ladder": [
-            {"name": rung_label(rung, base), "kind": str(rung.kind), **bounded(rung.error)} for rung in found.ladder
+            {"name": rung_label(rung, base), "kind": str(rung.kind), **bounded(rung.error)} for rung in diagnosis.ladder
         ],
         "laws": [{"label": law_style(one.name).label, "error": finely(one.error)} for one in compared],
-        "regions": [_region(region, shown) for region in found.regions],
+        "regions": [_region(region, shown) for region in diagnosis.regions],
         "no_region": phrase("no_region"),
-    } | _search(found)
+    } | _search(diagnosis)
 
 
-def _search(found: Diagnosis) -> dict[str, Any]:
+def _search(diagnosis: Diagnosis) -> dict[str, Any]:
     """The best model of each number of effects, and the models that the data cannot tell apart."""
     return {
-        "frontier": [{"name": searched_name(found, m), **bounded(m.error)} for m in found.frontier],
-        "plausible": [{"name": listed_name(found, m), "share": share_of_whole(m.share)} for m in listed_models(found)],
-        "search_notes": phrases("notes", found),
+        "frontier": [{"name": searched_name(diagnosis, m), **bounded(m.error)} for m in diagnosis.frontier],
+        "plausible": [
+            {"name": listed_name(diagnosis, m), "share": share_of_whole(m.share)} for m in listed_models(diagnosis)
+        ],
+        "search_notes": phrases("notes", diagnosis),
     }
 
 
@@ -177,7 +183,7 @@ def _region(region: Region, shown: Mapping[int, int]) -> dict[str, Any]:
     return digits(same | ratio | {"rows": [shown[row] for row in region.rows if row in shown]})
 
 
-def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
+def _budget(diagnosis: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
     """What the ladder lacks of the budget: models that name nothing, the bound, and the shares."""
     return {
         "limits": phrase("flexible_limits", budget),
@@ -186,9 +192,9 @@ def _budget(found: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
             for name, kind, share in _parts(budget.shares)
             if share is not None and share > 0
         ],
-        "bound": {"mean": budget.bound.mean, "note": phrase("bound", found)},
+        "bound": {"mean": budget.bound.mean, "note": phrase("bound", diagnosis)},
         "shares": phrase("shares", budget),
-        "scatter": [] if found.scatter is None else phrases("scatter", found.scatter),
+        "scatter": [] if diagnosis.scatter is None else phrases("scatter", diagnosis.scatter),
     }
 
 
@@ -204,11 +210,11 @@ def _parts(shares: ErrorShares) -> list[tuple[str, str, float | None]]:
     ]
 
 
-def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:
+def _models(diagnosis: Diagnosis, choices: Choices) -> dict[str, Any]:
     """Every choice of the effects in play; the page starts with all of them."""
-    base = base_label(found)
+    base = base_label(diagnosis)
     in_play = set(choices.effects)
-    on = [effect_label(missing.effect) for missing in found.missing if missing.effect not in in_play]
+    on = [effect_label(missing.effect) for missing in diagnosis.missing if missing.effect not in in_play]
     always = [base, *(f"{name} (always on)" for name in on)]
     models = []
     for k, error in enumerate(choices.errors):
@@ -219,33 +225,33 @@ def _models(found: Diagnosis, choices: Choices) -> dict[str, Any]:
         "yardstick": 0,
         "chosen": len(models) - 1,
         "switches": [{"name": str(effect), "label": effect_label(effect)} for effect in choices.effects],
-        "always": [*map(effect_label, found.given), *on],
+        "always": [*map(effect_label, diagnosis.given), *on],
     }
 
 
-def _effects(found: Diagnosis) -> dict[str, Any]:
+def _effects(diagnosis: Diagnosis) -> dict[str, Any]:
     """Effects with their rivals, the next experiment, and the residual."""
-    partials = () if found.record is None else found.record.residuals
+    partials = () if diagnosis.record is None else diagnosis.record.residuals
     return {
         "effects": [
-            effect_content(missing, partial, found.regions)
-            for missing, partial in zip(found.missing, partials, strict=True)
+            effect_content(missing, partial, diagnosis.regions)
+            for missing, partial in zip(diagnosis.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),
-        "undecided": undecided(found),
-        "candidates": [candidate_content(one, found.budget) for one in found.candidates],
-        "proxy": phrase("proxy") if any(one.proxy for one in found.candidates) else "",
-        "experiment": None if found.experiment is None else experiment_content(found.experiment),
-        "residual": None if found.remainder is None else residual_content(found.remainder, found.formulas),
-        "equation": found.equation,
+        "undecided": undecided(diagnosis),
+        "candidates": [candidate_content(candidate, diagnosis.budget) for candidate in diagnosis.candidates],
+        "proxy": phrase("proxy") if any(candidate.proxy for candidate in diagnosis.candidates) else "",
+        "experiment": None if diagnosis.experiment is None else experiment_content(diagnosis.experiment),
+        "residual": None if diagnosis.remainder is None else residual_content(diagnosis.remainder, diagnosis.formulas),
+        "equation": diagnosis.equation,
     }
 
 
-def _arrays(found: Diagnosis) -> dict[str, Any]:
+def _arrays(diagnosis: Diagnosis) -> dict[str, Any]:
     """Trials, the laws' impulses and reach, the outcome of every choice, the change by each effect."""
-    record = found.record
+    record = diagnosis.record
     assert record is not None
-    impacts, given = record.impacts, found.law_impulses()
+    impacts, given = record.impacts, diagnosis.law_impulses()
     fitted, arrays = of_laws(given)
     arrays |= of_outcomes(impacts, record.outcomes)
     if record.residuals:
@@ -254,9 +260,9 @@ def _arrays(found: Diagnosis) -> dict[str, Any]:
     return {"fitted": fitted, "impulses": impulse_figure(given.first), "trials": trials, **packed(arrays, STEPS)}
 
 
-def sample_content(found: Diagnosis) -> dict[str, Any]:
+def sample_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what was diagnosed, the answers, and the map of all trials; nothing for a table diagnosed whole."""
-    sample = found.sample
+    sample = diagnosis.sample
     if sample is None:
         return {}
     shown = f"The figures below show {counted(min(EMBEDDED, sample.trials))} of the {counted(sample.trials)} diagnosed"
@@ -264,8 +270,8 @@ def sample_content(found: Diagnosis) -> dict[str, Any]:
         "sample": {
             "sentences": phrases("sample_summary", sample),
             "answers": [
-                {"trials": counted(one.trials), "answer": phrase("answer", one), "error": bounded(one.error)}
-                for one in sample.answers
+                {"trials": counted(answer.trials), "answer": phrase("answer", answer), "error": bounded(answer.error)}
+                for answer in sample.answers
             ],
             "map": _map(sample.confirmation.map),
             "shown": f"{shown} trials one by one, every k-th of the sequence.",
@@ -288,8 +294,8 @@ def thinned(record: Record, sample: Sample | None) -> Record:
     if len(rows) == len(record.impacts):
         return record
     residuals = tuple(
-        replace(one, x=one.x[rows], measured=one.measured[rows], explained=one.explained[rows])
-        for one in record.residuals
+        replace(residual, x=residual.x[rows], measured=residual.measured[rows], explained=residual.explained[rows])
+        for residual in record.residuals
     )
     impacts, outcomes = record.impacts[rows], record.outcomes[:, rows]
     return Record(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import (
     Candidate,
     ErrorBudget,
@@ -20,18 +21,9 @@ from contactlearn.inference.evaluation.partial_residuals import QUANTITIES, Part
 from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
 from contactlearn.report.page.trials import bounded, digits, finely
-from contactlearn.report.text import (
-    WRENCH,
-    confidence,
-    effect_label,
-    fine_percent,
-    formula_overrides,
-    in_words,
-    measured,
-    phrase,
-    phrases,
-    sentence,
-)
+from contactlearn.report.text.names import WRENCH, effect_label, sentence
+from contactlearn.report.text.numbers import fine_percent
+from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases
 
 
 class _Axis(NamedTuple):
@@ -71,10 +63,10 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "error_reduction": finely(missing.error_reduction),
         "all_trials": None if on_all is None else bounded(on_all),
         "confidence": confidence(missing),
-        "parameters": [_parameter(one) for one in missing.parameters],
+        "parameters": [_parameter(parameter) for parameter in missing.parameters],
         "inadmissible": sentence(inadmissible) if inadmissible else "",
         "improvements": phrases("improvements", missing, regions),
-        "rivals": [_rival(one) for one in missing.rivals],
+        "rivals": [_rival(rival) for rival in missing.rivals],
         "curve": curve_content(partial),
     }
 
@@ -91,10 +83,10 @@ def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, A
     }
 
 
-def _parameter(found: FittedParameter) -> dict[str, Any]:
-    numbers = digits({"value": found.value, "standard_error": found.standard_error}, 4)
-    text = measured(found.value, found.standard_error, found.unit)
-    return {"symbol": found.symbol, "unit": found.unit, "text": text, **numbers}
+def _parameter(parameter: FittedParameter) -> dict[str, Any]:
+    numbers = digits({"value": parameter.value, "standard_error": parameter.standard_error}, 4)
+    text = measured(parameter.value, parameter.standard_error, parameter.unit)
+    return {"symbol": parameter.symbol, "unit": parameter.unit, "text": text, **numbers}
 
 
 def _rival(rival: Rival) -> dict[str, Any]:
@@ -132,7 +124,7 @@ def experiment_content(experiment: Experiment) -> dict[str, Any]:
             {"name": name, "column": axis.column, "label": axis.label, "scale": axis.scale}
             for name, axis in axes.items()
         ],
-        "rivals": [phrase("separation", one) for one in experiment.separations],
+        "rivals": [phrase("separation", separation) for separation in experiment.separations],
         "needed": phrases("needed_drops", experiment),
         "drops": [
             digits({name: axis.scale * getattr(drop, name) for name, axis in axes.items()}, 3)
@@ -149,19 +141,19 @@ def residual_content(left: Remainder, formulas: Sequence[Formula]) -> dict[str, 
         "text": " ".join((phrases("residual", left)[0], *phrases("dependences", left))),
         "components": [
             {
-                "name": WRENCH[one.component],
-                "text": measured(one.r_squared, one.standard_error),
-                "named": one.clear,
+                "name": WRENCH[test.component],
+                "text": measured(test.r_squared, test.standard_error),
+                "named": test.clear,
             }
-            for one in left.tested
+            for test in left.tested
         ],
         "variables": [
             {
-                "name": symbol_named(one.symbol).letter,
-                "description": symbol_named(one.symbol).description,
-                "share": digits(one.share, 3),
+                "name": symbol_named(variable.symbol).letter,
+                "description": symbol_named(variable.symbol).description,
+                "share": digits(variable.share, 3),
             }
-            for one in left.variables
+            for variable in left.variables
         ],
         "formulas": [{"code": formula_overrides(one), "text": phrase("formula_gain", one)} for one in formulas],
     }

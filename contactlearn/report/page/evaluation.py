@@ -13,7 +13,8 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text import best_learned, model_labels, phrase, phrases, sentence, source_label
+from contactlearn.report.text.names import model_labels, sentence, source_label
+from contactlearn.report.text.sentences import best_learned, phrase, phrases
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
 

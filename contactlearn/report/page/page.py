@@ -17,10 +17,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from torch import Tensor
 
-from contactlearn.core.numerics import atomic_write
+from contactlearn.core.numerics import atomic_write, number
 from contactlearn.data.recordings import SOURCES
 from contactlearn.report.figures.style import array
-from contactlearn.report.text import brief_interval, error, number, percent
+from contactlearn.report.text.numbers import brief_interval, error, percent
 from contactlearn.results.types import Provenance
 
 FILE = "report.html"

@@ -13,7 +13,8 @@ from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.plan import plan_figure
 from contactlearn.report.page.page import render, save
 from contactlearn.report.page.trials import digits
-from contactlearn.report.text import capitalize_first, fine_percent
+from contactlearn.report.text.names import capitalize_first
+from contactlearn.report.text.numbers import fine_percent
 from contactlearn.report.text.plan import PURPOSES, plan_summary, possibility, setting
 
 PLAN = "plan.html"
@@ -42,5 +43,5 @@ def of_plan(plan: Plan, measured: Mapping[str, Float[Tensor, "n"]]) -> dict[str,
             ([number(drop.settings[name] * shown[name][2], 3) for name in names], PURPOSES[drop.purpose], drop.body)
             for drop in plan.drops
         ],
-        "_looks": [(one.trials, ", ".join(one.found) or "–", ", ".join(one.probable) or "–") for one in plan.looks],
+        "_looks": [(look.trials, ", ".join(look.found) or "–", ", ".join(look.probable) or "–") for look in plan.looks],
     }

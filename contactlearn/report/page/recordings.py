@@ -5,8 +5,8 @@
 
 Positions are in m, residuals in mm, angles in degrees; frames that the tracker lost are left out.  Of a body in space
 the angle is that from its first frame, of at most half a turn.
-A page shows at most `MOST` recordings: up to half of them are those with refused parts, and the others are spread
-evenly over those with impacts.
+A page shows at most `MAX_RECORDINGS` recordings: up to half of them are those with refused parts, and the others are
+spread evenly over those with impacts.
 """
 
 import json
@@ -23,7 +23,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.flights import Flight, Indices
 from contactlearn.data.recordings.poses import Array, away, turn
-from contactlearn.data.recordings.result import REASONS, Found, Reason, RecordedContact, Refusal
+from contactlearn.data.recordings.result import REASONS, Reason, RecordedContact, Refusal, SearchedTrack
 from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.space import PLANE
@@ -35,7 +35,7 @@ from contactlearn.report.text.numbers import number, percent
 from contactlearn.report.text.tracks import refusal_number, refusals_by_reason, tracks_facts, tracks_headline
 
 Item = TypeVar("Item")
-MOST = 200
+MAX_RECORDINGS = 200
 """Recordings on a page."""
 FRAMES = 1500
 """Frames of a recording on a page, at most."""
@@ -47,39 +47,39 @@ WIDTH, HEIGHT = 200, 70
 """Of a picture."""
 _POINTS = 60  # frames of a picture, at most
 _SKETCH_LINE = 8  # points of a flight's line
-_LEAST = 2.0  # width of a refused part
-_FAR = 3  # standard deviations of a residual
+_MIN_WIDTH = 2.0  # width of a refused part
+_FAR_SIGMAS = 3  # standard deviations of a residual
 
 
-def write_recordings_page(path: Path, found: Tracked) -> Path:
+def write_recordings_page(path: Path, tracked: Tracked) -> Path:
     """Write the page of what was found in recordings, whole or not at all.
 
     Raises:
         DataError: the file cannot be written.
     """
-    text = render(of_recordings(found), "recordings.html.j2", scripts=("recordings.js",))
+    text = render(of_recordings(tracked), "recordings.html.j2", scripts=("recordings.js",))
     try:
         return save(path, text)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error}") from error
 
 
-def of_recordings(found: Tracked) -> dict[str, Any]:
+def of_recordings(tracked: Tracked) -> dict[str, Any]:
     """Return everything that the page of recordings says and draws; `block` holds the recordings."""
     contacts, refusals = defaultdict(list), defaultdict(list)
-    for contact in found.survey.contacts:
+    for contact in tracked.survey.contacts:
         contacts[contact.recording].append(contact)
-    for refusal in found.survey.refusals:
+    for refusal in tracked.survey.refusals:
         refusals[refusal.recording].append(refusal)
-    founds = dict[str, Found]()
-    for one in found.reload({*chosen(found)}):  # the first where two have one name
-        founds.setdefault(one.track.name, one)
-    shown = [of_recording(one, contacts[name], refusals[name]) for name, one in founds.items()]
-    scores, floor, space = standardised([*founds.values()]), found.floor, found.impacts.space
-    outline = found.shape.outline(91).T.tolist()
+    tracks = dict[str, SearchedTrack]()
+    for one in tracked.reload({*chosen(tracked)}):  # the first where two have one name
+        tracks.setdefault(one.track.name, one)
+    shown = [of_recording(one, contacts[name], refusals[name]) for name, one in tracks.items()]
+    scores, floor, space = standardised([*tracks.values()]), tracked.floor, tracked.impacts.space
+    outline = tracked.shape.outline(91).T.tolist()
     packed = json.dumps(shown, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return {
-        "title": tracks_headline(found),
+        "title": tracks_headline(tracked),
         "trials": None,
         "recordings": [
             {key: one[key] for key in ("name", "reasons")} | {"impacts": len(one["contacts"])} for one in shown
@@ -91,31 +91,31 @@ def of_recordings(found: Tracked) -> dict[str, Any]:
             "height": digits(floor.height.value, 6),
             "slope": digits(floor.slope.value if floor.slope else 0.0, 4),
         },
-        "figures": {"residuals": digits(as_plotly(residuals_figure([*founds.values()])))},
+        "figures": {"residuals": digits(as_plotly(residuals_figure([*tracks.values()])))},
         "block": compressed(packed.encode(errors="replace")),
         "_symbols": [f"{symbol}{when} ({unit})" for when in ("", "⁺") for symbol, unit in space.symbols.items()],
         "_freedom": space.D - 1,
-        "_facts": tracks_facts(found),
-        "_rig": found.rig.rows(),
-        "_limits": _limits(found, len(shown)),
-        "_refusals": _reasons(found, shown),
-        "_unread": [(r.recording, r.message) for r in found.survey.refusals if r.reason is Reason.NOT_READ],
+        "_facts": tracks_facts(tracked),
+        "_rig": tracked.rig.rows(),
+        "_limits": _limits(tracked, len(shown)),
+        "_refusals": _reasons(tracked, shown),
+        "_unread": [(r.recording, r.message) for r in tracked.survey.refusals if r.reason is Reason.NOT_READ],
         "_sketches": [
             sketch(one, refusals[name]) | {"recording": k}
-            for k, (name, one) in enumerate(founds.items())
+            for k, (name, one) in enumerate(tracks.items())
             if any(part.reason is not Reason.REST for part in refusals[name])
         ],
         "_residuals": _residuals(scores),
     }
 
 
-def chosen(found: Tracked, most: int = MOST) -> list[str]:
+def chosen(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
-    refusals = [one for one in found.survey.refusals if one.reason is not Reason.NOT_READ]
+    refusals = [refusal for refusal in tracked.survey.refusals if refusal.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
     first = spread(first, most // 2)
-    rest = [*dict.fromkeys(one.recording for one in (*found.survey.contacts, *refusals))]
-    accepted = {one.recording for one in found.survey.contacts}.difference(first)
+    rest = [*dict.fromkeys(one.recording for one in (*tracked.survey.contacts, *refusals))]
+    accepted = {contact.recording for contact in tracked.survey.contacts}.difference(first)
     second = spread([name for name in rest if name in accepted], most - len(first))
     known = {*first, *second}
     third = [name for name in rest if name not in known]
@@ -129,9 +129,9 @@ def spread(items: Sequence[Item], most: int) -> list[Item]:
     return [items[int(k)] for k in np.linspace(0, len(items) - 1, most).round()]
 
 
-def _limits(found: Tracked, shown: int) -> str:
+def _limits(tracked: Tracked, shown: int) -> str:
     """How many recordings are on the page, and which."""
-    count = found.survey.recordings
+    count = tracked.survey.recordings
     if shown >= count:
         return f"All {count} recordings are on this page."
     return (
@@ -140,7 +140,7 @@ def _limits(found: Tracked, shown: int) -> str:
     )
 
 
-def _reasons(found: Tracked, shown: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _reasons(tracked: Tracked, shown: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Reasons of refusals: their key, words, number of parts, and number of recordings on the page."""
     return [
         {
@@ -149,7 +149,7 @@ def _reasons(found: Tracked, shown: Sequence[Mapping[str, Any]]) -> list[dict[st
             "parts": count,
             "here": sum(reason in one["reasons"] for one in shown),
         }
-        for reason, count in refusals_by_reason(found.survey.refusals)
+        for reason, count in refusals_by_reason(tracked.survey.refusals)
     ]
 
 
@@ -158,38 +158,40 @@ def _residuals(scores: np.ndarray) -> list[str]:
     if not len(scores):
         return []
     return [
-        f"{name}: standard deviation {number(float(score.std()), 3)}, {percent(float((abs(score) > _FAR).mean()), 2)} "
-        f"beyond {_FAR}"
+        f"{name}: standard deviation {number(float(score.std()), 3)}, "
+        f"{percent(float((abs(score) > _FAR_SIGMAS).mean()), 2)} beyond {_FAR_SIGMAS}"
         for name, score in zip(residual_names(scores.shape[1]), scores.T, strict=True)
     ]
 
 
-def of_recording(found: Found, contacts: Sequence[RecordedContact], refusals: Sequence[Refusal]) -> dict[str, Any]:
+def of_recording(
+    searched: SearchedTrack, contacts: Sequence[RecordedContact], refusals: Sequence[Refusal]
+) -> dict[str, Any]:
     """Return all that a page says and draws of one recording.
 
     Args:
-        found: its track and flights.
+        searched: its track and flights.
         contacts: accepted ones.
         refusals: of its parts.
     """
-    track, kept = found.track, _kept(found)
-    pose = _nearest(found)
+    track, kept = searched.track, _kept(searched)
+    pose = _nearest(searched)
     return {
         "name": track.name,
-        "summary": _summary(found, len(contacts), len(kept)),
+        "summary": _summary(searched, len(contacts), len(kept)),
         "reasons": [*dict.fromkeys(refusal.reason.value for refusal in refusals)],
         "step": digits(track.step),
         "time": digits(track.time[kept].tolist(), 7),
         "pose": digits(_shown(track, pose[kept]).T.round(6).tolist(), 6),
-        "flights": [_flight(track, flight, pose, kept) for flight in found.flights],
+        "flights": [_flight(track, flight, pose, kept) for flight in searched.flights],
         "contacts": [*map(_contact, contacts)],
         "refused": [_refused(refusal) for refusal in refusals],
     }
 
 
-def _kept(found: Found) -> Int[Indices, " k"]:
+def _kept(searched: SearchedTrack) -> Int[Indices, " k"]:
     """Frames that are shown: those about the flights, and only every n-th where these are too many."""
-    track, flights = found.track, found.flights
+    track, flights = searched.track, searched.flights
     first, last = (flights[0].first, flights[-1].last) if flights else (0, len(track) - 1)
     room = max(0, FRAMES - (last - first + 1)) // 2
     frames = np.arange(max(0, first - room), min(len(track), last + 1 + room))
@@ -205,13 +207,13 @@ def _shown(track: Track, pose: Float[Array, "n m"]) -> Float[Array, "n c"]:
     return np.column_stack((pose[:, :3], _DEGREES * angle))
 
 
-def _nearest(found: Found) -> Float[Array, "t m"]:
+def _nearest(searched: SearchedTrack) -> Float[Array, "t m"]:
     """Poses of the frames; those of a flight are within half a turn of its line."""
-    pose = found.track.pose.copy()
-    if found.track.d == 3:
+    pose = searched.track.pose.copy()
+    if searched.track.d == 3:
         return pose
-    for flight in found.flights:
-        line = _line(found.track, flight, found.track.time[flight.frames])
+    for flight in searched.flights:
+        line = _line(searched.track, flight, searched.track.time[flight.frames])
         pose[flight.frames, 2] = line[:, 2] + turn(flight.residual[:, 2])
     return pose
 
@@ -268,9 +270,9 @@ def _refused(refusal: Refusal) -> dict[str, Any]:
     }
 
 
-def _summary(found: Found, contacts: int, shown: int) -> str:
+def _summary(searched: SearchedTrack, contacts: int, shown: int) -> str:
     """How much a recording holds, and the noise of its frames."""
-    track, frames = found.track, len(found.track)
+    track, frames = searched.track, len(searched.track)
     lost = frames - int(track.seen.sum())
     words = [
         f"{contacts} impacts" if contacts != 1 else "1 impact",
@@ -278,16 +280,16 @@ def _summary(found: Found, contacts: int, shown: int) -> str:
         + (f", {lost} of them lost" if lost else "")
         + (f", {shown} of them shown" if shown < frames - lost else ""),
     ]
-    if found.flights:
-        *across, up = (number(1e3 * one, 2) for one in found.sigma[: track.d])
-        angle = number(_DEGREES * float(found.sigma[-1]), 2)
+    if searched.flights:
+        *across, up = (number(1e3 * one, 2) for one in searched.sigma[: track.d])
+        angle = number(_DEGREES * float(searched.sigma[-1]), 2)
         words.append(f"noise of a frame {', '.join(across)} and {up} mm, {angle}°")
     return "; ".join(words) + "."
 
 
-def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
+def sketch(searched: SearchedTrack, refusals: Sequence[Refusal]) -> dict[str, Any]:
     """Return the frames and flights as paths, the refused parts as bands, and the words of a small picture."""
-    track, seen = found.track, np.flatnonzero(found.track.seen)
+    track, seen = searched.track, np.flatnonzero(searched.track.seen)
     frames = seen[np.linspace(0, len(seen) - 1, min(_POINTS, len(seen))).astype(int)]
     height = track.height[seen]
     left, span = float(track.time[0]), float(np.ptp(track.time))
@@ -301,7 +303,7 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
     if len(seen):
         lowest, highest = (number(1e3 * float(end), 3) for end in (height.min(), height.max()))
         axes = f"time 0–{number(span, 2)} s, height {lowest} to {highest} mm"
-    for flight in found.flights:
+    for flight in searched.flights:
         when = np.linspace(track.time[flight.first], track.time[flight.last], _SKETCH_LINE)
         lines.append("M" + "L".join(placed(when, flight.poses(when)[:, track.d - 1])))
     return {
@@ -316,7 +318,7 @@ def sketch(found: Found, refusals: Sequence[Refusal]) -> dict[str, Any]:
 
 def _band(refusal: Refusal, left: float, span: float) -> dict[str, Any]:
     start, end = (WIDTH * (time - left) / span for time in refusal.time)
-    width, text = max(end - start, _LEAST), f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
+    width, text = max(end - start, _MIN_WIDTH), f"{REASONS[refusal.reason]}: {refusal_number(refusal)}"
     place = {"x": round((start + end - width) / 2, 1), "width": round(width, 1)}
     return place | {"text": text, "rest": refusal.reason is Reason.REST}
 

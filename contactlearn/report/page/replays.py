@@ -16,7 +16,7 @@ from contactlearn.report.page.recordings import spread
 from contactlearn.report.page.trials import digits
 from contactlearn.report.text.replays import replay_cells
 
-_MOST = 60  # recordings on a page
+_MAX_RECORDINGS = 60  # recordings on a page
 _PATHS = 12  # of a fan
 
 
@@ -34,7 +34,7 @@ def write_replay_page(path: Path, replays: Sequence[Replay], errors: Mapping[str
 
 def of_replays(replays: Sequence[Replay], errors: Mapping[str, ReplayErrors], said: str) -> dict[str, Any]:
     """Return everything that the page says and draws; `block` holds the trajectories, lengths in mm, angles in rad."""
-    shown = spread(replays, _MOST)
+    shown = spread(replays, _MAX_RECORDINGS)
     tracks = [
         {
             "name": one.recording,

@@ -32,16 +32,8 @@ from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
 from contactlearn.report.terminal import next_command
-from contactlearn.report.text import (
-    base_label,
-    conclusion,
-    effect_label,
-    join_words,
-    label,
-    phrase,
-    phrases,
-    rung_label,
-)
+from contactlearn.report.text.names import base_label, effect_label, join_words, label, rung_label
+from contactlearn.report.text.sentences import conclusion, phrase, phrases
 from contactlearn.results import folder as run_folder
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import (
@@ -61,7 +53,7 @@ from contactlearn.results.types import IRB, DiagnosisRun, Evaluation
 
 MARK = "contactlearn report"
 """Mark by which such a page is recognised."""
-_FEW = 5  # settings that come before what was found, not after it
+_SETTINGS_IN_FRONT = 5  # settings that come before what was found, not after it
 _HASH = 10  # digits of the hash of data that are shown
 _SIZE = "train.size"
 _NUMBER = re.compile(r"[-+]?(\d{1,15}\.?\d{0,17}|\.\d+)(e[-+]?\d{1,2})?")
@@ -91,12 +83,12 @@ def redraw(folder: Path) -> Path:
         if isinstance(result, Evaluation):
             return write(folder, of_evaluation(result, HeldOut.load(folder, result)))
         if isinstance(result, DiagnosisRun):
-            found = result.diagnosis
-            found = replace(found, record=None if found.choices is None else Record.load(folder))
-            if not found.missing:
-                return write_page(folder, found, result.provenance)
+            diagnosis = result.diagnosis
+            diagnosis = replace(diagnosis, record=None if diagnosis.choices is None else Record.load(folder))
+            if not diagnosis.missing:
+                return write_page(folder, diagnosis, result.provenance)
             coming = next_command(result.use, folder)
-            return write_page(folder, found, result.provenance, use=result.use, next_command=coming)
+            return write_page(folder, diagnosis, result.provenance, use=result.use, next_command=coming)
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")
@@ -248,12 +240,12 @@ def _columns(
     if len({run.command for run in runs}) > 1:
         found.append(column("Command", [run.command for run in runs]))
     own = [
-        column(name, [None if one is None else float(one) for one in values], "number", lambda x: f"{x:.12g}")
+        column(name, [None if value is None else float(value) for value in values], "number", lambda x: f"{x:.12g}")
         if all(value is None or _NUMBER.fullmatch(value) for value in values)
         else column(name, values)
         for name, values in settings.items()
     ]
-    found += own if len(own) <= _FEW else []
+    found += own if len(own) <= _SETTINGS_IN_FRONT else []
     found.append(column("Law", [None if run.law is None else law_style(run.law).label for run in runs]))
     if any(run.learned for run in runs):
         found.append(column("Model", [law_style(run.learned or "law").label for run in runs]))
@@ -265,7 +257,7 @@ def _columns(
         of_errors("IRB bound", "bound"),
     ]
     found += [ticks(family) for family in families]
-    found += own if len(own) > _FEW else []
+    found += own if len(own) > _SETTINGS_IN_FRONT else []
     if several:
         found += [
             column("Data", [run.data.source for run in runs]),
@@ -288,8 +280,9 @@ def _words(effect: EffectId) -> str:
 
 
 def _verdict(run: ComparedRun) -> str | None:
-    found = run.diagnosis
-    return None if found is None else printable(conclusion(found.verdict, found.physics, found.corrections))
+    if (diagnosis := run.diagnosis) is None:
+        return None
+    return printable(conclusion(diagnosis.verdict, diagnosis.physics, diagnosis.corrections))
 
 
 def _with(run: ComparedRun) -> str:
@@ -375,7 +368,7 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str)
             points = dict.fromkeys(ends, levels[str(gid)])
         else:
             curves[str(gid)] = points
-        intervals = [digits(asdict(one), 8) for one in points.values()]
+        intervals = [digits(asdict(point), 8) for point in points.values()]
         entries.append(
             {"label": words[gid], "sizes": [*points], "intervals": intervals, "level": level, "runs": line.rows}
         )
@@ -388,17 +381,17 @@ def learning_lines(runs: Sequence[ComparedRun], settings: Settings, metric: str)
 
 def _across(runs: Sequence[ComparedRun], settings: Settings, metric: str) -> list[_Line]:
     """Return lines of runs that differ in nothing but their size."""
-    found: dict[tuple[tuple[str, str], ...], _Line] = {}
+    lines: dict[tuple[tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if (error := run.error(metric)) is not None:
             name = run.learned or run.law or "no law"
             law = {"law": law_style(run.law).label} if run.law and name != run.law else {}
             traits = {"": law_style(name).label, **law, **traits, "command": f"{run.command}.py"}
-            line = found.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
+            line = lines.setdefault(tuple(traits.items()), _Line(model=name, traits=traits, sha256=run.data.sha256))
             line.points.setdefault(size, error)
             line.rows.append(k)
-    return [line for line in found.values() if len(line.points) > 1]
+    return [line for line in lines.values() if len(line.points) > 1]
 
 
 def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
@@ -420,7 +413,7 @@ def _within(runs: Sequence[ComparedRun], metric: str) -> list[_Line]:
 
 def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, metric: str, data: Container[str]) -> list[_Line]:
     """Return the bounds of evaluations on these data; equal ones once."""
-    found: dict[tuple[str | tuple[str, str], ...], _Line] = {}
+    lines: dict[tuple[str | tuple[str, str], ...], _Line] = {}
     for k, size, traits in _sized(runs, settings):
         run = runs[k]
         if run.data.sha256 in data and run.command == "evaluate":
@@ -429,8 +422,8 @@ def _yardsticks(runs: Sequence[ComparedRun], settings: Settings, metric: str, da
                 if value is None:
                     continue
                 line = _Line(model=name, traits={"": law_style(name).label, **traits}, sha256=run.data.sha256)
-                found.setdefault((name, *traits.items()), line).points.setdefault(size, value)
-    unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in found.values()}
+                lines.setdefault((name, *traits.items()), line).points.setdefault(size, value)
+    unique = {(line.model, line.sha256, *(x.mean for x in line.points.values())): line for line in lines.values()}
     return list(unique.values())
 
 

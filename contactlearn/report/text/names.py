@@ -87,10 +87,10 @@ def model_labels(result: Training | Evaluation) -> dict[str, str]:
     return labels
 
 
-def base_label(found: Diagnosis) -> str:
+def base_label(diagnosis: Diagnosis) -> str:
     """Write the law of a diagnosis with the effects that were given."""
-    given = [effect_label(effect) for effect in found.given]
-    return (law_label(found.law) if found.law else "any law") + (f" with {join_words(given)}" if given else "")
+    given = [effect_label(effect) for effect in diagnosis.given]
+    return (law_label(diagnosis.law) if diagnosis.law else "any law") + (f" with {join_words(given)}" if given else "")
 
 
 def rung_label(rung: Rung, base: str) -> str:

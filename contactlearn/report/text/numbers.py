@@ -93,14 +93,14 @@ def fix_spacing(text: str) -> str:
 class Quantity:
     """A fitted parameter as a sentence formats it, see `Effect.in_words`."""
 
-    found: FittedParameter
+    parameter: FittedParameter
 
     def __format__(self, how: str) -> str:
-        value, error = self.found.value, self.found.standard_error
+        value, error = self.parameter.value, self.parameter.standard_error
         value, how = (-value, how[1:]) if how.startswith("-") else (value, how)
         if how == "exp":
             return measured(math.exp(value), math.exp(value) * error)
-        return measured(100 * value, 100 * error, "%") if how == "%" else readable(value, error, self.found.unit)
+        return measured(100 * value, 100 * error, "%") if how == "%" else readable(value, error, self.parameter.unit)
 
 
 def _ends(x: Interval | Mapping[str, float]) -> tuple[float, float, float]:

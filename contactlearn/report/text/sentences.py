@@ -98,9 +98,9 @@ def conclusion(verdict: Verdict, physics: Verdict | None, corrections: Sequence[
     return phrase("conclusion", verdict, physics, corrections)
 
 
-def headline(found: Diagnosis) -> str:
+def headline(diagnosis: Diagnosis) -> str:
     """Write the verdict in one sentence of at most 25 words; `grounds` has the rest."""
-    return phrase("verdict", found)
+    return phrase("verdict", diagnosis)
 
 
 def best_learned(result: Evaluation) -> str:
@@ -112,33 +112,33 @@ def best_learned(result: Evaluation) -> str:
     return phrase("best_learned", last, next(iter(curves.values())).sizes[-1])
 
 
-def grounds(found: Diagnosis) -> list[str]:
+def grounds(diagnosis: Diagnosis) -> list[str]:
     """List what the verdict rests on: errors, probabilities, corrections, what is unknown."""
-    return phrases("grounds", found)
+    return phrases("grounds", diagnosis)
 
 
-def names_by_level(found: Diagnosis) -> list[tuple[str, str]]:
+def names_by_level(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
-    named = [(str(one.level), phrase("named", one)) for one in found.missing]
-    return named + [(str(Level.CANDIDATE), phrase("candidate", one, found.budget)) for one in found.candidates]
+    named = [(str(effect.level), phrase("named", effect)) for effect in diagnosis.missing]
+    return named + [(str(Level.CANDIDATE), phrase("candidate", one, diagnosis.budget)) for one in diagnosis.candidates]
 
 
-def undecided(found: Diagnosis) -> list[str]:
+def undecided(diagnosis: Diagnosis) -> list[str]:
     """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
-    beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*found.effects, "law")}
-    for model in found.models:
+    beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*diagnosis.effects, "law")}
+    for model in diagnosis.models:
         for name, one in (*((effect.name, effect) for effect in model.effects), ("law", model.law)):
             if name in beliefs:
                 beliefs[name][one] += model.share
     listed = []
     for belief in beliefs.values():
         shares = {one: share / sum(belief.values()) for one, share in belief.items()}
-        likely = sorted((one for one in shares if shares[one] >= _LEAST_BELIEF), key=lambda one: -shares[one])
+        likely = sorted((share for share in shares if shares[share] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
-    laws = listed[-1] if listed and found.law in listed[-1] else {}
-    apart = [one.name for one in found.laws if one.name not in laws]
+    laws = listed[-1] if listed and diagnosis.law in listed[-1] else {}
+    apart = [law.name for law in diagnosis.laws if law.name not in laws]
     agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
-    return phrases("undecided", found, listed, apart if agree and len(apart) < len(laws) / 2 else None)
+    return phrases("undecided", diagnosis, listed, apart if agree and len(apart) < len(laws) / 2 else None)
 
 
 def confidence(named: MissingEffect | Candidate) -> str:
@@ -146,55 +146,57 @@ def confidence(named: MissingEffect | Candidate) -> str:
     return "a proxy?" if named.confidence is None else numbers.percent(min(named.confidence, 0.99))
 
 
-def misfit(found: Diagnosis) -> str:
+def misfit(diagnosis: Diagnosis) -> str:
     """Question stated noise that does not agree with the residual; empty where it does, or is not stated."""
-    budget, left = found.budget, found.remainder
-    if budget is None or left is None or budget.noise_source is not NoiseSource.STATED:
+    budget, remainder = diagnosis.budget, diagnosis.remainder
+    if budget is None or remainder is None or budget.noise_source is not NoiseSource.STATED:
         return ""
     if budget.noise is None:
         return phrase("misfit", None)
     ratio = budget.named.mean / budget.noise.mean if budget.noise.mean else 1.0
-    return phrase("misfit", ratio) if ratio > found.thresholds.stated_noise_ratio and not left.found else ""
+    return phrase("misfit", ratio) if ratio > diagnosis.thresholds.stated_noise_ratio and not remainder.found else ""
 
 
-def listed_models(found: Diagnosis) -> tuple[PlausibleModel, ...]:
+def listed_models(diagnosis: Diagnosis) -> tuple[PlausibleModel, ...]:
     """Return the models that are worth a line: the chosen one, and then the likeliest others."""
-    chosen = [model for model in found.models if _is_chosen(found, model)]
-    others = [model for model in found.models if model not in chosen and model.share >= _LEAST_SHARE]
+    chosen = [model for model in diagnosis.models if _is_chosen(diagnosis, model)]
+    others = [model for model in diagnosis.models if model not in chosen and model.share >= _LEAST_SHARE]
     return (*chosen, *others[: _MOST_MODELS - len(chosen)])
 
 
-def searched_name(found: Diagnosis, model: FrontierModel | PlausibleModel) -> str:
+def searched_name(diagnosis: Diagnosis, model: FrontierModel | PlausibleModel) -> str:
     """Name a model of the search: its law, the effects that were given, and its own."""
-    return phrase("model", model.law, (*found.given, *model.effects))
+    return phrase("model", model.law, (*diagnosis.given, *model.effects))
 
 
-def listed_name(found: Diagnosis, model: PlausibleModel) -> str:
+def listed_name(diagnosis: Diagnosis, model: PlausibleModel) -> str:
     """Name a model of the list, and mark the chosen one where there are others."""
-    name = searched_name(found, model)
-    return f"{name} (chosen)" if len(found.models) > 1 and _is_chosen(found, model) else name
+    name = searched_name(diagnosis, model)
+    return f"{name} (chosen)" if len(diagnosis.models) > 1 and _is_chosen(diagnosis, model) else name
 
 
-def _is_chosen(found: Diagnosis, model: PlausibleModel) -> bool:
+def _is_chosen(diagnosis: Diagnosis, model: PlausibleModel) -> bool:
     """Whether a model is that of the verdict, which need not have the largest posterior share."""
-    return model.law == found.law and {*model.effects} == {one.effect for one in found.missing}
+    return model.law == diagnosis.law and {*model.effects} == {one.effect for one in diagnosis.missing}
 
 
-def in_words(found: MissingEffect | Candidate) -> str:
+def in_words(effect: MissingEffect | Candidate) -> str:
     """Say what the fitted parameters mean, and which of them a plausible range stops."""
-    ends = [f"{one.symbol} at the end of its range, {numbers.Quantity(one):}" for one in found.parameters if one.at_end]
+    ends = [
+        f"{one.symbol} at the end of its range, {numbers.Quantity(one):}" for one in effect.parameters if one.at_end
+    ]
     beyond = f"; {join_words(ends)}: the true value may lie beyond" if ends else ""
-    return _meaning(found) + beyond
+    return _meaning(effect) + beyond
 
 
-def _meaning(found: MissingEffect | Candidate) -> str:
+def _meaning(effect: MissingEffect | Candidate) -> str:
     """Say what the fitted parameters mean; with their symbols where the effect has no words, or the range of many."""
-    kind = next((kind for kind in catalogue().get(found.effect.name, ()) if kind.id == found.effect), None)
-    words, values, curve = kind.in_words if kind else "", found.parameters, ""
+    kind = next((kind for kind in catalogue().get(effect.effect.name, ()) if kind.id == effect.effect), None)
+    words, values, curve = kind.in_words if kind else "", effect.parameters, ""
     if kind and isinstance(argument := getattr(kind, "argument", None), Argument):
         quantity = kind.formula.partition(" ")[0].replace("τ", "the arm of the normal impulse")
         curve = f"over {argument.symbol}{'' if argument.unit == '–' else f' in {argument.unit}'}, {quantity} "
-    named = {one.name: numbers.Quantity(one) for one in values}
+    named = {value.name: numbers.Quantity(value) for value in values}
     words = re.sub(r"\[(.*?\{(\w+).*?)\]", lambda part: part[1] * (part[2] in named), words)  # of space alone
     with suppress(KeyError):  # parameters of another version
         if words:
@@ -205,19 +207,19 @@ def _meaning(found: MissingEffect | Candidate) -> str:
     return join_words(map(fitted_value, values))
 
 
-def fitted_value(found: FittedParameter) -> str:
+def fitted_value(parameter: FittedParameter) -> str:
     """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
-    return f"{found.symbol} = {measured(found.value, found.standard_error, found.unit)}"
+    return f"{parameter.symbol} = {measured(parameter.value, parameter.standard_error, parameter.unit)}"
 
 
-def _shown(found: FittedParameter) -> str:
+def _shown(parameter: FittedParameter) -> str:
     """Write a fitted parameter in the units of sentences: a₁ = 4.00 ± 0.33 mm."""
-    return f"{found.symbol} = {numbers.Quantity(found)}"
+    return f"{parameter.symbol} = {numbers.Quantity(parameter)}"
 
 
-def in_words_of_scatter(found: ScatterComponent) -> str:
+def in_words_of_scatter(scatter: ScatterComponent) -> str:
     """Say what scatters and by how much: the normal by 0.65 ± 0.04°."""
-    return find_component(found.deviation.name).in_words.format(sigma=found.deviation)
+    return find_component(scatter.deviation.name).in_words.format(sigma=scatter.deviation)
 
 
 def dependence_variable(variable: str) -> str:
@@ -238,9 +240,9 @@ def correct_setting(made: Sequence[str], findings: Sequence[Finding]) -> str:
     return f"data.correct=[{','.join([*made, *proposed])}]" if proposed else ""
 
 
-def formula_overrides(found: Formula) -> str:
+def formula_overrides(formula: Formula) -> str:
     """Write a formula as it stands behind a command, quoted for a shell."""
-    return " ".join(f"'{one}'" for one in found.overrides())
+    return " ".join(f"'{one}'" for one in formula.overrides())
 
 
 def _symbol(name: str) -> str:
@@ -248,9 +250,9 @@ def _symbol(name: str) -> str:
     return symbol_named(name).letter
 
 
-def _error_after(found: Diagnosis) -> Interval:
+def _error_after(diagnosis: Diagnosis) -> Interval:
     """Return the error of the ladder with all missing effects."""
-    return next(rung.error for rung in reversed(found.ladder) if rung.kind is RungKind.EFFECT)
+    return next(rung.error for rung in reversed(diagnosis.ladder) if rung.kind is RungKind.EFFECT)
 
 
 def _fold(text: str) -> str:

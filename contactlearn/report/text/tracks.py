@@ -14,11 +14,11 @@ from contactlearn.mechanics.apparatus import Row
 from contactlearn.report.text.numbers import percent
 
 
-def tracks_summary(found: Tracked, out: Path, refused: Path) -> list[str]:
+def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
     """Describe what was found and where it was written, line by line."""
-    facts = [f"  {name:<8} {words}" for name, words in tracks_facts(found)]
-    card = ["rig card", *(f"  {row.quantity:<29} {rig_text(row)}" for row in found.rig.rows())]
-    return [f"{tracks_headline(found)}, written to {out}", *facts, *card, *_refused(found.survey.refusals, refused)]
+    facts = [f"  {name:<8} {words}" for name, words in tracks_facts(tracked)]
+    card = ["rig card", *(f"  {row.quantity:<29} {rig_text(row)}" for row in tracked.rig.rows())]
+    return [f"{tracks_headline(tracked)}, written to {out}", *facts, *card, *_refused(tracked.survey.refusals, refused)]
 
 
 def rig_text(row: Row) -> str:
@@ -26,10 +26,10 @@ def rig_text(row: Row) -> str:
     return f"{row.measured}{row.said and f', stated {row.said}'}{' *' if row.differs else ''}, from {row.known_from}"
 
 
-def tracks_headline(found: Tracked) -> str:
+def tracks_headline(tracked: Tracked) -> str:
     """Write the numbers of impacts and recordings, and the errors before contact beside the approach."""
-    impacts, up = found.impacts, found.impacts.space.d - 1
-    counts = f"{len(impacts)} impacts from {found.survey.recordings} recordings"
+    impacts, up = tracked.impacts, tracked.impacts.space.d - 1
+    counts = f"{len(impacts)} impacts from {tracked.survey.recordings} recordings"
     if impacts.v_pre_cov is None:
         return counts
     error = impacts.v_pre_cov[:, up, up].sqrt().median().item()
@@ -37,10 +37,10 @@ def tracks_headline(found: Tracked) -> str:
     return f"{counts}, normal velocities before contact ± {number(1e3 * error, 2)} mm/s ({percent(share, 1)} of them)"
 
 
-def tracks_facts(found: Tracked) -> list[tuple[str, str]]:
+def tracks_facts(tracked: Tracked) -> list[tuple[str, str]]:
     """List conventions with their evidence, the floor, errors and missing frames, by name."""
-    facts = [*map(_convention, found.survey.frame.clues), *_hull(found), *_floor(found), *_errors(found)]
-    missing = sum(contact.missing > 0 for contact in found.survey.contacts)
+    facts = [*map(_convention, tracked.survey.frame.clues), *_hull(tracked), *_floor(tracked), *_errors(tracked)]
+    missing = sum(contact.missing > 0 for contact in tracked.survey.contacts)
     if missing:
         facts.append(("missing", f"frames at contact in {missing} impacts, though their time stamps show no gap"))
     return facts
@@ -66,20 +66,20 @@ def _with_unit(quantity: str, value: float, unit: str) -> str:
     return f"{quantity} {number(value, 3)}{own}"
 
 
-def _hull(found: Tracked) -> list[tuple[str, str]]:
+def _hull(tracked: Tracked) -> list[tuple[str, str]]:
     """State the contact points and their errors where the shape is the convex hull of the markers."""
-    if found.hull is None or found.r_cov is None:
+    if tracked.hull is None or tracked.r_cov is None:
         return []
-    x, y = (1e3 * np.sqrt(np.median(found.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
-    centre = "uniform density is assumed" if found.centre is None else "the centre of mass is the stated one"
+    x, y = (1e3 * np.sqrt(np.median(tracked.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
+    centre = "uniform density is assumed" if tracked.centre is None else "the centre of mass is the stated one"
     return [
-        ("shape", f"the convex hull of {len(found.hull.places)} markers, assumed to lie on the outline; {centre}"),
+        ("shape", f"the convex hull of {len(tracked.hull.places)} markers, assumed to lie on the outline; {centre}"),
         ("points", f"of contact are the lowest markers, ± {number(x, 2)} and {number(y, 2)} mm in the median"),
     ]
 
 
-def _floor(found: Tracked) -> list[tuple[str, str]]:
-    floor, rests = found.floor, len(found.survey.rests)
+def _floor(tracked: Tracked) -> list[tuple[str, str]]:
+    floor, rests = tracked.floor, len(tracked.survey.rests)
     height = f"at {readable(floor.height.value, floor.height.error, 'm')}"
     facts = [("floor", f"{height}, contacts scatter about it by {number(1e3 * floor.scatter, 2)} mm")]
     if rests:
@@ -88,8 +88,8 @@ def _floor(found: Tracked) -> list[tuple[str, str]]:
     return facts
 
 
-def _errors(found: Tracked) -> list[tuple[str, str]]:
-    impacts, facts = found.impacts, list[tuple[str, str]]()
+def _errors(tracked: Tracked) -> list[tuple[str, str]]:
+    impacts, facts = tracked.impacts, list[tuple[str, str]]()
     for when, covariance in (("before", impacts.v_pre_cov), ("after", impacts.v_post_cov)):
         if covariance is not None:
             errors = covariance.diagonal(dim1=-2, dim2=-1).sqrt().median(0).values.tolist()
