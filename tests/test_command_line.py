@@ -166,6 +166,12 @@ def test_commands_printed_after_hydra_changed_the_folder_work(several, here):
         assert "open " in run("contactlearn", "report", *shlex.split(shown), cwd=here)
 
 
+def test_an_error_after_hydra_changed_the_folder_is_that_of_the_settings(here):
+    """The folder of a run that fails before it computed anything is gone by then."""
+    words = [*SMALL[1:], "+effect.push._target_=contactlearn.laws.mirtich.Mirtich", "hydra.job.chdir=true"]
+    assert "must be a subclass of contactlearn.effects.Effect" in run("train.py", *words, cwd=here, status=2)
+
+
 @pytest.mark.parametrize("words", [("export", "there.csv"), ("results", ".", "-o", "there.csv")])
 def test_a_file_is_replaced_by_force_alone(words, here):
     run("train.py", *SMALL, "hydra.run.dir=a", cwd=here)

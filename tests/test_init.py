@@ -183,6 +183,12 @@ def test_counted_frames_stay_the_clock(tmp_path):
     assert "columns.time" not in settings
 
 
+def test_positions_of_recordings_may_be_called_px(tmp_path):
+    """In a table of impacts Px is an impulse."""
+    settings = proposed(tmp_path / "a.csv", "t", "px", "py", "pz", *(f"r{i}{j}" for i in "123" for j in "123"))
+    assert settings["columns.position"] == ["px", "py", "pz"]
+
+
 def test_a_name_in_a_file_is_text(drops):
     """Whatever stands in a header: no reference, no new line of YAML, no sequence that steers a terminal."""
     hostile = "${oc.env:HOME}\n_target_: os.system\u2028\x1b[31m"

@@ -554,6 +554,30 @@ def test_bodies_of_an_export_are_asked(tmp_path):
     np.testing.assert_allclose(found.position, 1000 * whole().position, atol=1e-5)
 
 
+def test_subjects_of_an_export_are_asked(tmp_path):
+    """Markers of a racket and of a ball: those of one subject are one body, and a single one has no orientation."""
+    path = exported("vicon", tmp_path)
+    text = path.read_text()
+    path.write_text(text.replace(f"box:{NAMES[0]}", f"ball:{NAMES[0]}"))
+    with pytest.raises(DataError, match=r"has points of ball, box; state data\.body=ball or data\.body=box"):
+        list(read(path, Layout()))
+    assert [one.value for one in propose(path).settings if one.name == "body"] == ["???"]
+    (found,) = read(path, Layout(body="ball"))
+    assert found.markers is None
+    assert not found.quaternion[:, 1:].any()  # not measured
+    (box,) = read(path, Layout(body="box"))
+    assert len(box.markers) == len(NAMES) - 1
+
+
+@pytest.mark.parametrize("name", ["toss.csv.gz", "tosses.zip"])
+def test_a_compressed_file_is_to_be_unpacked(tmp_path, name):
+    path = tmp_path / name
+    path.touch()
+    for use in (propose, recording_files, lambda file: list(read(file))):
+        with pytest.raises(DataError, match="is compressed; unpack it first"):
+            use(path)
+
+
 def test_bodies_of_qualisys_whose_names_begin_their_columns(tmp_path):
     """Of two bodies the stated one; frames in which it is lost are zeros."""
     path = exported("qualisys bodies named", tmp_path)

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 import platform
 import shlex
 import shutil
@@ -9,7 +10,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
-from contextlib import chdir, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import count
@@ -127,8 +128,7 @@ def run_job(command: str, work: Callable[[Any, Run], None], cfg: DictConfig) -> 
         ContactLearnError: errors that a user can fix.
     """
     hydra = cast(DictConfig, HydraConfig.get())
-    # Paths mean what they mean where the user stands: hydra.job.chdir and some launchers start jobs elsewhere.
-    with chdir(str(hydra.runtime.cwd)):
+    with _where_the_user_stands(str(hydra.runtime.cwd)):
         if hydra.mode != RunMode.MULTIRUN:
             _run(command, work, cfg, hydra)
             return None
@@ -141,6 +141,21 @@ def run_job(command: str, work: Callable[[Any, Run], None], cfg: DictConfig) -> 
                 raise ContactLearnError(reason(error)) from error  # which every process can unpickle
             return math.inf
         return objective(folder)
+
+
+@contextmanager
+def _where_the_user_stands(folder: str) -> Generator[None]:
+    """Work in the folder from which the command was given: hydra.job.chdir and some launchers start jobs elsewhere.
+
+    Back goes only a job whose folder is still there: one that fails before it computed anything leaves none.
+    """
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        if os.path.isdir(before):
+            os.chdir(before)
 
 
 def _run(command: str, work: Callable[[Any, Run], None], cfg: DictConfig, hydra: DictConfig) -> None:

@@ -152,7 +152,8 @@ def _is_recording(path: Path) -> bool:
 
 def _of_export(path: Path, export: Export) -> Iterator[Setting]:
     """The settings of an export of a tracker that its header leaves open."""
-    yield from _body(path, [*export.points.values()], export.bodies if len(export.bodies) > 1 else ())
+    bodies = [*export.bodies] or export.subjects
+    yield from _body(path, [*export.points.values()], bodies if len(bodies) > 1 else ())
     if export.rate is None and "time" not in export.names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     if export.unit is None:

@@ -186,11 +186,13 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     timed = len(ends) > 1 or any(word in before for word in words)
     passed_over = (*before, *after, *_IMPACT) if timed else ()
     words = [_WORDS.get(word, word) for word in words if word not in passed_over]
-    if len(words) > 1 and words[0] in _BODIES and "vx_post" in vocabulary:
+    of_impacts = "vx_post" in vocabulary
+    if len(words) > 1 and words[0] in _BODIES and of_impacts:
         words = words[1:]
     for split in range(len(words), 0, -1):
         name, unit = "".join(words[:split]), _unit(words[split:])
-        for ours, end in product((name, _ALIASES.get(name, ""), _QUATERNION.sub(r"q\1", name)), ends):
+        place = name.removeprefix("p") if len(name) == 2 and not of_impacts else ""  # px; of impacts it is an impulse
+        for ours, end in product((name, _ALIASES.get(name, ""), place, _QUATERNION.sub(r"q\1", name)), ends):
             if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
                 return ours + end, vocabulary[ours + end][unit]
     return "", {}

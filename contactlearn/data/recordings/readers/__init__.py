@@ -160,9 +160,8 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         DataError: the file cannot be read, or its content is not of its format; it names the file.
         ContactLearnError: the library that reads the format is not installed.
     """
-    name = _MODULES.get(path.suffix.lower())
-    if name is None:
-        raise DataError(f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}")
+    _check_suffix(path)
+    name = _MODULES[path.suffix.lower()]
     try:
         if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
@@ -186,6 +185,14 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         raise DataError(f"{path}: cannot be read: {str(error).splitlines()[0] if str(error) else error!r}") from error
 
 
+def _check_suffix(path: Path) -> None:
+    """Refuse a file that is no recording by its name."""
+    if path.suffix.lower() in (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar"):
+        raise DataError(f"{path}: is compressed; unpack it first, and give the file or folder that comes out")
+    if path.suffix.lower() not in SUFFIXES:
+        raise DataError(f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}")
+
+
 def recording_files(path: Path) -> list[Path]:
     """Return the recordings of a folder and below it, by name, or the file itself.
 
@@ -193,6 +200,7 @@ def recording_files(path: Path) -> list[Path]:
         DataError: there is none.
     """
     if path.is_file():
+        _check_suffix(path)
         return [path]
     if not path.is_dir():
         raise DataError(f"{path}: no such file or folder; check the path (relative to {Path.cwd()})")

@@ -378,8 +378,8 @@ def _orientations(place: str, table: pd.DataFrame, names: Sequence[str]) -> Arra
 
 
 def _no_angle(table: pd.DataFrame, layout: Layout) -> bool:
-    """Whether no column is left that may be the angle."""
-    return not {*table.columns} - {layout.time, layout.recording, *layout.position, *FRAME_NUMBERS}
+    """Whether no column is the angle, or is left that may be it."""
+    return layout.angle is None or not {*table.columns} - {layout.time, layout.recording, *layout.position, *FRAME_NUMBERS}
 
 
 def _columns(place: str, table: pd.DataFrame, names: Sequence[str]) -> Array:

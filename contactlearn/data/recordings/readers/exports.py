@@ -54,6 +54,11 @@ class Export:
     bodies: dict[str, tuple[list[str], list[str]]] = field(default_factory=dict)
     likelihoods: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def subjects(self) -> list[str]:
+        """Return whose the points are, where their names say so: `ball` of `ball:centre`."""
+        return [*dict.fromkeys(name.partition(":")[0] for name in self.points if ":" in name)]
+
     def layout(self, path: Path, stated: Layout) -> Layout:
         """Return a layout with the columns of the body.
 
@@ -69,6 +74,9 @@ class Export:
             return replace(stated, position=position, quaternion=turned, body=None)
         if stated.markers or {*stated.position[:2]} <= {*self.names}:
             return stated
+        if stated.body is None and len(self.subjects) > 1:
+            choices = " or ".join(f"data.body={name}" for name in self.subjects)
+            raise DataError(f"{path}: has points of {', '.join(self.subjects)}; state {choices}")
         own = {name: columns for name, columns in self.points.items() if name.startswith(stated.body or "")}
         if not own:
             raise DataError(f"{path}: has no point that begins with {stated.body!r}; it has {', '.join(self.points)}")
@@ -142,13 +150,14 @@ def _vicon(rows: Rows) -> Export | None:
         names.append(f"{group} {axis}" if k > 1 else axis.lower())
     groups = dict.fromkeys(name.rpartition(" ")[0] for name in names[2:] if name.rpartition(" ")[0])
     points, bodies = dict[str, list[str]](), dict[str, tuple[list[str], list[str]]]()
+    several = len({one.partition(":")[0] for one in groups if ":" in one}) > 1
     for one in groups:
         plain, short = [f"{one} {axis}" for axis in "XYZ"], one.split(":")[-1]
         place, turns = ([f"{one} {kind}{axis}" for axis in letters] for kind, letters in (("T", "XYZ"), ("R", "XYZW")))
         if {*place, *turns[:3]} <= {*names}:
             bodies[short.rpartition(" ")[2]] = (place, [name for name in turns if name in names])
         elif {*plain} <= {*names}:
-            points[short] = plain
+            points[one if several else short] = plain
     if not points and not bodies:
         return None
     rate = next((float(row[0]) for row in rows[start + 1 : header] if _numeric(row[:1])), None)
