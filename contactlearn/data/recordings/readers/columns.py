@@ -379,7 +379,8 @@ def _orientations(place: str, table: pd.DataFrame, names: Sequence[str]) -> Arra
 
 def _no_angle(table: pd.DataFrame, layout: Layout) -> bool:
     """Whether no column is the angle, or is left that may be it."""
-    return layout.angle is None or not {*table.columns} - {layout.time, layout.recording, *layout.position, *FRAME_NUMBERS}
+    known = {layout.time, layout.recording, *layout.position, *FRAME_NUMBERS}
+    return layout.angle is None or {*table.columns} <= known
 
 
 def _columns(place: str, table: pd.DataFrame, names: Sequence[str]) -> Array:
