@@ -147,8 +147,8 @@ def _after(state: State, duration: Float[Tensor, "..."], *, hysteretic: bool = F
     x, y = (part + torch.zeros_like(duration) for part in state.r.unbind(-1))
     depth, deepest, pushes = torch.zeros_like(duration), torch.zeros_like(duration), torch.ones_like(duration)
     for _ in range(normal.steps):
-        turn = 0.5 * time * omega  # until the middle of the step
-        r_x, r_y = x - turn * (y + curvature), y + turn * x + normal.share * depth * time / step
+        x, y = _turned(0.5 * time * omega, x, y, curvature)  # in the middle of the step
+        r_x, r_y = x, y + normal.share * depth * time / step
         w_tn = -r_x * r_y / state.inertia
         w_tt, w_nn = 1 / state.mass + r_y.square() / state.inertia, 1 / state.mass + r_x.square() / state.inertia
         v_t, v_n = v_x - r_y * omega, v_y + r_x * omega
@@ -159,12 +159,18 @@ def _after(state: State, duration: Float[Tensor, "..."], *, hysteretic: bool = F
         N = torch.where(slides, push / (1 + yields * (w_nn + slope * w_tn)), N)
         pushes = torch.where(N > 0, pushes, 0.0)
         N, Q = N * pushes, torch.where(slides, slope * N, Q) * pushes
-        before, omega = omega, omega + (r_x * N - r_y * Q) / state.inertia
+        omega = omega + (r_x * N - r_y * Q) / state.inertia
         v_x, v_y = v_x + Q / state.mass, v_y + N / state.mass - GRAVITY * time * pushes
         depth = depth - 0.5 * step * (v_n + v_y + r_x * omega)
-        turn = 0.5 * time * (before + omega)
-        x, y = x - turn * (y + curvature), y + turn * x
+        x, y = _turned(0.5 * time * omega, x, y, curvature)
     return torch.stack((v_x, v_y, omega), -1)
+
+
+def _turned(turn: Tensor, x: Tensor, y: Tensor, curvature: Tensor) -> tuple[Tensor, Tensor]:
+    """The contact point after a turn in rad, by Cayley's rotation and the shift along the outline."""
+    whole = 4 + turn.square()
+    c, s = (8 - whole) / whole, 4 * turn / whole
+    return c * x - s * y - turn * curvature, s * x + c * y
 
 
 def _after_in_space(
@@ -260,13 +266,14 @@ def _cross(vector: Float[Tensor, "3 ..."]) -> Float[Tensor, "3 3 ..."]:
 
 def _surface_shift(state: State) -> Float[Tensor, "... n 3 3"]:
     """By what the contact point moves along the surface in m for a turn in rad about each axis; 0 of a corner."""
-    columns, size = list[Tensor](), state.r.norm(dim=-1, keepdim=True)
+    columns, height = list[Tensor](), state.r[..., 2:].abs()
     for axis in torch.eye(3).to(state.r)[:2]:
         turns = (turn_quaternion(state.orientation, sign * _TURN * axis) for sign in (1, -1))
         ends = [state.contact_points(turned) for turned in turns]
         by_turn = (ends[0] - ends[1]) / (2 * _TURN) - torch.linalg.cross(axis.expand_as(state.r), state.r)
-        most = _FLATTEST * size / by_turn.norm(dim=-1, keepdim=True).clamp_min(_NOTHING)
-        columns.append(by_turn * most.clamp_max(1))
+        along = by_turn * torch.tensor((1.0, 1.0, 0.0)).to(by_turn)
+        most = _FLATTEST * height / along.norm(dim=-1, keepdim=True).clamp_min(_NOTHING)
+        columns.append(along * most.clamp_max(1))
     return torch.stack((*columns, torch.zeros_like(state.r)), -1)
 
 

@@ -57,7 +57,7 @@ class Export:
     @property
     def subjects(self) -> list[str]:
         """Return whose the points are, where their names say so: `ball` of `ball:centre`."""
-        return [*dict.fromkeys(name.partition(":")[0] for name in self.points if ":" in name)]
+        return [*dict.fromkeys(name.split(":")[0] for name in self.points if ":" in name)]
 
     def layout(self, path: Path, stated: Layout) -> Layout:
         """Return a layout with the columns of the body.
@@ -150,7 +150,7 @@ def _vicon(rows: Rows) -> Export | None:
         names.append(f"{group} {axis}" if k > 1 else axis.lower())
     groups = dict.fromkeys(name.rpartition(" ")[0] for name in names[2:] if name.rpartition(" ")[0])
     points, bodies = dict[str, list[str]](), dict[str, tuple[list[str], list[str]]]()
-    several = len({one.partition(":")[0] for one in groups if ":" in one}) > 1
+    several = len({one.split(":")[0] for one in groups if ":" in one}) > 1
     for one in groups:
         plain, short = [f"{one} {axis}" for axis in "XYZ"], one.split(":")[-1]
         place, turns = ([f"{one} {kind}{axis}" for axis in letters] for kind, letters in (("T", "XYZ"), ("R", "XYZW")))
