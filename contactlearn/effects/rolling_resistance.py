@@ -8,7 +8,8 @@ from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State
+from contactlearn.mechanics.space import BOTH
 
 
 class RollingResistance(Effect):
@@ -75,18 +76,22 @@ class RollingResistanceCurve(Spline, RollingResistance):
 
 
 class RollingResistanceBefore(_ConstantArm, RollingResistance):
-    """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with.
+    """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with, in space that along the floor.
 
-    The contact does not respond to it, and it goes on where the spin is reversed (`SmoothedRollingResistance`).
+    The contact does not respond to it, and it goes on where the spin is reversed (`SmoothedRollingResistance`).  It is
+    not friction against the spin about the normal (`torsional_friction`).
     """
 
+    spaces = BOTH
     form = "before"
     formula = "τ ← τ − c P_n sign(ω), smoothed, ω the spin before contact"
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        smoothed = (state.omega.square() + require_positive(self.omega_s) ** 2).sqrt()
-        return columns(P_t, P_n, tau - self.c * P_n * state.omega / smoothed)
+    def wrench(self, state: State, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
+        d = state.space.d
+        spin, P_n = state.v_pre[..., d : 2 * d - 1], wrench[..., d - 1]
+        smoothed = (spin.square().sum(-1) + require_positive(self.omega_s) ** 2).sqrt()
+        moment = (self.c * P_n / smoothed)[..., None] * spin
+        return torch.cat((wrench[..., :d], wrench[..., d : 2 * d - 1] - moment, wrench[..., 2 * d - 1 :]), -1)
 
 
 def _mean_spin(state: State) -> Float[Tensor, "... n"]:
