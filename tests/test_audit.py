@@ -150,6 +150,17 @@ def test_all_lengths_in_one_unit(unit):
     assert corrections(audit(corrupt(drops(), unit, f"{unit}_velocity"))) == [unit, f"{unit}_velocity"]
 
 
+def test_bounces_along_the_normal_show_no_unit():
+    """A floor that kicks: no moment tells whether speeds after impact alone are in another unit."""
+    speed = torch.linspace(0.5, 3, 120, dtype=torch.float64)
+    kicked = drops("disc", size=120, velocity_noise=0, spin_noise=0)
+    v_pre, v_post = (torch.stack((0 * v, v, 0 * v), -1) for v in (-speed, 0.6 * speed + 0.9))
+    noise = 0.01 * torch.randn(120, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    v_post[:, 1] += noise
+    found = audit(kicked.replace(v_pre=v_pre, v_post=v_post, validate=False))
+    assert not {*corrections(found)} & {*UNITS}
+
+
 def test_a_wrong_inertia_is_no_pair_of_units():
     clean = drops(size=400)
     assert corrections(audit(clean.replace(inertia=clean.inertia * 3.1))) == ["inertia_scaled"]

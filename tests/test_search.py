@@ -21,6 +21,8 @@ from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.identification.joint import FitOptions, linearise
 from contactlearn.inference.validation import Folds
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Sphere
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.text.sentences import headline
 from contactlearn.simulation import hidden_effects, synthetic
@@ -53,6 +55,31 @@ def planted(size, seed=0, **effects):
 
 def spec(*effects, law="wang_mason"):
     return Spec(law, frozenset(effects))
+
+
+def test_a_law_that_is_far_off_alone_gets_the_effect_that_promises_most():
+    """A superball with stated noise: the right law fits worst alone, and its linearisation says little."""
+    n, generator = 150, torch.Generator().manual_seed(0)
+    normal = torch.randn(n, 6, generator=generator, dtype=torch.float64)
+    v = normal * torch.tensor((1.5, 1.5, 0.5, 10, 10, 10)) - torch.tensor((0, 0, 3.0, 0, 0, 0))
+    level = torch.tensor((0, 0, 0.04, 1, 0, 0, 0), dtype=torch.float64).expand(n, -1)
+    mass, r = torch.full((n,), 0.1, dtype=torch.float64), torch.tensor((0, 0, -0.04), dtype=torch.float64).expand(n, -1)
+    ball = Impacts(mass, (0.4 * 0.1 * 0.04**2 + 0 * r).double(), r, level, v, v, shape=Sphere(0.04), validate=False)
+    rebound = EffectId("tangential_restitution", "slip")
+    superball = {rebound.name: find_effect(rebound.name, rebound.form)(0.55)}
+    model = ContactModel(find("mirtich").at(0.34, 0.8), effects=superball)
+    noise = (0.02, 0.02, 0.02, 0.2, 0.2, 0.2)
+    errors = torch.randn(n, 6, generator=generator, dtype=torch.float64) * torch.tensor(noise)
+    ball = ball.replace(v_post=model.predict(ball).v_post + errors)
+    families = {f"{of}_dependent_restitution" for of in ("incidence", "slip", "velocity")} | {"load_dependent_friction"}
+    every = all_candidates(ball.space).items()
+    candidates = {key: one.prepare(ball) for key, one in every if key == rebound or key.name in families}
+    laws = {law: find(law) for law in ("drumwright_shell", "mirtich", "whittaker")}
+    pool = Pool(laws, ball, candidates, {}, FitOptions(noise=noise))
+    pool.all_fitted({Spec(law): None for law in laws})
+    assert pool.best().spec.law == "drumwright_shell"
+    Search(pool, 2).run()
+    assert pool.best().spec.effects == {rebound}
 
 
 def test_derivatives_in_effects_that_vanish_are_their_own():

@@ -80,7 +80,7 @@ _FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that i
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
-_CLOSED = 0.05  # the same of a unit, which an inclined floor may look like: it leaves more than this
+_MAX_CONTRADICTIONS_OF_UNIT = 0.05  # the same where it is a unit: an inclined floor that looks like one leaves more
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
@@ -192,7 +192,7 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
             tried += len(pairs)
         if accepted:
             chosen = _chosen(given, accepted, tried)
-            most = _CLOSED if _CONFUSED.intersection(chosen.best.names) else _MAX_CONTRADICTIONS
+            most = _MAX_CONTRADICTIONS_OF_UNIT if _CONFUSED.intersection(chosen.best.names) else _MAX_CONTRADICTIONS
             if chosen.best.score < most:
                 return chosen
             return _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
