@@ -18,6 +18,7 @@ from contactlearn.laws import find
 from contactlearn.laws.contact import Contact
 from contactlearn.mechanics.rigid_body import rotate
 from contactlearn.mechanics.shapes import Polygon
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -280,7 +281,7 @@ def test_a_formula_on_paper_has_its_form(name, form, amount):
     impacts = impacts.replace(v_pre=impacts.v_pre + thrown, validate=False)
     impacts = impacts.replace(v_post=on_paper(name, impacts, amount))
     left = {}
-    for kind in catalogue()[name]:
+    for kind in (kind for kind in catalogue()[name] if PLANE in kind.spaces):
         fit = joint.fit(impacts, find("wang_mason"), {"it": kind()})
         left[kind.form] = mass_error(impacts, fit.model.predict(impacts)).mean().item()
     assert left.pop(form) < 0.2 * min(left.values()), left

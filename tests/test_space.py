@@ -401,9 +401,14 @@ def test_effects_turn_with_the_contact(kind):
 
 def ball(slip, spin, mu=0.5, eps=0.6, **effects):
     """A ball of 1 kg and 0.1 m falls at 2 m/s with a slip (m/s) along y and a spin (rad/s) about the normal."""
+    return struck((0, slip, -2.0, 0, 0, spin), mu, eps, **effects)
+
+
+def struck(v, mu=0.5, eps=0.6, **effects):
+    """Velocity after impact of a ball of 1 kg and 0.1 m."""
     shape = Sphere(0.1)
     q = torch.tensor([[0, 0, 0, 1.0, 0, 0, 0]]).double()
-    v = torch.tensor([[0, slip, -2.0, 0, 0, spin]], dtype=torch.float64)
+    v = torch.tensor([v], dtype=torch.float64)
     one = torch.ones(1).double()
     impacts = Impacts(
         one, one[:, None] * shape.gyration_squared(), contact_point(shape, q[:, 3:]), q, v, v, shape=shape
@@ -424,6 +429,31 @@ def test_a_ball_rebounds_sideways_and_loses_spin():
     lost = [10 - ball(slip, 10.0, effect=sliding)[5].item() for slip in (0.0, 20.0)]
     assert lost[0] == pytest.approx(0.001 * P_n / inertia, rel=1e-6)
     assert 0 < lost[1] < 0.01 * lost[0]
+
+
+def test_a_ball_that_rolls_is_slowed_down_while_the_contact_lasts():
+    resisted = find_effect("rolling_resistance", "path")(c=0.005, omega_s=1e-6)
+    inertia, P_n = 0.004, 3.2
+    free = struck((0, 0, -2.0, 6.0, -8.0, 3.0), mu=0.0, effect=resisted)
+    lost = 0.005 * P_n / inertia
+    assert free[3:].tolist() == pytest.approx([6 - 0.6 * lost, -8 + 0.8 * lost, 3], rel=1e-9)
+    rolling = struck((1.0, 0, -2.0, 0, 10.0, 0), effect=resisted)  # friction holds the contact point
+    assert rolling[4].item() == pytest.approx(10 - 0.005 * P_n / (inertia + 0.01), rel=1e-6)
+    assert rolling[0].item() == pytest.approx(0.1 * rolling[4].item(), abs=1e-9)
+
+    def slides(P_n, velocity):  # dv/dP_n of a ball whose friction turns its spin
+        v, omega = velocity[:2], velocity[2:]
+        slip = v + 0.1 * np.array((-omega[1], omega[0]))
+        friction = -0.05 * slip / np.hypot(*slip)
+        moment = 0.1 * np.array((friction[1], -friction[0])) - 0.005 * omega / np.hypot(*omega)
+        return np.concatenate((friction, moment / inertia))
+
+    start = np.array((2.0, 1.0, -6.0, 8.0))
+    exact = solve_ivp(slides, (0, P_n), start, rtol=1e-10, atol=1e-12).y[:, -1]
+    found, alone = (struck((2.0, 1.0, -2.0, -6.0, 8.0, 0), mu=0.05, **e)[[0, 1, 3, 4]] for e in ({"e": resisted}, {}))
+    change = (found - alone).numpy()
+    left = exact - found.numpy()
+    assert np.abs(left[2:]).max() < 0.05 * np.abs(change[2:]).max()
 
 
 PLANTED = {

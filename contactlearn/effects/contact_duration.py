@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.impulse_path import against_slip, applied, smooth_norm
 from contactlearn.effects.state import State
 from contactlearn.laws.spring_dashpot import damping
 from contactlearn.mechanics import rigid_body
@@ -186,10 +187,10 @@ def _after_in_space(
     vectors = (state.v_pre[..., :3], state.r, matvec(inertia, state.v_pre[..., 3:]))
     v, r, momentum = (x.expand(*batch, 3).movedim(-1, 0).contiguous() for x in vectors)
     W = _admittance(1 / state.mass, r, inverse)
-    w_0, (held,) = W[2, 2], _against_slip(W, W[:2, 2])
+    w_0, (held,) = W[2, 2], against_slip(W, W[:2, 2])
     normal = _Normal.of(state, w_0, (W[:2, 2] * held).sum(0) / w_0, duration, hysteretic=hysteretic)
     step, time, yields = normal.step, normal.time, normal.yields
-    omega = _times(inverse, momentum)
+    omega = applied(inverse, momentum)
     depth, deepest, pushes = torch.zeros_like(duration), torch.zeros_like(duration), torch.ones_like(duration)
     down = torch.eye(3)[2].to(v).view(3, *[1] * (v.ndim - 1))
     for _ in range(normal.steps):
@@ -197,30 +198,26 @@ def _after_in_space(
         arm, turned = _rotated(turn, r, inverse, shift)
         raised = arm + down * (normal.share * depth * time / step)
         W = _admittance(1 / state.mass, raised, turned)
-        velocity = v + torch.linalg.cross(_times(turned, momentum), raised, dim=0)
+        velocity = v + torch.linalg.cross(applied(turned, momentum), raised, dim=0)
         coupling, v_n = W[:2, 2], velocity[2]
         push, deepest = normal.push(depth, deepest, v_n, w_0)
-        by_push, by_slip = _against_slip(W, coupling, velocity[:2])
+        by_push, by_slip = against_slip(W, coupling, velocity[:2])
         held = 1 + yields * (W[2, 2] - (coupling * by_push).sum(0))
         N = (push + yields * (coupling * by_slip).sum(0)) / held
         Q = -(by_slip + by_push * N)
         slip = velocity[:2] + coupling * N  # after the step, without friction
-        along = -slip / _norm(slip)
-        slides = _norm(Q) > mu * N
+        along = -slip / smooth_norm(slip)
+        slides = smooth_norm(Q) > mu * N
         N = torch.where(slides, push / (1 + yields * (W[2, 2] + mu * (coupling * along).sum(0))), N)
         pushes = torch.where(N > 0, pushes, 0.0)
         P = torch.cat((torch.where(slides, mu * N * along, Q), N[None])) * pushes
         momentum = momentum + torch.linalg.cross(raised, P, dim=0)
         v = v + P / state.mass - GRAVITY * time * pushes * down
-        after = _times(turned, momentum)
+        after = applied(turned, momentum)
         depth = depth - 0.5 * step * (v_n + v[2] + torch.linalg.cross(after, raised, dim=0)[2])
         r, inverse = _rotated(0.5 * time * pushes * after, arm, turned, shift)
-        omega = _times(inverse, momentum)
+        omega = applied(inverse, momentum)
     return torch.cat((v, omega)).movedim(0, -1)
-
-
-def _times(A: Float[Tensor, "3 3 ..."], x: Float[Tensor, "3 ..."]) -> Float[Tensor, "3 ..."]:
-    return (A * x).sum(1)
 
 
 def _product(A: Float[Tensor, "3 3 ..."], B: Float[Tensor, "3 3 ..."]) -> Float[Tensor, "3 3 ..."]:
@@ -243,18 +240,7 @@ def _rotated(
     K = _cross(turn)
     share = 4 / (4 + turn.square().sum(0))
     R = torch.eye(3).to(r).view(3, 3, *[1] * (r.ndim - 1)) + share * (K + 0.5 * _product(K, K))
-    return _times(R, r) + _times(shift, turn), _product(_product(R, inverse), R.transpose(0, 1))
-
-
-def _against_slip(W: Float[Tensor, "3 3 ..."], *slips: Float[Tensor, "2 ..."]) -> list[Float[Tensor, "2 ..."]]:
-    """The tangential impulses that would make slips, without any along the normal."""
-    a, b, c = W[0, 0], W[0, 1], W[1, 1]
-    det = a * c - b.square()
-    return [torch.stack((c * x - b * y, a * y - b * x)) / det for x, y in slips]
-
-
-def _norm(vector: Float[Tensor, "2 ..."]) -> Float[Tensor, "..."]:
-    return vector.square().sum(0).clamp_min(_NOTHING).sqrt()
+    return applied(R, r) + applied(shift, turn), _product(_product(R, inverse), R.transpose(0, 1))
 
 
 def _cross(vector: Float[Tensor, "3 ..."]) -> Float[Tensor, "3 3 ..."]:

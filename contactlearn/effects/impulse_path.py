@@ -5,12 +5,20 @@ moves the whole path; `perturbed_path` adds to the law's wrench the difference b
 integrated until v_n reaches the law's value.  The path is continuous in all inputs, so the change is too.
 """
 
+from collections.abc import Callable
+
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
 from contactlearn.laws.contact import Contact
 from contactlearn.laws.wang_mason import routh_path
+from contactlearn.mechanics import rigid_body
+
+_STEPS = 12  # of the same rise of v_n
+_FLATTEST = 0.05  # of W_nn: v_n rises no slower
+_NOTHING = 1e-60  # below which a square is none
 
 
 def perturbed_path(
@@ -35,11 +43,81 @@ def perturbed_path(
     if arm is not None:
         turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
         moved = contact._replace(w_tn=contact.w_tn + turn_t, w_nn=contact.w_nn + turn_n)
-    rise = (state.contact_after(wrench)[..., 1] - state.v_n).clamp_min(0)
     was, now = routh_path(contact, mu, mu, w_nt), routh_path(moved, *(friction or (mu, mu)), w_nt)
+    rise = _rise(state, wrench)
     before, after = was.impulse(was.until(rise)), now.impulse(now.until(rise))
     P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
+
+
+def perturbed_path_in_space(
+    state: State,
+    wrench: Float[Tensor, "... n 6"],
+    arm: Float[Tensor, "..."],
+    direction: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]],
+) -> Float[Tensor, "... n 6"]:
+    """Return the wrench [..., N, 6] after a moment dτ/dP_n of an arm in m, in a direction that follows the spin.
+
+    The spin [3, ..., N] is that of the instant in rad/s, so that both paths are followed in steps.
+    """
+    rise = _rise(state, wrench)
+    after, before = (_followed(state, rise, one, direction) for one in (arm, torch.zeros_like(arm)))
+    return wrench + (after - before)
+
+
+def _followed(
+    state: State,
+    rise: Float[Tensor, "... n"],
+    arm: Float[Tensor, "..."],
+    direction: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]],
+) -> Float[Tensor, "... n 6"]:
+    """The wrench of Routh's path in steps of v_n; components of vectors and matrices are the first axes here."""
+    mu, _ = state.coefficients
+    batch = (rise + mu + arm).shape
+    vectors = state.r, state.approach, state.v_pre[..., 3:]
+    r, v, omega = (x.expand(*batch, 3).movedim(-1, 0).contiguous() for x in vectors)
+    matrices = rigid_body.inverse(state.world_inertia), state.W
+    inverse, W = (x.expand(*batch, 3, 3).movedim((-2, -1), (0, 1)).contiguous() for x in matrices)
+    P, tau, step = torch.zeros_like(v), torch.zeros_like(v), rise / _STEPS
+    for _ in range(_STEPS):
+        per_push = arm * direction(omega)
+        push = W[:, 2] + torch.linalg.cross(applied(inverse, per_push), r, dim=0)  # of the contact point, 1/kg
+        by_push, by_slip = against_slip(W, push[:2], v[:2])
+        N = (step + (W[2, :2] * by_slip).sum(0)) / (push[2] - (W[2, :2] * by_push).sum(0))
+        Q = -(by_slip + by_push * N)
+        slip = v[:2] + push[:2] * step / push[2]  # after the step, without friction
+        along = -slip / smooth_norm(slip)
+        rate = push[2] + mu * (W[2, :2] * along).sum(0)
+        slides = smooth_norm(Q) > mu * N
+        N = torch.where(slides, step / torch.maximum(rate, _FLATTEST * W[2, 2]), N)
+        push = torch.cat((torch.where(slides, mu * N * along, Q), N[None]))
+        P, tau = P + push, tau + per_push * N
+        turn = applied(inverse, per_push * N)
+        v = v + applied(W, push) + torch.linalg.cross(turn, r, dim=0)
+        omega = omega + turn + applied(inverse, torch.linalg.cross(r, push, dim=0))
+    return torch.cat((P, tau)).movedim(0, -1)
+
+
+def applied(A: Float[Tensor, "k k ..."], x: Float[Tensor, "k ..."]) -> Float[Tensor, "k ..."]:
+    """A x, with components as the first axes."""
+    return (A * x).sum(1)
+
+
+def against_slip(W: Float[Tensor, "3 3 ..."], *slips: Float[Tensor, "2 ..."]) -> list[Float[Tensor, "2 ..."]]:
+    """The tangential impulses that would make slips, without any along the normal."""
+    a, b, c = W[0, 0], W[0, 1], W[1, 1]
+    det = a * c - b.square()
+    return [torch.stack((c * x - b * y, a * y - b * x)) / det for x, y in slips]
+
+
+def smooth_norm(vector: Float[Tensor, "2 ..."]) -> Float[Tensor, "..."]:
+    """|x| with a derivative where it vanishes."""
+    return vector.square().sum(0).clamp_min(_NOTHING).sqrt()
+
+
+def _rise(state: State, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n"]:
+    """By how much v_n rises in m/s."""
+    return (state.contact_after(wrench)[..., -1] - state.v_n).clamp_min(0)
 
 
 def contact_of(state: State) -> Contact:

@@ -3,13 +3,14 @@
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
-from contactlearn.effects.impulse_path import perturbed_path
+from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
 from contactlearn.effects.state import State
-from contactlearn.mechanics.space import BOTH
+from contactlearn.mechanics.space import BOTH, SPACE
 
 
 class RollingResistance(Effect):
@@ -17,10 +18,12 @@ class RollingResistance(Effect):
 
         smoothed    c s̄, with the mean sign of the spin
         curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `functions.Spline`
+        path        c sign(ω), with the spin of the instant, in space
         before      c sign(ω), with the spin before contact
 
-    In the first two the contact responds while it lasts (`perturbed_path`).  It is not damping in proportion to the
-    spin and the moment of inertia (`spin_damping`).
+    In all but the last the contact responds while it lasts (`perturbed_path`).  In space ω is the spin along the floor.
+    It is not damping in proportion to the spin and the moment of inertia (`spin_damping`), nor friction against the
+    spin about the normal (`torsional_friction`).
     """
 
     place = "wrench"
@@ -38,6 +41,10 @@ class _ConstantArm(Frozen):
     c: Tensor | float = parameter("c", "m", 0.0, 0.005)
     omega_s: float = 1.0
 
+    def _smoothed(self, spin: Float[Tensor, "... n k"]) -> Float[Tensor, "... n"]:
+        """|ω| in rad/s, which does not vanish."""
+        return (spin.square().sum(-1) + require_positive(self.omega_s) ** 2).sqrt()
+
 
 class SmoothedRollingResistance(_ConstantArm, RollingResistance):
     """τ → τ − c P_n s̄, where s̄ is the mean sign of the spin on its way from ω to ω⁺; c is half a width.
@@ -53,11 +60,27 @@ class SmoothedRollingResistance(_ConstantArm, RollingResistance):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         before, after = state.omega, state.v_after(wrench)[..., 2]
-        fades = require_positive(self.omega_s) ** 2
-        size = (before.square() + fades).sqrt() + (after.square() + fades).sqrt()
-        arm = self.c * (before + after) / size
+        resisted = (before + after) / (self._smoothed(before[..., None]) + self._smoothed(after[..., None]))
         most = state.inertia * after.abs() / wrench[..., 1].clamp_min(1e-300)
-        return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(arm, most), -most))
+        return perturbed_path(state, wrench, arm=-torch.maximum(torch.minimum(self.c * resisted, most), -most))
+
+
+class RollingResistanceInSpace(_ConstantArm, RollingResistance):
+    """dτ/dP_n = −c ω/√(|ω|² + ω_s²) along Routh's path, with the spin ω of the instant along the floor.
+
+    It is not the spin before contact, which friction changes (`RollingResistanceBefore`).
+    """
+
+    spaces = (SPACE,)
+    form = "path"
+    formula = "dτ/dP_n = −c ω/|ω|, smoothed, along the path of the contact"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        def along_floor(spin: Float[Tensor, "3 ... n"]) -> Float[Tensor, "3 ... n"]:
+            rolling = spin[:2]
+            return -torch.cat((rolling, torch.zeros_like(rolling[:1]))) / self._smoothed(rolling.movedim(0, -1))
+
+        return perturbed_path_in_space(state, wrench, torch.as_tensor(self.c), along_floor)
 
 
 class RollingResistanceCurve(Spline, RollingResistance):
@@ -76,10 +99,9 @@ class RollingResistanceCurve(Spline, RollingResistance):
 
 
 class RollingResistanceBefore(_ConstantArm, RollingResistance):
-    """τ → τ − c P_n ω/√(ω² + ω_s²), with the spin ω that the body comes in with, in space that along the floor.
+    """τ → τ − c P_n ω/√(|ω|² + ω_s²), with the spin ω that the body comes in with.
 
-    The contact does not respond to it, and it goes on where the spin is reversed (`SmoothedRollingResistance`).  It is
-    not friction against the spin about the normal (`torsional_friction`).
+    The contact does not respond to it, and it goes on where the spin is reversed (`SmoothedRollingResistance`).
     """
 
     spaces = BOTH
@@ -88,10 +110,9 @@ class RollingResistanceBefore(_ConstantArm, RollingResistance):
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n D"]:
         d = state.space.d
-        spin, P_n = state.v_pre[..., d : 2 * d - 1], wrench[..., d - 1]
-        smoothed = (spin.square().sum(-1) + require_positive(self.omega_s) ** 2).sqrt()
-        moment = (self.c * P_n / smoothed)[..., None] * spin
-        return torch.cat((wrench[..., :d], wrench[..., d : 2 * d - 1] - moment, wrench[..., 2 * d - 1 :]), -1)
+        spin = state.v_pre[..., d : d + 2]
+        moment = (self.c * wrench[..., d - 1] / self._smoothed(spin))[..., None] * spin
+        return wrench - pad(moment, (d, d - 2))
 
 
 def _mean_spin(state: State) -> Float[Tensor, "... n"]:
