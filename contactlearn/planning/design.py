@@ -1,6 +1,6 @@
 """The design: a batch of drops within the limits of a rig, chosen one by one.
 
-    settings    drawn evenly within the limits (Sobol), each with realisations of what the rig does not reach or set
+    settings    drawn within the limits and at them (Sobol), with realisations of what the rig does not reach or set
     criteria    what a drop at each setting is expected to tell, see `criteria`
     batch       a part of the drops for the goal, a part for effects that are not seen yet, a part that fills the space,
                 since the truth may be in no model; each drop is the best after all before it
@@ -61,7 +61,7 @@ _COEFFICIENTS = (0.1, 0.5), (0.35, 0.7)  # (μ, ε) about which effects are look
 _SCHEDULE = {
     None: (Purpose.EFFECTS, Purpose.EFFECTS, Purpose.EFFECTS, Purpose.SPACE),
     Goal.NAMES: (Purpose.NAMES, Purpose.EFFECTS, Purpose.NAMES, Purpose.SPACE),
-    Goal.PARAMETERS: (Purpose.PARAMETERS, Purpose.PARAMETERS, Purpose.PARAMETERS, Purpose.SPACE),
+    Goal.PARAMETERS: (*[Purpose.PARAMETERS] * 7, Purpose.SPACE),
     Goal.PREDICTION: (Purpose.PREDICTION, Purpose.PREDICTION, Purpose.PREDICTION, Purpose.SPACE),
 }
 """What the drops of a batch are for, in turn: by goal, and before anything is diagnosed."""

@@ -34,6 +34,7 @@ NAMES = {PLANE: (HEIGHT, *STATES[PLANE]), SPACE: (HEIGHT, "theta", "heading", "t
 """What a rig may set, by space; see the module."""
 ANGLES = ("theta", "heading", "turn")
 _GRAZING = 0.1  # a contact point approaches at more than this share of the body's speed
+_AT_LIMITS = 0.25  # of the width within the limits: as many settings are at each of the two
 _LEVELS = 5  # values of a setting whose change has a cost
 _MARGIN = 0.05  # share of the measured values beyond the limits of what comes by chance, on either side
 
@@ -196,9 +197,9 @@ class Rig:
         return replace(self, limits=complete)
 
     def draw(self, count: int, seed: int) -> dict[str, Float[Tensor, "n"]]:
-        """Draw values of all quantities evenly (Sobol), in round numbers that can be set."""
+        """Draw values of all quantities within their limits and at them (Sobol), in round numbers that can be set."""
         engine = torch.quasirandom.SobolEngine(len(self.limits), scramble=True, seed=seed)
-        unit = engine.draw(count, dtype=torch.float64).unbind(-1)
+        unit = ((1 + 2 * _AT_LIMITS) * engine.draw(count, dtype=torch.float64) - _AT_LIMITS).clamp(0, 1).unbind(-1)
         return {name: _rounded(name, one, u) for (name, one), u in zip(self.limits.items(), unit, strict=True)}
 
     def reached(
