@@ -15,6 +15,7 @@ from contactlearn.effects.functions import Spline
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
+from contactlearn.mechanics.space import PLANE
 from contactlearn.models import checkpoint
 from contactlearn.simulation import synthetic
 
@@ -22,7 +23,7 @@ ROUNDING = 1e-12  # relative to a rise of 1
 NOISE = torch.tensor((0.005, 0.005, 0.2), dtype=torch.float64)  # m/s and rad/s
 SIGMAS = 4.0
 
-CURVES = [kind for forms in catalogue().values() for kind in forms if issubclass(kind, Spline)]
+CURVES = [kind for forms in catalogue().values() for kind in forms if issubclass(kind, Spline) and PLANE in kind.spaces]
 FAMILIES = {  # what has a curve, by the variable
     *("velocity_dependent_restitution", "slip_dependent_restitution", "configuration_dependent_restitution"),
     *("incidence_dependent_restitution", "incidence_dependent_friction", "parameter_drift"),

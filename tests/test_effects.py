@@ -152,15 +152,20 @@ BROKEN = {
     "of a final class": ((find_effect("gravity_impulse"),), {}, "must not subclass GravityImpulse, which is final"),
     "of a form": ((find_effect("spin_damping"),), {"form": "late"}, "SpinDampingAfter, which is final"),
     "no form": ((SpinDamping,), {}, "must name its form of spin_damping"),
-    "another place": ((SpinDamping,), {"form": "late", "law": Effect.law}, "must override wrench, as its family"),
+    "no place": ((SpinDamping,), {"form": "late", "wrench": SpinDamping.wrench}, "must override wrench, as its family"),
 }
 
 
 @pytest.mark.parametrize(("bases", "body", "message"), BROKEN.values(), ids=BROKEN)
 def test_what_is_neither_effect_nor_form_is_refused(forgotten, bases, body, message):
-    place = "wrench" if "law" not in body else "law"
     with pytest.raises(TypeError, match=message):
-        type("Broken", bases, {place: getattr(Effect, place)} | body)
+        type("Broken", bases, {"wrench": Effect.wrench} | body)
+
+
+def test_a_form_may_act_at_another_place_than_its_family(forgotten):
+    kinds = [find_effect("velocity_dependent_friction", form) for form in ("viscous", "viscous_path")]
+    assert [kind.place for kind in kinds] == ["law", "wrench"]
+    assert kinds[1].law is None
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: str(kind.id))

@@ -456,6 +456,28 @@ def test_a_ball_that_rolls_is_slowed_down_while_the_contact_lasts():
     assert np.abs(left[2:]).max() < 0.05 * np.abs(change[2:]).max()
 
 
+def test_friction_follows_the_slip_as_it_turns():
+    law, effect = find("wang_mason").at(0.1, 0.6), find_effect("velocity_dependent_friction", "stribeck_path")(1.5, 0.5)
+    alone, found = (ContactModel(base=law, effects=e).predict(TOSSED).wrench[:, :3] for e in ({}, {"it": effect}))
+    steps, v, P, slowest = 1000, TOSSED.v_c, torch.zeros_like(alone), torch.inf
+    rise = (TOSSED.W @ alone[..., None])[:, 2, 0]
+    for _ in range(steps):
+        slip = v[:, :2].norm(dim=1, keepdim=True)
+        slowest = slip.clamp_max(slowest)
+        friction = -0.1 * (1 + 1.5 * (-slip / 0.5).exp()) * v[:, :2] / slip
+        force = torch.cat((friction, torch.ones_like(slip)), 1)
+        rate = (TOSSED.W @ force[..., None])[..., 0]
+        step = rise / steps / rate[:, 2]
+        v, P = v + rate * step[:, None], P + force * step[:, None]
+    slides = slowest[:, 0] > 0.1
+    assert slides.sum() > 100
+    turned = torch.linalg.cross(v, TOSSED.v_c)[slides, 2] / (v.norm(dim=1) * TOSSED.v_c.norm(dim=1))[slides]
+    assert turned.abs().max() > 0.2
+    error, change = ((one - P)[slides].norm(dim=1) for one in (found, alone))
+    assert error.max() < 0.05 * change.max()
+    assert error.median() < 0.01 * change.median()
+
+
 PLANTED = {
     "damping and drag": {"spin_damping": [0.1], "side_drag": [0.05]},
     "surface": {"torsional_friction": [0.002], "tangential_restitution": [0.3]},

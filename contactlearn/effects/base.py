@@ -175,6 +175,9 @@ class Effect(Frozen, ABC):
             setattr(cls, cls.place, abstractmethod(lambda *given: None))
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
         if family is not None:
+            own = {*PLACES} & {*vars(cls)}
+            if own and family.place not in own:  # of a form that acts at another place than its family
+                setattr(cls, family.place, None)
             _check_form(cls, family)
         elif cls.form is not None:
             raise TypeError(f"{cls.__name__} has a form and no family; make a form a subclass of its abstract family")
@@ -306,7 +309,8 @@ class ChangesRestitution(ABC):
 def _place(kind: type[Effect]) -> str:
     """Name of the one place whose method a class overrides, itself or by a base."""
     bases = [base for base in kind.__mro__ if base is not Effect]
-    places = [place for place in PLACES if any(place in vars(base) for base in bases)]
+    found = {place: next((vars(base)[place] for base in bases if place in vars(base)), None) for place in PLACES}
+    places = [place for place, method in found.items() if method is not None]
     if len(places) != 1:
         raise TypeError(f"{kind.__name__} must override one of {', '.join(PLACES)}, not {places or 'none'}")
     return places[0]

@@ -5,7 +5,7 @@ moves the whole path; `perturbed_path` adds to the law's wrench the difference b
 integrated until v_n reaches the law's value.  The path is continuous in all inputs, so the change is too.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from jaxtyping import Float
@@ -44,7 +44,7 @@ def perturbed_path(
         turn_t, turn_n = -state.r[..., 1] * arm / state.inertia, state.r[..., 0] * arm / state.inertia
         moved = contact._replace(w_tn=contact.w_tn + turn_t, w_nn=contact.w_nn + turn_n)
     was, now = routh_path(contact, mu, mu, w_nt), routh_path(moved, *(friction or (mu, mu)), w_nt)
-    rise = _rise(state, wrench)
+    rise = (state.contact_after(wrench)[..., 1] - state.v_n).clamp_min(0)
     before, after = was.impulse(was.until(rise)), now.impulse(now.until(rise))
     P_t, P_n = P_t + (after[0] - before[0]), P_n + (after[1] - before[1])
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
@@ -53,48 +53,60 @@ def perturbed_path(
 def perturbed_path_in_space(
     state: State,
     wrench: Float[Tensor, "... n 6"],
-    arm: Float[Tensor, "..."],
-    direction: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]],
+    parameters: Sequence[Float[Tensor, "..."]],
+    *,
+    moment: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]] = torch.zeros_like,
+    friction: Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]] = torch.zeros_like,
 ) -> Float[Tensor, "... n 6"]:
-    """Return the wrench [..., N, 6] after a moment dτ/dP_n of an arm in m, in a direction that follows the spin.
+    """Return the wrench [..., N, 6] after a change that follows the spin or the slip of the instant, in steps.
 
-    The spin [3, ..., N] is that of the instant in rad/s, so that both paths are followed in steps.
+    Args:
+        state: with μ and ε of the law.
+        wrench: of the law, in contact axes.
+        parameters: of the change, [...] each.
+        moment: dτ/dP_n [3, ..., N] in m at a spin [3, ..., N] in rad/s.
+        friction: change of μ at a speed of the slip [..., N] in m/s.
     """
-    rise = _rise(state, wrench)
-    after, before = (_followed(state, rise, one, direction) for one in (arm, torch.zeros_like(arm)))
-    return wrench + (after - before)
+    rise = (state.contact_after(wrench)[..., -1] - state.v_n).clamp_min(0)
+    mu = torch.as_tensor(state.coefficients[0]) + torch.zeros_like(rise)
+    changed = mu + sum(torch.zeros_like(value) for value in parameters)
+    after = _followed(state, rise, changed, moment, friction)
+    return wrench + (after - _followed(state, rise, mu, torch.zeros_like, torch.zeros_like))
 
 
 def _followed(
     state: State,
     rise: Float[Tensor, "... n"],
-    arm: Float[Tensor, "..."],
-    direction: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]],
+    mu: Float[Tensor, "... n"],
+    moment: Callable[[Tensor], Tensor],
+    friction: Callable[[Tensor], Tensor],
 ) -> Float[Tensor, "... n 6"]:
     """The wrench of Routh's path in steps of v_n; components of vectors and matrices are the first axes here."""
-    mu, _ = state.coefficients
-    batch = (rise + mu + arm).shape
-    vectors = state.r, state.approach, state.v_pre[..., 3:]
-    r, v, omega = (x.expand(*batch, 3).movedim(-1, 0).contiguous() for x in vectors)
-    matrices = rigid_body.inverse(state.world_inertia), state.W
-    inverse, W = (x.expand(*batch, 3, 3).movedim((-2, -1), (0, 1)).contiguous() for x in matrices)
-    P, tau, step = torch.zeros_like(v), torch.zeros_like(v), rise / _STEPS
+    vectors, matrices = (
+        (state.r, state.approach, state.v_pre[..., 3:]),
+        (rigid_body.inverse(state.world_inertia), state.W),
+    )
+    r, v, omega = (x.expand(*mu.shape, 3).movedim(-1, 0).contiguous() for x in vectors)
+    inverse, W = (x.expand(*mu.shape, 3, 3).movedim((-2, -1), (0, 1)).contiguous() for x in matrices)
+    P, tau, change, step = torch.zeros_like(v), torch.zeros_like(v), torch.zeros_like(v), rise / _STEPS
     for _ in range(_STEPS):
-        per_push = arm * direction(omega)
+        middle = v[:2] + change[:2] / 2  # of the step, as the last one went
+        mu_now = (mu + friction(smooth_norm(middle))).clamp_min(0)
+        per_push = moment(omega)
         push = W[:, 2] + torch.linalg.cross(applied(inverse, per_push), r, dim=0)  # of the contact point, 1/kg
         by_push, by_slip = against_slip(W, push[:2], v[:2])
         N = (step + (W[2, :2] * by_slip).sum(0)) / (push[2] - (W[2, :2] * by_push).sum(0))
         Q = -(by_slip + by_push * N)
-        slip = v[:2] + push[:2] * step / push[2]  # after the step, without friction
+        slip = v[:2] + push[:2] * step / push[2] / 2  # in the middle of the step, without friction
         along = -slip / smooth_norm(slip)
-        rate = push[2] + mu * (W[2, :2] * along).sum(0)
-        slides = smooth_norm(Q) > mu * N
+        rate = push[2] + mu_now * (W[2, :2] * along).sum(0)
+        slides = smooth_norm(Q) > mu_now * N
         N = torch.where(slides, step / torch.maximum(rate, _FLATTEST * W[2, 2]), N)
-        push = torch.cat((torch.where(slides, mu * N * along, Q), N[None]))
+        push = torch.cat((torch.where(slides, mu_now * N * along, Q), N[None]))
         P, tau = P + push, tau + per_push * N
-        turn = applied(inverse, per_push * N)
-        v = v + applied(W, push) + torch.linalg.cross(turn, r, dim=0)
-        omega = omega + turn + applied(inverse, torch.linalg.cross(r, push, dim=0))
+        spun = applied(inverse, per_push * N)
+        change = applied(W, push) + torch.linalg.cross(spun, r, dim=0)
+        v, omega = v + change, omega + spun + applied(inverse, torch.linalg.cross(r, push, dim=0))
     return torch.cat((P, tau)).movedim(0, -1)
 
 
@@ -113,11 +125,6 @@ def against_slip(W: Float[Tensor, "3 3 ..."], *slips: Float[Tensor, "2 ..."]) ->
 def smooth_norm(vector: Float[Tensor, "2 ..."]) -> Float[Tensor, "..."]:
     """|x| with a derivative where it vanishes."""
     return vector.square().sum(0).clamp_min(_NOTHING).sqrt()
-
-
-def _rise(state: State, wrench: Float[Tensor, "... n D"]) -> Float[Tensor, "... n"]:
-    """By how much v_n rises in m/s."""
-    return (state.contact_after(wrench)[..., -1] - state.v_n).clamp_min(0)
 
 
 def contact_of(state: State) -> Contact:

@@ -76,11 +76,11 @@ class RollingResistanceInSpace(_ConstantArm, RollingResistance):
     formula = "dτ/dP_n = −c ω/|ω|, smoothed, along the path of the contact"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        def along_floor(spin: Float[Tensor, "3 ... n"]) -> Float[Tensor, "3 ... n"]:
-            rolling = spin[:2]
-            return -torch.cat((rolling, torch.zeros_like(rolling[:1]))) / self._smoothed(rolling.movedim(0, -1))
+        def against_rolling(spin: Float[Tensor, "3 ... n"]) -> Float[Tensor, "3 ... n"]:
+            along_floor = torch.cat((spin[:2], torch.zeros_like(spin[:1])))
+            return -self.c * along_floor / self._smoothed(spin[:2].movedim(0, -1))
 
-        return perturbed_path_in_space(state, wrench, torch.as_tensor(self.c), along_floor)
+        return perturbed_path_in_space(state, wrench, self.values, moment=against_rolling)
 
 
 class RollingResistanceCurve(Spline, RollingResistance):

@@ -6,11 +6,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import SLIP, Argument, Spline
+from contactlearn.effects.impulse_path import perturbed_path_in_space
 from contactlearn.effects.state import Coefficients, State
-from contactlearn.mechanics.rigid_body import matvec
-from contactlearn.mechanics.space import BOTH, PLANE
+from contactlearn.mechanics.space import BOTH, SPACE
 
 _SIMPSON = torch.tensor((1, 4, 2, 4, 1))
 _ROUNDS = 3  # of the end of the slip and the mean friction up to it
@@ -18,64 +19,122 @@ _LEAST_BRAKING = 0.05  # as by this μ on a level path
 
 
 class VelocityDependentFriction(Effect):
-    """μ is a function of the slip v, averaged over the normal impulse that the contact takes while it slips.
+    """μ is a function of the slip v of the instant.
 
-        viscous    μ + c v
-        stribeck   μ (1 + d exp(−v/v_s))      more friction at little slip
-        curve      μ + s(v), see `functions.Spline`
-        initial    μ + s(|v_t|), of the slip before contact alone, without the average
+        viscous, viscous_path      μ + c v
+        stribeck, stribeck_path    μ (1 + d exp(−v/v_s))      more friction at little slip
+        curve, curve_path          μ + s(v), see `functions.Spline`
+        initial                    μ + s(|v_t|), of the slip before contact
 
-    The slip goes from |v_t| to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the
-    braking b of Routh's path; the average is Simpson's.  In space it is taken to keep its first direction.
+    In the plane it is averaged over the normal impulse that the contact takes while it slips: the slip goes from |v_t|
+    to its `final_slip` and stays longest where it is braked least, dP_n = dv/b(v) with the braking b of Routh's path;
+    the average is Simpson's.  In space Routh's path is followed as the slip turns (`perturbed_path_in_space`).
     It is not friction that changes with the load (`load_dependent_friction`).
     """
 
     place = "law"
-    spaces = BOTH
     source = "Stribeck 1902"
     citations = ("stribeck1902",)
 
 
-class ViscousFriction(VelocityDependentFriction):
+class _Viscous(Frozen):
+    in_words = "μ changes by {c} of slip"
+    c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
+
+    def at_slip(self, slip: Float[Tensor, "..."], mu: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return self.c * slip
+
+
+class ViscousFriction(_Viscous, VelocityDependentFriction):
     """μ → μ + c v̄, v̄ the mean slip.  It does not level off at speed (`StribeckFriction`)."""
 
     form = "viscous"
     formula = "μ ← μ + c v̄, v̄ the mean slip"
-    in_words = "μ changes by {c} of slip"
-    c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: self.c * slip, state, mu, eps, self.values), eps
+        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
 
 
-class StribeckFriction(VelocityDependentFriction):
-    """μ → μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip.  It does not grow with the slip (`ViscousFriction`)."""
+class ViscousFrictionInSpace(_Viscous, VelocityDependentFriction):
+    """The same in space.  It does not level off at speed (`StribeckFrictionInSpace`)."""
 
-    form = "stribeck"
-    formula = "μ ← μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip"
+    spaces = (SPACE,)
+    adds_energy = True
+    form = "viscous_path"
+    formula = "μ ← μ + c v, v the slip along the path of the contact"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        mu, _ = state.coefficients
+        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
+
+
+class _Stribeck(Frozen):
     in_words = "μ changes by {d:%} at little slip, which fades over {v_s}"
     d: Tensor | float = parameter("d", "–", -1.0, 5.0)
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
 
+    def at_slip(self, slip: Float[Tensor, "..."], mu: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return mu * self.d * (-slip / self.v_s).exp()
+
+
+class StribeckFriction(_Stribeck, VelocityDependentFriction):
+    """μ → μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip.  It does not grow with the slip (`ViscousFriction`)."""
+
+    form = "stribeck"
+    formula = "μ ← μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip"
+
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: mu * self.d * (-slip / self.v_s).exp(), state, mu, eps, self.values), eps
+        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
 
 
-class FrictionOverSlip(Spline, VelocityDependentFriction):
+class StribeckFrictionInSpace(_Stribeck, VelocityDependentFriction):
+    """The same in space.  It does not grow with the slip (`ViscousFrictionInSpace`)."""
+
+    spaces = (SPACE,)
+    adds_energy = True
+    form = "stribeck_path"
+    formula = "μ ← μ (1 + d exp(−v/v_s)), v the slip along the path of the contact"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        mu, _ = state.coefficients
+        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
+
+
+class _Curve(Spline):
+    argument = Argument("v", "m/s", lambda state: torch.cat((state.slip, state.slip / 2), -1))
+    # at first, and later if the contact sticks
+
+    def at_slip(self, slip: Float[Tensor, "..."], mu: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        return self.change(slip)
+
+
+class FrictionOverSlip(_Curve, VelocityDependentFriction):
     """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
 
     form = "curve"
     formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    argument = Argument("v", "m/s", lambda state: torch.cat((state.slip, state.slip / 2), -1))
-    # at first, and later if the contact sticks
 
     def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(self.change, state, mu, eps, self.values), eps
+        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
+
+
+class FrictionOverSlipInSpace(_Curve, VelocityDependentFriction):
+    """The same in space.  It is no law of lubrication (`StribeckFrictionInSpace`)."""
+
+    spaces = (SPACE,)
+    adds_energy = True
+    form = "curve_path"
+    formula = "μ ← μ + s(v) along the path of the contact, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        mu, _ = state.coefficients
+        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
 
 
 class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
     """μ → μ + s(|v_t|): one coefficient for the whole contact, as its first slip has it (`FrictionOverSlip`)."""
 
+    spaces = BOTH
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP
@@ -105,28 +164,17 @@ def _mean(
 
 def _floored_braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
     """Braking of the slip by friction μ, at least that of `_LEAST_BRAKING`."""
-    return braking(state, mu).clamp_min(_LEAST_BRAKING * _along_slip(state)[0])
-
-
-def _along_slip(state: State) -> tuple[Float[Tensor, "... n"], Float[Tensor, "... n"]]:
-    """Changes of the slip in its first direction per impulse in that direction and along the normal, 1/kg."""
-    if state.space is PLANE:
-        return state.W[..., 0, 0], state.v_t.sign() * state.W[..., 0, 1]
-    direction = state.v_c[..., :2] / state.slip.clamp_min(1e-300)[..., None]
-    w_tt = matvec(state.W[..., :2, :2], direction)
-    return (w_tt * direction).sum(-1), (state.W[..., :2, 2] * direction).sum(-1)
+    return braking(state, mu).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
 
 
 def braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
     """Fall of the slip per normal impulse, in 1/kg."""
-    w_tt, w_tn = _along_slip(state)
-    return mu * w_tt - w_tn
+    return mu * state.W[..., 0, 0] - state.v_t.sign() * state.W[..., 0, 1]
 
 
 def final_slip(state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
     """Slip in m/s after an impact that slides throughout, or 0 where the slip would have ended."""
-    (_, w_tn), w_nn = _along_slip(state), state.W[..., -1, -1]
-    stiffness = w_nn - mu * w_tn
-    P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., -1].abs() / stiffness.clamp_min(1e-300), torch.inf)
+    stiffness = state.W[..., 1, 1] - mu * state.v_t.sign() * state.W[..., 0, 1]
+    P_n = torch.where(stiffness > 0, (1 + eps) * state.approach[..., 1].abs() / stiffness.clamp_min(1e-300), torch.inf)
     slows = braking(state, mu)
     return torch.where(slows > 0, (state.slip - slows.clamp_min(0) * P_n).clamp_min(0), state.slip)
