@@ -55,6 +55,7 @@ MISTAKES = {
     "world to body": (lambda one: with_quaternion(one, one.q[:, 3:] * CONJUGATE), {"inverse_quaternion"}),
     "body axes": (lambda one: spun(one, lambda w: in_body(w, one.q)), {"spin_in_body_axes"}),
     "left-handed spins": (lambda one: spun(one, lambda w: -w), {"mirrored_spin"}),
+    "one spin": (lambda one: spun(one, lambda w: w * torch.tensor((1.0, -1.0, 1.0))), {"mirrored_wy"}),
     "left-handed axes": (lambda one: turned(one, MIRROR), {"mirrored_spin", "inverse_quaternion"}),
     "y up": (lambda one: turned(one, UP), {"y_up_in_body"}),
     "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),

@@ -43,15 +43,16 @@ AXES = (
     "contact_point_sign",
     "contact_point_mirrored",
 )
+MIRRORED_SPINS = ("mirrored_spin", "mirrored_wx", "mirrored_wy", "mirrored_wz")
 AXES_IN_SPACE = (
     "swapped_pre_post",
     *("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body"),
     *("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space"),
-    *("scalar_last", "inverse_quaternion", "spin_in_body_axes", "mirrored_spin"),
+    *("scalar_last", "inverse_quaternion", *MIRRORED_SPINS, "spin_in_body_axes"),
     *("contact_point_sign", "contact_point_in_body_axes"),
 )
 _INERTIA = ("inertia_xzy", "inertia_yxz", "inertia_yzx", "inertia_zxy", "inertia_zyx")
-_EXCLUSIVE = AXES_IN_SPACE[1:7], AXES_IN_SPACE[7:10], _INERTIA
+_EXCLUSIVE = AXES_IN_SPACE[1:7], AXES_IN_SPACE[7:10], MIRRORED_SPINS, _INERTIA
 """Of which a hypothesis has one: two are a third."""
 _AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", *_INERTIA}
 """Corrections that the moments alone may show, by the axes of the inertia."""

@@ -283,6 +283,11 @@ def _mirrored(axis: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     return _scaled(((*signs, 1, 1, 1, 1), _POSES), ((*signs, 1, 1, 1), _VELOCITIES), (signs, ("r",)))
 
 
+def _mirrored_spin(axis: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction that turns an axis of the spin alone."""
+    return _scaled(((1, 1, 1, *(-1.0 if k == axis else 1.0 for k in range(3))), _VELOCITIES))
+
+
 def _permuted(*axes: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     return lambda impacts, _: impacts.replace(inertia=impacts.inertia[..., axes])
 
@@ -328,6 +333,10 @@ _IN_SPACE = {
     "mirrored_spin": Correction(
         "ω turns the other way, as in left-handed axes", _scaled(((1, 1, 1, -1, -1, -1), _VELOCITIES))
     ),
+    **{
+        f"mirrored_w{axis}": Correction(f"w_{axis} has the other sign", _mirrored_spin(k))
+        for k, axis in enumerate("xyz")
+    },
     "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
         f"inertia_{''.join('xyz'[k] for k in axes)}": Correction(
