@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from commands import TRAIN, run
+from spatial import tossed
 
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.config_files import own_data
@@ -240,10 +241,18 @@ def test_a_file_of_settings_is_checked(tmp_path, monkeypatch, text, message):
         compose("train", ["data=mydata"])
 
 
-def test_a_table_and_a_setting_do_not_both_state_the_mass(tmp_path):
-    path = table.save(synthetic.load(size=5), tmp_path / "a.csv")
-    with pytest.raises(DataError, match=r"data.mass states what the column 'mass' has"):
+def test_a_table_and_a_setting_may_state_the_same_mass(tmp_path):
+    drops = synthetic.load(size=5)
+    path = table.save(drops, tmp_path / "a.csv")
+    mass, inertia = drops.mass[0].item(), drops.inertia[0].item()
+    assert table.load(path, mass=mass, inertia=inertia).mass.tolist() == drops.mass.tolist()
+    with pytest.raises(DataError, match=r"data.mass=0.05, but the column 'mass' has 0.0364 in row 1; leave"):
         table.load(path, mass=0.05)
+    with pytest.raises(DataError, match=r"data.inertia=1e-05, but the column 'inertia' has 1.68\S* in row 1; leave"):
+        table.load(path, inertia=1e-5)
+    tosses = table.save(tossed(5), tmp_path / "tosses.csv")
+    with pytest.raises(DataError, match=r"data.inertia=1, but the column 'inertia_x' has"):
+        table.load(tosses, inertia=[1, 2, 2])
     found = table.load(path, columns={"mass": None, "inertia": None}, mass=0.05, inertia=2e-5)
     assert found.mass.tolist() == [0.05] * 5
     assert found.inertia.tolist() == [2e-5] * 5

@@ -30,7 +30,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,7 @@ __all__ = [
 ]  # fmt: skip
 
 _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quaternion are seen
+_SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
@@ -223,6 +224,7 @@ def read_blocks(
             left = True
             if named.space is PLANE and "inertia" in stated and stated["inertia"].ndim:
                 raise DataError(f"{_source(path)}: data.inertia is one number in a plane; three are of a body in space")
+            _refuse_other(kept, stated, named)
             values |= {name: x.expand(len(kept), *x.shape) for name, x in stated.items()}
             values["covariates"] = _covariates(kept, numeric)
             impacts = _impacts(kept, values, named, known_shape, validate=validate)
@@ -244,6 +246,26 @@ def _stated(mass: float | None, inertia: float | Sequence[float] | None) -> dict
     elif inertia is not None:
         found["inertia"] = torch.tensor(finite_number("data.inertia", inertia, 0, above=True), dtype=torch.float64)
     return found
+
+
+def _refuse_other(cells: Sheet, stated: Mapping[str, Tensor], named: NamedColumns) -> None:
+    """Refuse a setting that states another number than the columns have, which may state it too."""
+    for name, value in stated.items():
+        parts = named.space.components[name]
+        columns = [column for column in dict.fromkeys((name, *parts)) if column in cells.header]
+        numbers = dict(zip(parts, value.reshape(-1).expand(len(parts)).tolist(), strict=True))
+        for column, number in product(columns, dict.fromkeys(numbers.values())):
+            if numbers.get(column, number) != number:
+                continue
+            there = _numbers(cells, column, named.units)
+            other = ((there / number - 1).abs() > _SAME).nonzero()
+            if len(other):
+                row, written = int(other[0, 0]), cells.written.get(column, column)
+                raise DataError(
+                    f"{cells.path}: data.{name}={number:.6g}, but the column {written!r} has {there[row]:.6g} in row "
+                    f"{cells.first + row + 1}; leave that setting out, or ignore what the table has by "
+                    f"'data.columns={{{': null, '.join(columns)}: null}}'"
+                )
 
 
 def _source(path: "str | os.PathLike[str] | DataFrame") -> str:

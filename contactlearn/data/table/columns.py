@@ -212,12 +212,6 @@ def name_columns(
     ours |= {column: name for column, name in known.names.items() if column in every and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
-    for column in stated:
-        if column in ours:
-            raise DataError(
-                f"{cells.path}: data.{column} states what the column {ours[column]!r} has; leave it out, or ignore the "
-                f"column by 'data.columns={{{column}: null}}'"
-            )
     unused = tuple(name for name in cells.header if name not in ours.values())
     lacking = [column for column in required_in(space) if column not in ours and column not in stated]
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
