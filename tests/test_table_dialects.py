@@ -350,6 +350,41 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     torch.testing.assert_close(again.impacts.v_post, found.impacts.v_post)
 
 
+def test_missing_numbers_of_other_descriptions_are_dropped(tmp_path, frame, monkeypatch):
+    """Of heights, of speeds with angles, of roll, pitch and yaw, and of trials with one of their two rows."""
+    monkeypatch.chdir(tmp_path)
+    ball = {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.1}
+    heights = pd.DataFrame({"drop height [in]": ["72", "60", "48"], "rebound height [in]": ["50", "n/a", "30"]})
+    heights.to_csv("drops.csv", index=False)
+    assert propose(Path("drops.csv")).read_as[0].startswith("bounces along the normal")
+    with refused(["row 2 (line 3), column rebound height [in]", "got n/a", "data.correct=[drop_incomplete]"]):
+        table.read("drops.csv", **ball)
+    found = table.read("drops.csv", drop_incomplete=True, **ball).impacts
+    assert (found.trial, found.incomplete) == (("1", "3"), ("2",))
+    np.testing.assert_allclose(found.v_pre[:, 1], -np.sqrt(2 * GRAVITY * 0.0254 * np.array([72, 48])))
+    polar = frame.drop(columns=["vx", "vy", "vx_post", "vy_post"])
+    for end in ("", "_post"):
+        polar[f"speed{end}"] = np.hypot(frame[f"vx{end}"], frame[f"vy{end}"])
+        polar[f"angle from floor{end}"] = np.arctan2(frame[f"vy{end}"].abs(), frame[f"vx{end}"])
+    polar.loc[4, "speed_post"] = np.nan
+    np.testing.assert_allclose(
+        numbers(table.read(polar, drop_incomplete=True, **BODY).impacts), frame.drop(index=4), rtol=1e-9
+    )
+    both, half = long(frame), long(frame).iloc[:-1]
+    whole = table.read(both.iloc[:-2], **BODY).impacts
+    found = table.read(half, drop_incomplete=True, **BODY).impacts
+    assert found.incomplete == ("d29",)
+    np.testing.assert_array_equal(numbers(found), numbers(whole))
+    turned, _ = in_space(last=False)
+    angles = Rotation.from_quat(turned[["q0", "q1", "q2", "q3"]].to_numpy(), scalar_first=True).as_euler("xyz")
+    turned = turned.drop(columns=["q0", "q1", "q2", "q3"]).assign(
+        **dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    )
+    turned.loc[3, "pitch"] = np.nan
+    body = {"shape": CUBOID, "mass": 0.1, "validate": False}
+    assert table.read(turned, drop_incomplete=True, **body).impacts.incomplete == ("4",)
+
+
 def test_a_spin_that_nobody_measured_is_that_of_the_moments():
     """A disc that does not spin before contact is read exactly without its spins and angle."""
     drops = synthetic.load(size=30, shape={"kind": "disc", "radius": 0.03})

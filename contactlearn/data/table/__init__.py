@@ -212,7 +212,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells = restated(cells, known_units, columns, known_shape)
+        cells = restated(cells, known_units, columns, known_shape, gaps=drop_incomplete)
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
@@ -289,7 +289,7 @@ def preview(path: Path) -> Sheet:
     Raises:
         DataError: see `read`.
     """
-    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False)
+    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False, gaps=True)
 
 
 def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:

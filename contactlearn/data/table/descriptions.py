@@ -44,6 +44,7 @@ def restated(
     shape: AnyShape | None = None,
     *,
     asked: bool = True,
+    gaps: bool = False,
 ) -> Sheet:
     """Return a table with a row an impact and velocities by components.
 
@@ -53,16 +54,18 @@ def restated(
         mapped: names that settings map, which are left as they are.
         shape: of the body, where it is known.
         asked: whether a quaternion that may begin or end with its scalar is refused, or left open.
+        gaps: whether numbers may be missing, with which those made of them are, or are refused.
 
     Raises:
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     phase = phase_column(cells)
+    cells = replace(cells, gaps=gaps)
     cells = cells if phase is None else _paired(cells, phase)
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     cells = _by_components(cells, units, chosen)
-    return _relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {})
+    return replace(_relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {}), gaps=False)
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -93,25 +96,27 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
             )
         pair[time] = row
     for trial, pair in rows.items():
-        if len(pair) < 2:
+        if len(pair) < 2 and not cells.gaps:
             row = next(iter(pair.values())) + 1
             lacking = _said(next(time for time in ("pre", "post") if time not in pair))
             raise DataError(f"{cells.path}: row {row}, trial {trial!r} has no row {lacking} contact", row=row)
-    before, after = ([pair[time] for pair in rows.values()] for time in ("pre", "post"))
-    header, columns = list[str](), list[Cells]()
-    for name, column in zip(cells.header, cells.columns, strict=True):
-        if name != phase:
-            header.append(name)
-            columns.append(_taken(column, before))
+    before, after = ([pair.get(time) for pair in rows.values()] for time in ("pre", "post"))
+    either = [min(pair.values()) for pair in rows.values()]
+    whole = [(pair["pre"], pair["post"]) for pair in rows.values() if len(pair) == 2]
     changing = [name for ours, name in known.items() if ours in _VELOCITIES]
     poses = [name for ours, name in known.items() if ours in _POSES]
     column_of = dict(zip(cells.header, cells.columns, strict=True))
-    if any(list(_taken(column_of[name], before)) != list(_taken(column_of[name], after)) for name in poses):
+    if any(column_of[name][k] != column_of[name][later] for name in poses for k, later in whole):
         changing += poses
+    header, columns = list[str](), list[Cells]()
+    for name, column in column_of.items():
+        if name != phase:
+            header.append(name)
+            columns.append(_taken(column, before if name in changing else either))
     for name in changing:
         header.append(f"{name} after")
         columns.append(_taken(column_of[name], after))
-    lines = None if cells.lines is None else [cells.lines[k] for k in before]
+    lines = None if cells.lines is None else [cells.lines[k] for k in either]
     read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
     return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
 
@@ -120,8 +125,11 @@ def _said(time: str | None) -> str:
     return "before" if time == "pre" else "after"
 
 
-def _taken(column: Cells, rows: Sequence[int]) -> Cells:
-    return column[list(rows)] if isinstance(column, np.ndarray) else [column[k] for k in rows]
+def _taken(column: Cells, rows: Sequence[int | None]) -> Cells:
+    """The cells of some rows, which are empty where there is no row."""
+    if isinstance(column, np.ndarray) and None not in rows:
+        return column[list(rows)]
+    return [None if k is None else column[k] for k in rows]
 
 
 def _without_angles(cells: Sheet, units: Units) -> Sheet:
@@ -196,6 +204,8 @@ def _scalar_by_height(
     require_dimension(str(cells.path), shape, SPACE)
     z = torch.from_numpy(cells.numbers(known.names["z"], "", Units(units.stated, known.units).factor("z")))
     components = [torch.from_numpy(cells.numbers(name, "1")) for name in names]
+    whole = torch.stack([z, *components]).isfinite().all(0)
+    z, components = z[whole], [component[whole] for component in components]
     spread: dict[str, float] = {}
     for place, order in _ORDERS.items():
         quaternion = torch.stack([components[order.index(name)] for name in _ORDERS["first"]], -1)
