@@ -298,6 +298,8 @@ def test_two_rows_an_impact(tmp_path, frame):
     np.testing.assert_array_equal(numbers(table.read(both.drop(columns="trial"), **BODY).impacts), frame)
     settings = {one.name: one.value for one in propose(path).settings}
     assert settings["columns.vx_post"] == "vx after"
+    spins = both.assign(spin_rpm=both.omega * 30 / math.pi).drop(columns="omega")  # a unit holds after contact, too
+    np.testing.assert_allclose(numbers(table.read(spins, **BODY).impacts), frame, rtol=ROUNDING, atol=0)
     for changed, fragments in (
         (both.iloc[:-1], ["trial 'd29' has no row after contact"]),
         (both.assign(trial="d1"), ["two rows before contact in column 'phase'"]),

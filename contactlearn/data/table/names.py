@@ -160,7 +160,7 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
 
 def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:
     """Return the unit that a name of any words states for one of our columns; none if it states none."""
-    words = name_words(name)
+    words = [word for word in name_words(name) if word not in (*_BEFORE, *_AFTER, *_IMPACT)]
     for split in range(1, len(words)):
         if (unit := _unit(words[split:])) and unit in vocabulary.get(column, {}):
             return vocabulary[column][unit]
