@@ -123,7 +123,7 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("names", "wanted"),
     [
-        pytest.param(["x", "x_mm", "vx_post"], {"columns.y": OPEN, "units.length": "m"}, id="our name goes first"),
+        pytest.param(["x", "x_mm", "vx_post"], {"units.length": "m"}, id="our name goes first"),
         pytest.param(["vx_post", "x_com", "x [mm]", "X (m)"], {"columns.x": OPEN}, id="two columns of one meaning"),
         pytest.param(["vx_post", "x [yd]"], {"columns.x": OPEN}, id="an unknown unit"),
         pytest.param(["x_mm", "vx_post [m/s]"], {"units.length": None}, id="two units of one quantity"),

@@ -47,7 +47,8 @@ _COMPUTED = {
     "spin": "the spin, which nobody measured: 0 before impact, and after it what the moment of the impulse makes; "
     "friction and slip are those of bodies that did not spin",
     "slip": "no velocity along the floor: bounces along the normal show restitution alone",
-    "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
+    "height": "the height from the contact point",
+    "place": "places along the floor are 0, so that no dependence on them is seen",
 }
 _NARROWEST = 80  # columns of a terminal that tables are made for
 _MAX_RUNS = 20  # runs in the table of a sweep

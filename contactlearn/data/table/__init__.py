@@ -97,7 +97,7 @@ class Table:
     Args:
         impacts: the measurements.
         unused: the file's columns that are not used.
-        computed: what the file lacks and the body's shape gives: `inertia`, `r`, and `place`, on the floor at 0.
+        computed: what the file lacks and the body's shape gives: `inertia`, `r` and `height`, and `place`, which is 0.
         read_as: how the file was understood, in words; nothing for one as `save` writes it.
     """
 
@@ -353,7 +353,7 @@ def _impacts(
     }
     if shape is not None:
         values |= _computed(cells.path, named.computed, shape, values)
-    if "place" in named.computed:
+    if "height" in named.computed:
         values["q"][:, space.d - 1] = -values["r"][:, space.d - 1]
     if "spin" in named.computed:
         P = values["mass"][:, None] * (values["v_post"] - values["v_pre"])[:, :2]

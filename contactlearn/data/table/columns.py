@@ -85,11 +85,13 @@ def required_in(space: Space) -> tuple[str, ...]:
 
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
-COMPUTED = {space: {"inertia": space.inertia, "r": space.position, "place": space.pose[: space.d]} for space in BOTH}
+COMPUTED = {space: {"inertia": space.inertia, "r": space.position} for space in BOTH}
+for _space in BOTH:
+    COMPUTED[_space] |= {"place": _space.pose[: _space.d - 1], "height": _space.pose[_space.d - 1 : _space.d]}
 COMPUTED[PLANE] |= {"orientation": ("theta",), "spin": ("omega", "omega_post"), "slip": ("vx", "vx_post")}
 """Columns by the space and by what they fill, that a table may lack.
 
-A known shape replaces inertia and r.  The height follows of r, no orientation is that of a disc, a spin that was not
+A known shape replaces inertia and r.  The height follows of r, no place is 0, no orientation is that of a disc, a spin that was not
 measured of the moments, and bounces along the normal alone have no slip.
 """
 
@@ -173,7 +175,8 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
         fields = [field for field in fields if field not in ("spin", "slip")]
     if "spin" not in fields or words & {"x", *_SPEEDS}:
         fields = [field for field in fields if field != "slip"]
-    doubtful = {"place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
+    heights = words & {"y", "z", "height", "h"}
+    doubtful = {"height": heights, "place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
     return tuple(field for field in fields if not doubtful.get(field))
 
 
