@@ -168,6 +168,7 @@ NAMES = {
         "omega": "Drehgeschwindigkeit vorher",
         "omega_post": "Drehgeschwindigkeit nachher",
     },
+    "contact in German": {"vx": "vx vor dem Stoß", "vx_post": "vx nach dem Stoß", "omega": "Drehzahl vor Aufprall"},
     "French": {"vx": "vitesse x avant", "vx_post": "vitesse x après", "omega": "vitesse angulaire"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
@@ -181,7 +182,9 @@ def test_names_in_other_words(frame, names):
 
 
 UNITS = {
-    "omega [rpm]": ("omega", 30 / math.pi), "spin (rev/s)": ("omega", 0.5 / math.pi),
+    "omega [rpm]": ("omega", 30 / math.pi), "omega vor [U/min]": ("omega", 30 / math.pi),
+    "ω avant (tr/min)": ("omega", 30 / math.pi), "ω [min⁻¹]": ("omega", 30 / math.pi),
+    "spin (rev/s)": ("omega", 0.5 / math.pi),
     "ω′ (deg/s)": ("omega_post", 180 / math.pi), "x_mm": ("x", 1e3), "y [in]": ("y", 1 / 0.0254),
     "vx [mph]": ("vx", 3.6 / 1.609344),
     "vx [km/h]": ("vx", 3.6), "vy' / m s⁻¹": ("vy_post", 1), "θ [°]": ("theta", 180 / math.pi),
@@ -242,6 +245,13 @@ def test_a_setting_that_no_column_has_is_refused(frame):
         table.read(named, units={"length": "mm"}, **BODY)
 
 
+@pytest.mark.parametrize("unit", ["1/s", "Hz", "furlongs/fortnight"])
+def test_a_unit_that_is_not_known_is_no_si(frame, unit):
+    named = frame.rename(columns={"omega": f"turns of the disc [{unit}]"})
+    with refused([f"the unit {unit} of omega is not known", "convert the column to rad/s"]):
+        table.read(named, columns={"omega": named.columns[5]}, **BODY)
+
+
 def test_a_unit_of_another_quantity_is_refused(frame):
     for columns in (None, {"omega": "omega [mm/s]"}):
         with refused(["omega [mm/s]"]):
@@ -296,6 +306,8 @@ def test_two_rows_an_impact(tmp_path, frame):
     assert found.impacts.q_post is None  # the pose is stated once, not measured twice
     assert numbers(next(table.read_blocks(path, 7, **BODY)).impacts).shape == (30, 9)
     np.testing.assert_array_equal(numbers(table.read(both.drop(columns="trial"), **BODY).impacts), frame)
+    sorted_ = both.rename(columns={"trial": "shot"}).sort_values("phase", kind="stable")  # all after, then all before
+    np.testing.assert_array_equal(numbers(table.read(sorted_, **BODY).impacts), frame)
     settings = {one.name: one.value for one in propose(path).settings}
     assert settings["columns.vx_post"] == "vx after"
     spins = both.assign(spin_rpm=both.omega * 30 / math.pi).drop(columns="omega")  # a unit holds after contact, too
@@ -315,6 +327,8 @@ def test_speed_and_angle(frame):
         polar[f"speed{end} [km/h]"] = 3.6 * np.hypot(vx, vy)
         polar[f"angle from floor{end} [deg]"] = np.degrees(np.arctan2(vy, vx))
     np.testing.assert_allclose(numbers(table.read(polar, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
+    plate = polar.rename(columns=lambda name: name.replace("from floor", "to the plate"))
+    np.testing.assert_allclose(numbers(table.read(plate, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
     normal = polar.rename(columns=lambda name: name.replace("floor", "normal"))
     for end in ("", "_post"):
         normal[f"angle from normal{end} [deg]"] = 90 - normal[f"angle from normal{end} [deg]"]
@@ -329,6 +343,10 @@ def test_speed_and_angle(frame):
         pytest.param(("v_in", "v_out"), (1.0, 1.0), id="speeds"),
         pytest.param(("drop height [m]", "rebound height [m]"), (0.5, 0.5), id="heights"),
         pytest.param(("h", "h'"), (0.5, 0.5), id="h"),
+        pytest.param(("Fallhöhe [m]", "Rücksprunghöhe [m]"), (0.5, 0.5), id="in German"),
+        pytest.param(("hauteur de chute", "hauteur de rebond"), (0.5, 0.5), id="in French"),
+        pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
+        pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
     ],
 )
@@ -344,6 +362,10 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     assert not found.impacts.v_pre[:, ::2].any()
     assert not found.impacts.v_post[:, ::2].any()
     assert {"slip", "spin", "orientation", "place", "r"} <= {*found.computed}
+    if speeds == (1.0, 1.0):
+        with refused(["'launch angle' may be the direction of", "'angle from floor'"]):
+            frame = pd.read_csv(path).assign(**{"launch angle": 0.3})
+            table.read(frame, shape={"kind": "disc", "radius": 0.02}, mass=0.1)
     settings = {setting.name: setting.value for setting in propose(path).settings}
     assert [name for name, value in settings.items() if value == "???"] == ["mass", "shape"]
     units = {name: settings[f"units.{name}"] for name in ("length", "time")}  # as `init` writes them

@@ -18,8 +18,7 @@ from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.numerics import measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
-from contactlearn.data.table.descriptions import SURFACES
-from contactlearn.data.table.names import name_words
+from contactlearn.data.table.names import SURFACES, name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
 from contactlearn.report.text.numbers import NO_INTERVAL

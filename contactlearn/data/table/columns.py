@@ -91,8 +91,8 @@ for _space in BOTH:
 COMPUTED[PLANE] |= {"orientation": ("theta",), "spin": ("omega", "omega_post"), "slip": ("vx", "vx_post")}
 """Columns by the space and by what they fill, that a table may lack.
 
-A known shape replaces inertia and r.  The height follows of r, no place is 0, no orientation is that of a disc, a spin that was not
-measured of the moments, and bounces along the normal alone have no slip.
+A known shape replaces inertia and r.  The height follows of r, the place is 0, no orientation is that of a disc, a spin
+that was not measured of the moments, and bounces along the normal alone have no slip.
 """
 
 
@@ -252,6 +252,11 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
         if written and other and written[1] != "-" and is_unit(written[1]):
             raise DataError(
                 f"{cells.path}: column {name!r} cannot be {column}, whose unit is {units.text(column) or 'none'}"
+            )
+        if written and other and powers_of(column) and re.search(r"[/^⁻·]|\bHz\b", written[1]):
+            raise DataError(
+                f"{cells.path}: column {name!r}: the unit {written[1]} of {column} is not known; convert the column to "
+                f"{units.text(column)}, or write a known one, such as mm, mm/s, km/h, deg/s or rev/min"
             )
     for quantity in UNIT_FACTORS:
         having = [column for column in ours if quantity in powers_of(column)]

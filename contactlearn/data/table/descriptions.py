@@ -19,7 +19,15 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
-from contactlearn.data.table.names import OTHERS, Recognised, impact_vocabulary, name_words, time_of, unit_in
+from contactlearn.data.table.names import (
+    OTHERS,
+    SURFACES,
+    Recognised,
+    impact_vocabulary,
+    name_words,
+    time_of,
+    unit_in,
+)
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -31,9 +39,8 @@ _SPREAD_RATIO = 3  # times less spread of the floor, with which a quaternion is 
 _MIN_HEIGHT_SHARE = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
 _MIN_NEGATIVE = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
-SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
-"""Words for what a body hits, in names of columns."""
 _SURFACE = re.compile(rf"[_ .:-]*(?:{'|'.join(sorted(SURFACES))})[_ .:-]*", re.IGNORECASE)
+_ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -82,7 +89,7 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     """The rows before contact, with velocities and poses of the row after it beside them."""
     known = recognised_columns(cells.header)[1].names
     times = [time_of(str(cell)) for cell in cells.columns[cells.header.index(phase)]]
-    name = known.get("trial")
+    name = known.get("trial") or _pairing(cells, phase, times)
     trials = cells.names(name) if name else [str(k // 2) for k in range(len(times))]
     rows: dict[str, dict[str | None, int]] = {}
     for row, (trial, time) in enumerate(zip(trials, times, strict=True)):
@@ -119,6 +126,15 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     lines = None if cells.lines is None else [cells.lines[k] for k in either]
     read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
     return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
+
+
+def _pairing(cells: Sheet, phase: str, times: Sequence[str | None]) -> str | None:
+    """The first column in which every cell stands once before contact and once after it."""
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        ends = {(str(cell), time) for cell, time in zip(column, times, strict=True)} if name != phase else set()
+        if len(ends) == len(times) and len({cell for cell, _ in ends}) == len(times) / 2:
+            return name
+    return None
 
 
 def _said(time: str | None) -> str:
@@ -234,7 +250,7 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     for end, sign in (("", -1.0), ("_post", 1.0)):
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
-            name = _directed(known, end)
+            name = _directed(known, end) or next(iter(known.others), "")
             raise DataError(
                 f"{cells.path}: the angle {name!r} may be from the floor or from its normal: name it 'angle from "
                 "floor' or 'angle from normal', with its unit"
@@ -260,6 +276,13 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
     }
     if None in ends.values():
         return cells
+    speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
+    angles = [name for name in known.others if _ANGLES.intersection(name_words(name))]
+    if speeds and angles:
+        raise DataError(
+            f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
+            "from normal', with its unit, or leave it out of the table"
+        )
     header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
     factor = Units(units.stated).factor("vy")
     for end, column in ends.items():
