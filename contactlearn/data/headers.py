@@ -232,6 +232,8 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
     telling = [unit for unit in stated if unit not in (SI[quantity], *COMPOUND)]
     if telling and silent:
         return OPEN, f"{source}; {', '.join(map(repr, silent))} state none"
+    if not telling and stated and not silent and SI[quantity] not in stated:
+        return None, f"null: as each column states it; {source}"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")
