@@ -281,6 +281,27 @@ def test_groups_of_thousands(tmp_path, frame, cell, value):
     assert table.read(path, **BODY).impacts.q[4, 0].item() == value
 
 
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_whole_numbers_beside_groups_tell_thousands(tmp_path, frame, decimal):
+    """833 and 1,470 in a column of whole numbers: no column of decimals has both."""
+    spins, other = [833, -490, 1470, -3020, 16624, 0], {".": ",", ",": "."}[decimal]
+    written = [f"{spin:,}".replace(",", other) for spin in spins]
+    path, index = tmp_path / "drops.csv", COLUMNS.index("omega")
+
+    def write(cells: list[str]) -> None:
+        lines = [line.split(";") for line in text(frame[:6], ";", decimal).splitlines()]
+        for line, cell in zip(lines[1:], cells, strict=True):
+            line[index] = cell
+        path.write_text("\n".join(map(";".join, lines)), "utf-8")
+
+    write(written)
+    found = table.read(path, validate=False, **BODY).impacts
+    np.testing.assert_allclose(numbers(found), frame[:6].assign(omega=spins), rtol=ROUNDING)
+    write(["8.33" if decimal == "." else "8,33", *written[1:]])  # which has decimals
+    with refused([f"got '1{other}470', which is 1470, or "]):
+        table.read(path, validate=False, **BODY)
+
+
 def test_a_group_that_may_be_decimals_is_refused_in_its_row(tmp_path, frame):
     for cell, decimal in (("1,234", "."), ("1.234", ",")):
         path = with_cell(tmp_path / "drops.csv", frame, 0, cell, "\t", decimal)
