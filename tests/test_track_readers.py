@@ -664,6 +664,32 @@ def test_arrays_of_tosses(kind, tmp_path):
         np.testing.assert_allclose(one_found.position, one.position * (1000 if kind == "mat" else 1), atol=1e-9)
 
 
+def test_logs_of_simulators(tmp_path):
+    """Rollouts of one length with the base's name before each array, no clock but dt, and velocities beside."""
+    recordings = SPACE[:2]
+    frames = min(len(one.time) for one in recordings)
+    place, turn = (np.stack([getattr(one, name)[:frames] for one in recordings]) for name in ("position", "quaternion"))
+    rest = {"base_lin_vel": np.zeros_like(place), "dt": np.float64(0.005), "seed": np.arange(2)}
+    for orn, order in (("base_orn", None), ("base_quat_xyzw", "xyzw")):
+        np.savez(tmp_path / "rollouts.npz", base_pos=place, **{orn: turn}, **rest)
+        found = [*read(tmp_path / "rollouts.npz", Layout())]
+        assert [one.name for one in found] == ["0", "1"]
+        assert [one.order for one in found] == [order] * 2
+        for one, there, turned in zip(found, place, turn, strict=True):
+            np.testing.assert_array_equal(one.position, there)
+            np.testing.assert_array_equal(one.quaternion, turned)
+            np.testing.assert_allclose(np.diff(one.time), 0.005)
+    np.savez(tmp_path / "rollouts.npz", p=place[0], o=turn[0], **rest)
+    (found,) = read(tmp_path / "rollouts.npz", Layout(position="p", quaternion="o"))
+    np.testing.assert_array_equal(found.position, place[0])
+    np.savez(tmp_path / "rollouts.npz", box_pos=place[0], cube_pos=place[1], box_quat=turn[0])
+    with refused(["holds no position with angle or quaternion; it has box_pos, cube_pos, box_quat"]):
+        [*read(tmp_path / "rollouts.npz", Layout(rate=200.0))]
+    (tmp_path / "a.csv").write_text("t,p\n0,1\n")
+    with refused(["data.columns.position must name two or three columns"]):
+        [*read(tmp_path / "a.csv", Layout(time="t", position="p"))]
+
+
 @pytest.mark.parametrize("frames", [(40, 30), (40, 40)], ids=["of their own lengths", "of one length"])
 def test_structures_of_matlab_are_recordings(tmp_path, frames):
     """Positions [2, T] in a row each; a file of bodies asks which."""

@@ -324,6 +324,9 @@ def _with_dropped(stamps: Array, number: Array) -> Array:
 
 def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     """Refuse a file that lacks columns, before any of its recordings is refused for it."""
+    for name, names, few in (("position", layout.position, "two or three"), ("quaternion", layout.quaternion, "four")):
+        if len(names) == 1:
+            raise DataError(f"{path}: data.columns.{name} must name {few} columns of a table, got {names[0]!r}")
     spatial = layout.position[2:] and layout.position[2] in table.columns
     layout = _with_orientation(table, layout)
     angle = () if layout.angle is None or _no_angle(table, layout) else (layout.angle,)
