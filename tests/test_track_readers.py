@@ -569,6 +569,33 @@ def test_subjects_of_an_export_are_asked(tmp_path):
     assert len(box.markers) == len(NAMES) - 1
 
 
+@pytest.mark.parametrize("objects", [1, 2, 11])
+def test_video_analysis_of_logger_pro(objects, tmp_path):
+    """One of several objects in cm, with velocities of the program beside its places."""
+    t = np.arange(40) / 60
+    head, values = ["Video Analysis: Time (s)"], [t]
+    for k in range(1, objects + 1):
+        number = f" {k}" * (k > 1)
+        head += [f"Video Analysis: {name}{number} ({unit})" for name, unit in
+                 (("X", "cm"), ("Y", "cm"), ("X Velocity", "cm/s"), ("Y Velocity", "cm/s"))]  # fmt: skip
+        values += [100.0 * k + t, 200.0 - 490 * t**2, 1 + 0 * t, -981 * t]
+    path = tmp_path / "drop.csv"
+    path.write_text(",".join(head) + "\n" + text(np.column_stack(values), ","))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == [
+        *["body"] * (objects > 1), "mass", "shape",
+    ]  # fmt: skip
+    if objects > 1:
+        with refused(["has points of object_1, object_2", "state data.body=object_1 or data.body=object_2"]):
+            list(read(path, Layout()))
+    (found,) = read(path, Layout(body="object_1" if objects > 1 else None))
+    (named,) = read(path, Layout(time=head[0], position=head[1:3]))
+    for one in (found, named):
+        assert one.unit == "cm"
+        np.testing.assert_allclose(one.time, t)
+        np.testing.assert_allclose(one.position, np.column_stack(values[1:3]))
+        assert not one.quaternion
+
+
 @pytest.mark.parametrize("name", ["toss.csv.gz", "tosses.zip"])
 def test_a_compressed_file_is_to_be_unpacked(tmp_path, name):
     path = tmp_path / name

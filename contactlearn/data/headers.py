@@ -153,8 +153,9 @@ def _is_recording(path: Path) -> bool:
 def _of_export(path: Path, export: Export) -> Iterator[Setting]:
     """The settings of an export of a tracker that its header leaves open."""
     bodies = [*export.bodies] or export.subjects
-    yield from _body(path, [*export.points.values()], bodies if len(bodies) > 1 else ())
-    if export.rate is None and "time" not in export.names:
+    of_one = [name for name in export.points if not export.subjects or name.startswith(f"{export.subjects[0]}:")]
+    yield from _body(path, [export.points[name] for name in of_one], bodies if len(bodies) > 1 else ())
+    if export.rate is None and export.clock not in export.names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     if export.unit is None:
         yield Setting(name="unit", value=None, comment=f"{', '.join(UNITS)}, or the size of a pixel in m; null: found")
