@@ -361,6 +361,38 @@ def test_ros_bags(kind, tmp_path):
     assert (found.order, found.unit) == ("wxyz", "m")
 
 
+@pytest.mark.parametrize("kind", ["ros2 topic echo --csv", "a header", "rostopic echo -p"])
+def test_poses_of_ros_as_text(kind, tmp_path):
+    """Whole seconds beside nanoseconds, without a header or with it; a header that begins as a comment."""
+    one = SPACE[0]
+    stamps = [round(1e9 * time) + 1_747_301_822_416_978_359 for time in one.time]
+    poses = [
+        ",".join(map(repr, row)) for row in np.column_stack((one.position, np.roll(one.quaternion, -1, 1))).tolist()
+    ]
+    poses = [line for line, seen in zip(poses, one.seen, strict=True) if seen]
+    stamps = [stamp for stamp, seen in zip(stamps, one.seen, strict=True) if seen]
+    header = [*(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{axis}" for axis in "xyzw")]
+    path = tmp_path / "pose.csv"
+    if kind == "rostopic echo -p":
+        head = ",".join(["%time", "field.header.frame_id", *(f"field.{name}" for name in header)]) + "\n"
+        lines = [f"{stamp},map,{pose}" for stamp, pose in zip(stamps, poses, strict=True)]
+    else:
+        head = ",".join(["header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *header]) + "\n"
+        head = head if kind == "a header" else ""
+        lines = [f"{s // 10**9},{s % 10**9},map,{pose}" for s, pose in zip(stamps, poses, strict=True)]
+    path.write_text(head + "\n".join(lines) + "\n")
+    settings = {setting.name: setting.value for setting in propose(path).settings}
+    assert [name for name, value in settings.items() if value == "???"] == ["mass", "shape"]
+    columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
+    (found,) = read(path, Layout(**columns))
+    np.testing.assert_allclose(np.diff(found.time), np.diff(one.time[one.seen]), atol=1e-6)
+    np.testing.assert_allclose(found.position, one.position[one.seen], atol=1e-12)
+    turned = np.roll(one.rotation[one.seen], -1 if found.order == "xyzw" else 0, 1)
+    np.testing.assert_allclose(found.rotation, turned, atol=1e-12)
+    if kind == "ros2 topic echo --csv":
+        assert (found.order, found.unit) == ("xyzw", "m")
+
+
 def two_bodies():
     time = np.arange(60) / 100
     for name in ("drop1", "drop2"):

@@ -33,7 +33,7 @@ _IMPACT = (
 )
 _WORDS = {
     **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
-    **dict.fromkeys(("position", "pos", "pose", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
+    **dict.fromkeys(("position", "pos", "pose", "field", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
     **dict.fromkeys(("masse", "masa", "massa"), "mass"),
     **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo"), "theta"),
     **dict.fromkeys(("drehgeschwindigkeit", "winkelgeschwindigkeit", "drehzahl"), "omega"),

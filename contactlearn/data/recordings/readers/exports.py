@@ -5,6 +5,7 @@
     Tracker (OSP)    names of tracks, t, x, y; with decimal points or commas
     DeepLabCut       scorer, bodyparts, coords: pixels
     Logger Pro       Video Analysis: Time (s), X (cm), Y (cm), and X 2, Y 2 of the next object
+    ROS 2            ros2 topic echo --csv: stamp, names of frames, position and quaternion, and no header
     SLEAP            track, frame_idx, a point's x, y and score in each three columns
 
 A point whose likelihood or score is below 0.6 is lost, and so is a marker at 0, 0, 0.
@@ -12,6 +13,7 @@ Sources: the exporters' documentation, and files in public repositories.
 """
 
 import csv
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,6 +28,7 @@ from contactlearn.data.recordings.readers import LIKELY, Layout
 
 COMMENT = ("#", "%", "//")
 _HEADER = 60  # lines among which the frames begin
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _AXES = ("x", "y", "z")
 _BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
 Rows = list[list[str]]
@@ -232,7 +235,30 @@ def _logger_pro(rows: Rows) -> Export | None:
     return Export(names=_padded(rows[0], rows[1]), above=1, unit=unit or None, clock=clock, points=points)
 
 
-_LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (_qualisys, _vicon, _deeplabcut, _sleap, _logger_pro, _tracker)
+def _ros_echo(rows: Rows) -> Export | None:
+    first = rows[0]
+    names = next((k for k in (1, 2) if len(first) >= 9 + k and not _numeric(first[2 : 3 + k])), 0)  # of frames
+    pose = first[2 + names : 9 + names]
+    whole = [re.fullmatch(r"\d{1,10}", cell) for cell in first[:2]]
+    if not names or not all(whole) or not all(_numeric([cell]) for cell in pose) or not _numeric(rows[1][:2]):
+        return None
+    if abs(math.hypot(*map(float, pose[3:])) - 1) > _UNIT:
+        return None
+    stamp, place = ["header.stamp.sec", "header.stamp.nanosec"], [f"pose.position.{axis}" for axis in _AXES]
+    turned = [f"pose.orientation.{axis}" for axis in "xyzw"]
+    header = [*stamp, *("header.frame_id", "child_frame_id")[:names], *place, *turned]
+    return Export(names=_padded(header, first), above=0, unit="m", clock=stamp[0], bodies={"pose": (place, turned)})
+
+
+_LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (
+    _qualisys,
+    _vicon,
+    _deeplabcut,
+    _sleap,
+    _logger_pro,
+    _ros_echo,
+    _tracker,
+)
 
 
 def _numeric(cells: Sequence[str]) -> bool:
