@@ -143,8 +143,9 @@ def _said(time: str | None) -> str:
 
 def _taken(column: Cells, rows: Sequence[int | None]) -> Cells:
     """The cells of some rows, which are empty where there is no row."""
-    if isinstance(column, np.ndarray) and None not in rows:
-        return column[list(rows)]
+    there = [k for k in rows if k is not None]
+    if isinstance(column, np.ndarray) and len(there) == len(rows):
+        return column[there]
     return [None if k is None else column[k] for k in rows]
 
 
