@@ -229,6 +229,21 @@ def test_motive(tmp_path, version):
         list(read(path, Layout(body="plate")))
 
 
+def test_init_asks_for_the_body_of_motive(tmp_path):
+    path = tmp_path / "drop.csv"
+    first, blank, *lines = motive("1.24", np.column_stack((np.ones((3, 4)) / 2, np.zeros((3, 3))))).splitlines()
+    path.write_text("\n".join([first, blank, *lines]))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+    cells = [line.split(",") for line in lines]
+    both = [",".join([*row[:9], *(cell.replace("rod", "plate") for cell in row[2:9]), *row[9:]]) for row in cells]
+    path.write_text("\n".join([first, blank, *both]))
+    asked = [one for one in propose(path).settings if one.value == "???"]
+    assert [one.name for one in asked] == ["body", "mass", "shape"]
+    assert "rod or plate" in asked[0].comment
+    (found,) = read(path, Layout(body="plate"))
+    assert len(found.time) == 3
+
+
 def test_motive_exports_that_are_no_use(tmp_path):
     path, good = tmp_path / "drop.csv", motive("1.23", np.zeros((3, 7)))
     for change, message in (

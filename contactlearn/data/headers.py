@@ -23,6 +23,7 @@ from contactlearn.data.recordings.readers.columns import (
     orientation_columns,
 )
 from contactlearn.data.recordings.readers.exports import Export, export_of
+from contactlearn.data.recordings.readers.motive import bodies_of
 from contactlearn.data.table.columns import (
     COMPUTED,
     columns_of,
@@ -96,7 +97,10 @@ def propose(path: Path) -> FileContents:
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
     if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
-        return FileContents(source="tracks", settings=(*_body(path), *_UNNAMED))
+        bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
+        body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
+        unnamed = [one for one in _UNNAMED if one.name != "body" or len(bodies) < 2]
+        return FileContents(source="tracks", settings=(*body, *unnamed))
     if first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = table.preview(first)
