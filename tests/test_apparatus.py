@@ -61,6 +61,16 @@ def test_gravity_and_drag_are_measured_within_their_errors(drag, seed):
     assert found.drag == (measured.value if drag else 0.0)
 
 
+def test_gravity_is_measured_where_frames_are_lost():
+    """Of 14 frames a window the last 4, after which nothing tells its velocity, are lost."""
+    recordings = simulate(12, replace(PLAIN, rate=240.0), seed=1)[0]
+    for one in recordings:
+        one.position[20::40] = one.position[21::40] = one.position[22::40] = one.position[23::40] = np.nan
+    gravity, drag = find_gravity(recordings).measured
+    assert within(gravity, 9.81)
+    assert within(drag, 0.0)
+
+
 def test_drag_is_allowed_for_in_the_velocities(tmp_path):
     """Flights without the drag meet in the same velocities, by their own accelerations, with larger errors."""
     found = found_in(tmp_path, drag=0.5)

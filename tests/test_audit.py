@@ -3,17 +3,20 @@
 import itertools
 import math
 
+import pandas as pd
 import pytest
 import torch
 from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, UNITS, corrupt, exchanged
 from pairings import paired
 from spatial import in_space
 
+from contactlearn.data import table
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.conventions import compare
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
 from contactlearn.data.audit.moments import balance, drag_factor, torque
+from contactlearn.data.audit.trials import repeated
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, rotate
@@ -460,6 +463,15 @@ def test_duplicates():
     assert (finding.name, finding.correction) == ("duplicated_trials", "drop_duplicates")
     assert {one.quantity: one.value for one in finding.evidence} == {"trials": 3.0, "share": 3 / 63, "first": "60"}
     assert mistakes(audit(correct(twice, ["drop_duplicates"]))) == []
+
+
+def test_a_single_number_repeats_by_chance():
+    """Rebounds from one height, read in steps of a twentieth of their scatter: no trial is a copy for it."""
+    height = 0.5 + 0.01 * torch.randn(60, generator=torch.Generator().manual_seed(3)).double()
+    frame = pd.DataFrame({"drop height": 1.0, "rebound height": ((height / 5e-4).round() * 5e-4).numpy()})
+    found = table.read(frame, shape={"kind": "disc", "radius": 0.02}, mass=0.05).impacts
+    assert repeated(found).sum() > 10
+    assert mistakes(audit(found)) == []
 
 
 def test_order_against_time():

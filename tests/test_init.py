@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from commands import TRAIN, run
+from spatial import tossed
 
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.config_files import own_data
@@ -122,13 +123,14 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("names", "wanted"),
     [
-        pytest.param(["x", "x_mm", "vx_post"], {"columns.y": OPEN, "units.length": "m"}, id="our name goes first"),
+        pytest.param(["x", "x_mm", "vx_post"], {"units.length": "m"}, id="our name goes first"),
         pytest.param(["vx_post", "x_com", "x [mm]", "X (m)"], {"columns.x": OPEN}, id="two columns of one meaning"),
         pytest.param(["vx_post", "x [yd]"], {"columns.x": OPEN}, id="an unknown unit"),
         pytest.param(["x_mm", "vx_post [m/s]"], {"units.length": None}, id="two units of one quantity"),
         pytest.param(["vx_post [cm/s]", "x_cm"], {"columns.x": "x_cm", "units.length": "cm"}, id="centimetres"),
         pytest.param(["vx_post", "x_cm"], {"columns.x": "x_cm", "units.length": OPEN}, id="a column without a unit"),
-        pytest.param(["omega' [rpm]", "vx_post"], {"units.time": "s", "units.angle": "rad"}, id="rpm is no minute"),
+        pytest.param(["omega' [rpm]", "vx_post"], {"units.time": "s", "units.angle": None}, id="rpm is no minute"),
+        pytest.param(["omega' [rpm]", "vx_post", "theta"], {"units.angle": "rad"}, id="rpm beside an angle"),
         pytest.param(["vx_post", "x_contact"], {"columns.x": OPEN}, id="the contact is not the centre"),
         pytest.param(["vx_post", "I [g mm^2]", "m_g"], {"columns.mass": "m_g", "units.mass": "g"}, id="a mass"),
         pytest.param(["vx_post", "inertia [g·mm²]", "massKg"], {"units.mass": None}, id="two masses"),
@@ -240,10 +242,18 @@ def test_a_file_of_settings_is_checked(tmp_path, monkeypatch, text, message):
         compose("train", ["data=mydata"])
 
 
-def test_a_table_and_a_setting_do_not_both_state_the_mass(tmp_path):
-    path = table.save(synthetic.load(size=5), tmp_path / "a.csv")
-    with pytest.raises(DataError, match=r"data.mass states what the column 'mass' has"):
+def test_a_table_and_a_setting_may_state_the_same_mass(tmp_path):
+    drops = synthetic.load(size=5)
+    path = table.save(drops, tmp_path / "a.csv")
+    mass, inertia = drops.mass[0].item(), drops.inertia[0].item()
+    assert table.load(path, mass=mass, inertia=inertia).mass.tolist() == drops.mass.tolist()
+    with pytest.raises(DataError, match=r"data.mass=0.05, but the column 'mass' has 0.0364 in row 1; leave"):
         table.load(path, mass=0.05)
+    with pytest.raises(DataError, match=r"data.inertia=1e-05, but the column 'inertia' has 1.68\S* in row 1; leave"):
+        table.load(path, inertia=1e-5)
+    tosses = table.save(tossed(5), tmp_path / "tosses.csv")
+    with pytest.raises(DataError, match=r"data.inertia=1, but the column 'inertia_x' has"):
+        table.load(tosses, inertia=[1, 2, 2])
     found = table.load(path, columns={"mass": None, "inertia": None}, mass=0.05, inertia=2e-5)
     assert found.mass.tolist() == [0.05] * 5
     assert found.inertia.tolist() == [2e-5] * 5

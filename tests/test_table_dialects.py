@@ -168,6 +168,7 @@ NAMES = {
         "omega": "Drehgeschwindigkeit vorher",
         "omega_post": "Drehgeschwindigkeit nachher",
     },
+    "contact in German": {"vx": "vx vor dem Stoß", "vx_post": "vx nach dem Stoß", "omega": "Drehzahl vor Aufprall"},
     "French": {"vx": "vitesse x avant", "vx_post": "vitesse x après", "omega": "vitesse angulaire"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
@@ -181,7 +182,9 @@ def test_names_in_other_words(frame, names):
 
 
 UNITS = {
-    "omega [rpm]": ("omega", 30 / math.pi), "spin (rev/s)": ("omega", 0.5 / math.pi),
+    "omega [rpm]": ("omega", 30 / math.pi), "omega vor [U/min]": ("omega", 30 / math.pi),
+    "ω avant (tr/min)": ("omega", 30 / math.pi), "ω [min⁻¹]": ("omega", 30 / math.pi),
+    "spin (rev/s)": ("omega", 0.5 / math.pi),
     "ω′ (deg/s)": ("omega_post", 180 / math.pi), "x_mm": ("x", 1e3), "y [in]": ("y", 1 / 0.0254),
     "vx [mph]": ("vx", 3.6 / 1.609344),
     "vx [km/h]": ("vx", 3.6), "vy' / m s⁻¹": ("vy_post", 1), "θ [°]": ("theta", 180 / math.pi),
@@ -242,6 +245,13 @@ def test_a_setting_that_no_column_has_is_refused(frame):
         table.read(named, units={"length": "mm"}, **BODY)
 
 
+@pytest.mark.parametrize("unit", ["1/s", "Hz", "furlongs/fortnight"])
+def test_a_unit_that_is_not_known_is_no_si(frame, unit):
+    named = frame.rename(columns={"omega": f"turns of the disc [{unit}]"})
+    with refused([f"the unit {unit} of omega is not known", "convert the column to rad/s"]):
+        table.read(named, columns={"omega": named.columns[5]}, **BODY)
+
+
 def test_a_unit_of_another_quantity_is_refused(frame):
     for columns in (None, {"omega": "omega [mm/s]"}):
         with refused(["omega [mm/s]"]):
@@ -271,6 +281,27 @@ def test_groups_of_thousands(tmp_path, frame, cell, value):
     assert table.read(path, **BODY).impacts.q[4, 0].item() == value
 
 
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_whole_numbers_beside_groups_tell_thousands(tmp_path, frame, decimal):
+    """833 and 1,470 in a column of whole numbers: no column of decimals has both."""
+    spins, other = [833, -490, 1470, -3020, 16624, 0], {".": ",", ",": "."}[decimal]
+    written = [f"{spin:,}".replace(",", other) for spin in spins]
+    path, index = tmp_path / "drops.csv", COLUMNS.index("omega")
+
+    def write(cells: list[str]) -> None:
+        lines = [line.split(";") for line in text(frame[:6], ";", decimal).splitlines()]
+        for line, cell in zip(lines[1:], cells, strict=True):
+            line[index] = cell
+        path.write_text("\n".join(map(";".join, lines)), "utf-8")
+
+    write(written)
+    found = table.read(path, validate=False, **BODY).impacts
+    np.testing.assert_allclose(numbers(found), frame[:6].assign(omega=spins), rtol=ROUNDING)
+    write(["8.33" if decimal == "." else "8,33", *written[1:]])  # which has decimals
+    with refused([f"got '1{other}470', which is 1470, or "]):
+        table.read(path, validate=False, **BODY)
+
+
 def test_a_group_that_may_be_decimals_is_refused_in_its_row(tmp_path, frame):
     for cell, decimal in (("1,234", "."), ("1.234", ",")):
         path = with_cell(tmp_path / "drops.csv", frame, 0, cell, "\t", decimal)
@@ -296,8 +327,12 @@ def test_two_rows_an_impact(tmp_path, frame):
     assert found.impacts.q_post is None  # the pose is stated once, not measured twice
     assert numbers(next(table.read_blocks(path, 7, **BODY)).impacts).shape == (30, 9)
     np.testing.assert_array_equal(numbers(table.read(both.drop(columns="trial"), **BODY).impacts), frame)
+    sorted_ = both.rename(columns={"trial": "shot"}).sort_values("phase", kind="stable")  # all after, then all before
+    np.testing.assert_array_equal(numbers(table.read(sorted_, **BODY).impacts), frame)
     settings = {one.name: one.value for one in propose(path).settings}
     assert settings["columns.vx_post"] == "vx after"
+    spins = both.assign(spin_rpm=both.omega * 30 / math.pi).drop(columns="omega")  # a unit holds after contact, too
+    np.testing.assert_allclose(numbers(table.read(spins, **BODY).impacts), frame, rtol=ROUNDING, atol=0)
     for changed, fragments in (
         (both.iloc[:-1], ["trial 'd29' has no row after contact"]),
         (both.assign(trial="d1"), ["two rows before contact in column 'phase'"]),
@@ -313,6 +348,8 @@ def test_speed_and_angle(frame):
         polar[f"speed{end} [km/h]"] = 3.6 * np.hypot(vx, vy)
         polar[f"angle from floor{end} [deg]"] = np.degrees(np.arctan2(vy, vx))
     np.testing.assert_allclose(numbers(table.read(polar, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
+    plate = polar.rename(columns=lambda name: name.replace("from floor", "to the plate"))
+    np.testing.assert_allclose(numbers(table.read(plate, units={"angle": "rad"}, **BODY).impacts), frame, rtol=1e-9)
     normal = polar.rename(columns=lambda name: name.replace("floor", "normal"))
     for end in ("", "_post"):
         normal[f"angle from normal{end} [deg]"] = 90 - normal[f"angle from normal{end} [deg]"]
@@ -327,6 +364,10 @@ def test_speed_and_angle(frame):
         pytest.param(("v_in", "v_out"), (1.0, 1.0), id="speeds"),
         pytest.param(("drop height [m]", "rebound height [m]"), (0.5, 0.5), id="heights"),
         pytest.param(("h", "h'"), (0.5, 0.5), id="h"),
+        pytest.param(("Fallhöhe [m]", "Rücksprunghöhe [m]"), (0.5, 0.5), id="in German"),
+        pytest.param(("hauteur de chute", "hauteur de rebond"), (0.5, 0.5), id="in French"),
+        pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
+        pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
     ],
 )
@@ -342,12 +383,51 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     assert not found.impacts.v_pre[:, ::2].any()
     assert not found.impacts.v_post[:, ::2].any()
     assert {"slip", "spin", "orientation", "place", "r"} <= {*found.computed}
+    if speeds == (1.0, 1.0):
+        with refused(["'launch angle' may be the direction of", "'angle from floor'"]):
+            frame = pd.read_csv(path).assign(**{"launch angle": 0.3})
+            table.read(frame, shape={"kind": "disc", "radius": 0.02}, mass=0.1)
     settings = {setting.name: setting.value for setting in propose(path).settings}
     assert [name for name, value in settings.items() if value == "???"] == ["mass", "shape"]
     units = {name: settings[f"units.{name}"] for name in ("length", "time")}  # as `init` writes them
     columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
     again = table.read(path, shape={"kind": "disc", "radius": 0.02}, mass=0.1, units=units, columns=columns)
     torch.testing.assert_close(again.impacts.v_post, found.impacts.v_post)
+
+
+def test_missing_numbers_of_other_descriptions_are_dropped(tmp_path, frame, monkeypatch):
+    """Of heights, of speeds with angles, of roll, pitch and yaw, and of trials with one of their two rows."""
+    monkeypatch.chdir(tmp_path)
+    ball = {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.1}
+    heights = pd.DataFrame({"drop height [in]": ["72", "60", "48"], "rebound height [in]": ["50", "n/a", "30"]})
+    heights.to_csv("drops.csv", index=False)
+    assert propose(Path("drops.csv")).read_as[0].startswith("bounces along the normal")
+    with refused(["row 2 (line 3), column rebound height [in]", "got n/a", "data.correct=[drop_incomplete]"]):
+        table.read("drops.csv", **ball)
+    found = table.read("drops.csv", drop_incomplete=True, **ball).impacts
+    assert (found.trial, found.incomplete) == (("1", "3"), ("2",))
+    np.testing.assert_allclose(found.v_pre[:, 1], -np.sqrt(2 * GRAVITY * 0.0254 * np.array([72, 48])))
+    polar = frame.drop(columns=["vx", "vy", "vx_post", "vy_post"])
+    for end in ("", "_post"):
+        polar[f"speed{end}"] = np.hypot(frame[f"vx{end}"], frame[f"vy{end}"])
+        polar[f"angle from floor{end}"] = np.arctan2(frame[f"vy{end}"].abs(), frame[f"vx{end}"])
+    polar.loc[4, "speed_post"] = np.nan
+    np.testing.assert_allclose(
+        numbers(table.read(polar, drop_incomplete=True, **BODY).impacts), frame.drop(index=4), rtol=1e-9
+    )
+    both, half = long(frame), long(frame).iloc[:-1]
+    whole = table.read(both.iloc[:-2], **BODY).impacts
+    found = table.read(half, drop_incomplete=True, **BODY).impacts
+    assert found.incomplete == ("d29",)
+    np.testing.assert_array_equal(numbers(found), numbers(whole))
+    turned, _ = in_space(last=False)
+    angles = Rotation.from_quat(turned[["q0", "q1", "q2", "q3"]].to_numpy(), scalar_first=True).as_euler("xyz")
+    turned = turned.drop(columns=["q0", "q1", "q2", "q3"]).assign(
+        **dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    )
+    turned.loc[3, "pitch"] = np.nan
+    body = {"shape": CUBOID, "mass": 0.1, "validate": False}
+    assert table.read(turned, drop_incomplete=True, **body).impacts.incomplete == ("4",)
 
 
 def test_a_spin_that_nobody_measured_is_that_of_the_moments():

@@ -229,6 +229,21 @@ def test_motive(tmp_path, version):
         list(read(path, Layout(body="plate")))
 
 
+def test_init_asks_for_the_body_of_motive(tmp_path):
+    path = tmp_path / "drop.csv"
+    first, blank, *lines = motive("1.24", np.column_stack((np.ones((3, 4)) / 2, np.zeros((3, 3))))).splitlines()
+    path.write_text("\n".join([first, blank, *lines]))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+    cells = [line.split(",") for line in lines]
+    both = [",".join([*row[:9], *(cell.replace("rod", "plate") for cell in row[2:9]), *row[9:]]) for row in cells]
+    path.write_text("\n".join([first, blank, *both]))
+    asked = [one for one in propose(path).settings if one.value == "???"]
+    assert [one.name for one in asked] == ["body", "mass", "shape"]
+    assert "rod or plate" in asked[0].comment
+    (found,) = read(path, Layout(body="plate"))
+    assert len(found.time) == 3
+
+
 def test_motive_exports_that_are_no_use(tmp_path):
     path, good = tmp_path / "drop.csv", motive("1.23", np.zeros((3, 7)))
     for change, message in (
@@ -359,6 +374,38 @@ def test_ros_bags(kind, tmp_path):
     np.testing.assert_array_equal(found.position, wanted.position[wanted.seen])
     np.testing.assert_array_equal(found.quaternion, wanted.quaternion[wanted.seen])
     assert (found.order, found.unit) == ("wxyz", "m")
+
+
+@pytest.mark.parametrize("kind", ["ros2 topic echo --csv", "a header", "rostopic echo -p"])
+def test_poses_of_ros_as_text(kind, tmp_path):
+    """Whole seconds beside nanoseconds, without a header or with it; a header that begins as a comment."""
+    one = SPACE[0]
+    stamps = [round(1e9 * time) + 1_747_301_822_416_978_359 for time in one.time]
+    poses = [
+        ",".join(map(repr, row)) for row in np.column_stack((one.position, np.roll(one.quaternion, -1, 1))).tolist()
+    ]
+    poses = [line for line, seen in zip(poses, one.seen, strict=True) if seen]
+    stamps = [stamp for stamp, seen in zip(stamps, one.seen, strict=True) if seen]
+    header = [*(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{axis}" for axis in "xyzw")]
+    path = tmp_path / "pose.csv"
+    if kind == "rostopic echo -p":
+        head = ",".join(["%time", "field.header.frame_id", *(f"field.{name}" for name in header)]) + "\n"
+        lines = [f"{stamp},map,{pose}" for stamp, pose in zip(stamps, poses, strict=True)]
+    else:
+        head = ",".join(["header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *header]) + "\n"
+        head = head if kind == "a header" else ""
+        lines = [f"{s // 10**9},{s % 10**9},map,{pose}" for s, pose in zip(stamps, poses, strict=True)]
+    path.write_text(head + "\n".join(lines) + "\n")
+    settings = {setting.name: setting.value for setting in propose(path).settings}
+    assert [name for name, value in settings.items() if value == "???"] == ["mass", "shape"]
+    columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
+    (found,) = read(path, Layout(**columns))
+    np.testing.assert_allclose(np.diff(found.time), np.diff(one.time[one.seen]), atol=1e-6)
+    np.testing.assert_allclose(found.position, one.position[one.seen], atol=1e-12)
+    turned = np.roll(one.rotation[one.seen], -1 if found.order == "xyzw" else 0, 1)
+    np.testing.assert_allclose(found.rotation, turned, atol=1e-12)
+    if kind == "ros2 topic echo --csv":
+        assert (found.order, found.unit) == ("xyzw", "m")
 
 
 def two_bodies():
@@ -569,6 +616,33 @@ def test_subjects_of_an_export_are_asked(tmp_path):
     assert len(box.markers) == len(NAMES) - 1
 
 
+@pytest.mark.parametrize("objects", [1, 2, 11])
+def test_video_analysis_of_logger_pro(objects, tmp_path):
+    """One of several objects in cm, with velocities of the program beside its places."""
+    t = np.arange(40) / 60
+    head, values = ["Video Analysis: Time (s)"], [t]
+    for k in range(1, objects + 1):
+        number = f" {k}" * (k > 1)
+        head += [f"Video Analysis: {name}{number} ({unit})" for name, unit in
+                 (("X", "cm"), ("Y", "cm"), ("X Velocity", "cm/s"), ("Y Velocity", "cm/s"))]  # fmt: skip
+        values += [100.0 * k + t, 200.0 - 490 * t**2, 1 + 0 * t, -981 * t]
+    path = tmp_path / "drop.csv"
+    path.write_text(",".join(head) + "\n" + text(np.column_stack(values), ","))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == [
+        *["body"] * (objects > 1), "mass", "shape",
+    ]  # fmt: skip
+    if objects > 1:
+        with refused(["has points of object_1, object_2", "state data.body=object_1 or data.body=object_2"]):
+            list(read(path, Layout()))
+    (found,) = read(path, Layout(body="object_1" if objects > 1 else None))
+    (named,) = read(path, Layout(time=head[0], position=head[1:3]))
+    for one in (found, named):
+        assert one.unit == "cm"
+        np.testing.assert_allclose(one.time, t)
+        np.testing.assert_allclose(one.position, np.column_stack(values[1:3]))
+        assert not one.quaternion
+
+
 @pytest.mark.parametrize("name", ["toss.csv.gz", "tosses.zip"])
 def test_a_compressed_file_is_to_be_unpacked(tmp_path, name):
     path = tmp_path / name
@@ -662,6 +736,32 @@ def test_arrays_of_tosses(kind, tmp_path):
         R = matrices(one_found.quaternion, "rows" if one_found.quaternion.shape[1] == 9 else "wxyz")
         np.testing.assert_allclose(R, matrices(one.quaternion, "wxyz"), atol=1e-9)
         np.testing.assert_allclose(one_found.position, one.position * (1000 if kind == "mat" else 1), atol=1e-9)
+
+
+def test_logs_of_simulators(tmp_path):
+    """Rollouts of one length with the base's name before each array, no clock but dt, and velocities beside."""
+    recordings = SPACE[:2]
+    frames = min(len(one.time) for one in recordings)
+    place, turn = (np.stack([getattr(one, name)[:frames] for one in recordings]) for name in ("position", "quaternion"))
+    rest = {"base_lin_vel": np.zeros_like(place), "dt": np.float64(0.005), "seed": np.arange(2)}
+    for orn, order in (("base_orn", None), ("base_quat_xyzw", "xyzw")):
+        np.savez(tmp_path / "rollouts.npz", base_pos=place, **{orn: turn}, **rest)
+        found = [*read(tmp_path / "rollouts.npz", Layout())]
+        assert [one.name for one in found] == ["0", "1"]
+        assert [one.order for one in found] == [order] * 2
+        for one, there, turned in zip(found, place, turn, strict=True):
+            np.testing.assert_array_equal(one.position, there)
+            np.testing.assert_array_equal(one.quaternion, turned)
+            np.testing.assert_allclose(np.diff(one.time), 0.005)
+    np.savez(tmp_path / "rollouts.npz", p=place[0], o=turn[0], **rest)
+    (found,) = read(tmp_path / "rollouts.npz", Layout(position="p", quaternion="o"))
+    np.testing.assert_array_equal(found.position, place[0])
+    np.savez(tmp_path / "rollouts.npz", box_pos=place[0], cube_pos=place[1], box_quat=turn[0])
+    with refused(["holds no position with angle or quaternion; it has box_pos, cube_pos, box_quat"]):
+        [*read(tmp_path / "rollouts.npz", Layout(rate=200.0))]
+    (tmp_path / "a.csv").write_text("t,p\n0,1\n")
+    with refused(["data.columns.position must name two or three columns"]):
+        [*read(tmp_path / "a.csv", Layout(time="t", position="p"))]
 
 
 @pytest.mark.parametrize("frames", [(40, 30), (40, 40)], ids=["of their own lengths", "of one length"])

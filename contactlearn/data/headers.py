@@ -23,6 +23,7 @@ from contactlearn.data.recordings.readers.columns import (
     orientation_columns,
 )
 from contactlearn.data.recordings.readers.exports import Export, export_of
+from contactlearn.data.recordings.readers.motive import bodies_of
 from contactlearn.data.table.columns import (
     COMPUTED,
     columns_of,
@@ -96,7 +97,10 @@ def propose(path: Path) -> FileContents:
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
     if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
-        return FileContents(source="tracks", settings=(*_body(path), *_UNNAMED))
+        bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
+        body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
+        unnamed = [one for one in _UNNAMED if one.name != "body" or len(bodies) < 2]
+        return FileContents(source="tracks", settings=(*body, *unnamed))
     if first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = table.preview(first)
@@ -153,8 +157,9 @@ def _is_recording(path: Path) -> bool:
 def _of_export(path: Path, export: Export) -> Iterator[Setting]:
     """The settings of an export of a tracker that its header leaves open."""
     bodies = [*export.bodies] or export.subjects
-    yield from _body(path, [*export.points.values()], bodies if len(bodies) > 1 else ())
-    if export.rate is None and "time" not in export.names:
+    of_one = [name for name in export.points if not export.subjects or name.startswith(f"{export.subjects[0]}:")]
+    yield from _body(path, [export.points[name] for name in of_one], bodies if len(bodies) > 1 else ())
+    if export.rate is None and export.clock not in export.names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     if export.unit is None:
         yield Setting(name="unit", value=None, comment=f"{', '.join(UNITS)}, or the size of a pixel in m; null: found")
@@ -232,6 +237,8 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
     telling = [unit for unit in stated if unit not in (SI[quantity], *COMPOUND)]
     if telling and silent:
         return OPEN, f"{source}; {', '.join(map(repr, silent))} state none"
+    if not telling and stated and not silent and SI[quantity] not in stated:
+        return None, f"null: as each column states it; {source}"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")

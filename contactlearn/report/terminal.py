@@ -18,8 +18,7 @@ from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.numerics import measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
-from contactlearn.data.table.descriptions import SURFACES
-from contactlearn.data.table.names import name_words
+from contactlearn.data.table.names import SURFACES, name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
 from contactlearn.report.text.numbers import NO_INTERVAL
@@ -47,7 +46,8 @@ _COMPUTED = {
     "spin": "the spin, which nobody measured: 0 before impact, and after it what the moment of the impulse makes; "
     "friction and slip are those of bodies that did not spin",
     "slip": "no velocity along the floor: bounces along the normal show restitution alone",
-    "place": "the height from the contact point; places along the floor are 0, so that no dependence on them is seen",
+    "height": "the height from the contact point",
+    "place": "places along the floor are 0, so that no dependence on them is seen",
 }
 _NARROWEST = 80  # columns of a terminal that tables are made for
 _MAX_RUNS = 20  # runs in the table of a sweep

@@ -56,11 +56,11 @@ from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.result import Audit, Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
+    copied,
     covariance_findings,
     duplicate_findings,
     incomplete_findings,
     order_findings,
-    repeated,
     rig_notes,
     sorted_notes,
     state_notes,
@@ -80,7 +80,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts) + covariance_findings(impacts)
-    sound = impacts.replace(validate=False)[~repeated(impacts)]
+    sound = impacts.replace(validate=False)[~copied(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
         return Audit((*findings, *(trial_findings(sound, thresholds) if plane else order_findings(sound)), *notes))
@@ -129,7 +129,7 @@ def quick_audit(impacts: Impacts) -> tuple[Finding, ...]:
     Repeated trials and their order are looked at in all of them.
     """
     found = [*duplicate_findings(impacts), *order_findings(impacts)]
-    sound = impacts.replace(validate=False, time=None)[~repeated(impacts)]  # times of a subset do not show the order
+    sound = impacts.replace(validate=False, time=None)[~copied(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
     return Audit((*audit(sound[rows]), *found)).mistakes
 

@@ -36,6 +36,7 @@ _SORTED = 0.9  # rank correlation of the order and the state from which on trial
 _MIN_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _MAX_STRAY_SHARE = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
+_COMPARED = 10_000  # trials, spread evenly, by which it is seen which components of an outcome were measured
 _LISTED = 5  # values that a sentence names
 
 
@@ -84,7 +85,7 @@ def incomplete_findings(impacts: Impacts) -> list[Finding]:
 
 def duplicate_findings(impacts: Impacts) -> list[Finding]:
     """Rows that repeat an earlier one bit for bit."""
-    twice = repeated(impacts)
+    twice = copied(impacts)
     count = int(twice.sum())
     if not count:
         return []
@@ -92,6 +93,13 @@ def duplicate_findings(impacts: Impacts) -> list[Finding]:
     sentence = f"{count} of {len(impacts)} trials repeat an earlier trial to the last digit, the first is {first!r}"
     evidence = evidence_of(("trials", float(count), "trials"), ("share", count / len(impacts)), ("first", first))
     return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
+
+
+def copied(impacts: Impacts) -> Bool[Tensor, " n"]:
+    """Find the repeated trials; none where a single number was measured after contact: readings repeat by chance."""
+    twice = repeated(impacts)
+    outcomes = impacts.v_post[:: max(1, len(impacts) // _COMPARED)]
+    return twice if int((outcomes != outcomes[0]).any(0).sum()) > 1 else torch.zeros_like(twice)
 
 
 def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:

@@ -213,26 +213,27 @@ def _moving(time: Array, pose: Array, frames: int, sigma: Array, width: int) -> 
     good = (fits.count >= max(5, 0.7 * frames)) & (share <= _SMOOTH)
     edge = frames // _EDGE_SHARE
     good = sliding_window_view(np.pad(good, edge, mode="edge"), 2 * edge + 1).all(-1)
+    velocity = _velocities(time, pose[:, :width], frames)
+    good &= np.isfinite(velocity).all(1)
     rows = np.flatnonzero(good)
     return _Motions(
         acceleration=fits.acceleration[good, :width],
         error=np.linalg.norm(fits.error[good, :width], axis=1),
-        velocity=_velocities(time, pose[:, :width], frames)[good],
+        velocity=velocity[good],
         flight=np.maximum.accumulate(np.where(np.diff(rows, prepend=-2) > 1, rows, 0)).astype(np.float64),
     )
 
 
 def _velocities(time: Float[Array, " t"], position: Float[Array, "t d"], frames: int) -> Float[Array, "s d"]:
-    """Mean velocity of each window, between the middles of its first and last thirds."""
+    """Mean velocity of each window, between the middles of its first and last thirds; nan where one was lost."""
     third = frames // 3
     when, where = sliding_window_view(time, frames), np.moveaxis(sliding_window_view(position, frames, axis=0), 1, -1)
     first, last = np.s_[:, :third], np.s_[:, -third:]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         seen = np.isfinite(where[..., 0])
         sums = [(np.nansum(where[part], 1), seen[part].sum(1), (when * seen)[part].sum(1)) for part in (first, last)]
         (a, n, start), (b, m, end) = sums
-        n, m = np.maximum(n, 1), np.maximum(m, 1)
-        return (b / m[:, None] - a / n[:, None]) / np.maximum(end / m - start / n, 1e-12)[:, None]
+        return (b / m[:, None] - a / n[:, None]) / (end / m - start / n)[:, None]
 
 
 UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}

@@ -30,7 +30,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,7 @@ __all__ = [
 ]  # fmt: skip
 
 _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quaternion are seen
+_SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
@@ -96,7 +97,7 @@ class Table:
     Args:
         impacts: the measurements.
         unused: the file's columns that are not used.
-        computed: what the file lacks and the body's shape gives: `inertia`, `r`, and `place`, on the floor at 0.
+        computed: what the file lacks and the body's shape gives: `inertia`, `r` and `height`, and `place`, which is 0.
         read_as: how the file was understood, in words; nothing for one as `save` writes it.
     """
 
@@ -211,7 +212,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells = restated(cells, known_units, columns, known_shape)
+        cells = restated(cells, known_units, columns, known_shape, gaps=drop_incomplete)
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
@@ -223,6 +224,7 @@ def read_blocks(
             left = True
             if named.space is PLANE and "inertia" in stated and stated["inertia"].ndim:
                 raise DataError(f"{_source(path)}: data.inertia is one number in a plane; three are of a body in space")
+            _refuse_other(kept, stated, named)
             values |= {name: x.expand(len(kept), *x.shape) for name, x in stated.items()}
             values["covariates"] = _covariates(kept, numeric)
             impacts = _impacts(kept, values, named, known_shape, validate=validate)
@@ -246,6 +248,26 @@ def _stated(mass: float | None, inertia: float | Sequence[float] | None) -> dict
     return found
 
 
+def _refuse_other(cells: Sheet, stated: Mapping[str, Tensor], named: NamedColumns) -> None:
+    """Refuse a setting that states another number than the columns have, which may state it too."""
+    for name, value in stated.items():
+        parts = named.space.components[name]
+        columns = [column for column in dict.fromkeys((name, *parts)) if column in cells.header]
+        numbers = dict(zip(parts, value.reshape(-1).expand(len(parts)).tolist(), strict=True))
+        for column, number in product(columns, dict.fromkeys(numbers.values())):
+            if numbers.get(column, number) != number:
+                continue
+            there = _numbers(cells, column, named.units)
+            other = ((there / number - 1).abs() > _SAME).nonzero()
+            if len(other):
+                row, written = int(other[0, 0]), cells.written.get(column, column)
+                raise DataError(
+                    f"{cells.path}: data.{name}={number:.6g}, but the column {written!r} has {there[row]:.6g} in row "
+                    f"{cells.first + row + 1}; leave that setting out, or ignore what the table has by "
+                    f"'data.columns={{{': null, '.join(columns)}: null}}'"
+                )
+
+
 def _source(path: "str | os.PathLike[str] | DataFrame") -> str:
     """The table's name in errors."""
     return str(path) if isinstance(path, str | os.PathLike) else type(path).__name__
@@ -267,7 +289,7 @@ def preview(path: Path) -> Sheet:
     Raises:
         DataError: see `read`.
     """
-    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False)
+    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False, gaps=True)
 
 
 def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
@@ -331,7 +353,7 @@ def _impacts(
     }
     if shape is not None:
         values |= _computed(cells.path, named.computed, shape, values)
-    if "place" in named.computed:
+    if "height" in named.computed:
         values["q"][:, space.d - 1] = -values["r"][:, space.d - 1]
     if "spin" in named.computed:
         P = values["mass"][:, None] * (values["v_post"] - values["v_pre"])[:, :2]

@@ -85,12 +85,14 @@ def required_in(space: Space) -> tuple[str, ...]:
 
 
 COLUMNS, REQUIRED = columns_of(PLANE), required_in(PLANE)
-COMPUTED = {space: {"inertia": space.inertia, "r": space.position, "place": space.pose[: space.d]} for space in BOTH}
+COMPUTED = {space: {"inertia": space.inertia, "r": space.position} for space in BOTH}
+for _space in BOTH:
+    COMPUTED[_space] |= {"place": _space.pose[: _space.d - 1], "height": _space.pose[_space.d - 1 : _space.d]}
 COMPUTED[PLANE] |= {"orientation": ("theta",), "spin": ("omega", "omega_post"), "slip": ("vx", "vx_post")}
 """Columns by the space and by what they fill, that a table may lack.
 
-A known shape replaces inertia and r.  The height follows of r, no orientation is that of a disc, a spin that was not
-measured of the moments, and bounces along the normal alone have no slip.
+A known shape replaces inertia and r.  The height follows of r, the place is 0, no orientation is that of a disc, a spin
+that was not measured of the moments, and bounces along the normal alone have no slip.
 """
 
 
@@ -173,7 +175,8 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
         fields = [field for field in fields if field not in ("spin", "slip")]
     if "spin" not in fields or words & {"x", *_SPEEDS}:
         fields = [field for field in fields if field != "slip"]
-    doubtful = {"place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
+    heights = words & {"y", "z", "height", "h"}
+    doubtful = {"height": heights, "place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
     return tuple(field for field in fields if not doubtful.get(field))
 
 
@@ -212,12 +215,6 @@ def name_columns(
     ours |= {column: name for column, name in known.names.items() if column in every and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
-    for column in stated:
-        if column in ours:
-            raise DataError(
-                f"{cells.path}: data.{column} states what the column {ours[column]!r} has; leave it out, or ignore the "
-                f"column by 'data.columns={{{column}: null}}'"
-            )
     unused = tuple(name for name in cells.header if name not in ours.values())
     lacking = [column for column in required_in(space) if column not in ours and column not in stated]
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
@@ -255,6 +252,11 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
         if written and other and written[1] != "-" and is_unit(written[1]):
             raise DataError(
                 f"{cells.path}: column {name!r} cannot be {column}, whose unit is {units.text(column) or 'none'}"
+            )
+        if written and other and powers_of(column) and re.search(r"[/^⁻·]|\bHz\b", written[1]):
+            raise DataError(
+                f"{cells.path}: column {name!r}: the unit {written[1]} of {column} is not known; convert the column to "
+                f"{units.text(column)}, or write a known one, such as mm, mm/s, km/h, deg/s or rev/min"
             )
     for quantity in UNIT_FACTORS:
         having = [column for column in ours if quantity in powers_of(column)]

@@ -19,7 +19,15 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
-from contactlearn.data.table.names import OTHERS, Recognised, impact_vocabulary, name_words, time_of, unit_in
+from contactlearn.data.table.names import (
+    OTHERS,
+    SURFACES,
+    Recognised,
+    impact_vocabulary,
+    name_words,
+    time_of,
+    unit_in,
+)
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -31,9 +39,8 @@ _SPREAD_RATIO = 3  # times less spread of the floor, with which a quaternion is 
 _MIN_HEIGHT_SHARE = 0.02  # of the height, that heights must differ: those of a sphere do by rounding only
 _MIN_NEGATIVE = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
-SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
-"""Words for what a body hits, in names of columns."""
 _SURFACE = re.compile(rf"[_ .:-]*(?:{'|'.join(sorted(SURFACES))})[_ .:-]*", re.IGNORECASE)
+_ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -44,6 +51,7 @@ def restated(
     shape: AnyShape | None = None,
     *,
     asked: bool = True,
+    gaps: bool = False,
 ) -> Sheet:
     """Return a table with a row an impact and velocities by components.
 
@@ -53,16 +61,18 @@ def restated(
         mapped: names that settings map, which are left as they are.
         shape: of the body, where it is known.
         asked: whether a quaternion that may begin or end with its scalar is refused, or left open.
+        gaps: whether numbers may be missing, with which those made of them are, or are refused.
 
     Raises:
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     phase = phase_column(cells)
+    cells = replace(cells, gaps=gaps)
     cells = cells if phase is None else _paired(cells, phase)
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     cells = _by_components(cells, units, chosen)
-    return _relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {})
+    return replace(_relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {}), gaps=False)
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -79,7 +89,7 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     """The rows before contact, with velocities and poses of the row after it beside them."""
     known = recognised_columns(cells.header)[1].names
     times = [time_of(str(cell)) for cell in cells.columns[cells.header.index(phase)]]
-    name = known.get("trial")
+    name = known.get("trial") or _pairing(cells, phase, times)
     trials = cells.names(name) if name else [str(k // 2) for k in range(len(times))]
     rows: dict[str, dict[str | None, int]] = {}
     for row, (trial, time) in enumerate(zip(trials, times, strict=True)):
@@ -93,35 +103,50 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
             )
         pair[time] = row
     for trial, pair in rows.items():
-        if len(pair) < 2:
+        if len(pair) < 2 and not cells.gaps:
             row = next(iter(pair.values())) + 1
             lacking = _said(next(time for time in ("pre", "post") if time not in pair))
             raise DataError(f"{cells.path}: row {row}, trial {trial!r} has no row {lacking} contact", row=row)
-    before, after = ([pair[time] for pair in rows.values()] for time in ("pre", "post"))
-    header, columns = list[str](), list[Cells]()
-    for name, column in zip(cells.header, cells.columns, strict=True):
-        if name != phase:
-            header.append(name)
-            columns.append(_taken(column, before))
+    before, after = ([pair.get(time) for pair in rows.values()] for time in ("pre", "post"))
+    either = [min(pair.values()) for pair in rows.values()]
+    whole = [(pair["pre"], pair["post"]) for pair in rows.values() if len(pair) == 2]
     changing = [name for ours, name in known.items() if ours in _VELOCITIES]
     poses = [name for ours, name in known.items() if ours in _POSES]
     column_of = dict(zip(cells.header, cells.columns, strict=True))
-    if any(list(_taken(column_of[name], before)) != list(_taken(column_of[name], after)) for name in poses):
+    if any(column_of[name][k] != column_of[name][later] for name in poses for k, later in whole):
         changing += poses
+    header, columns = list[str](), list[Cells]()
+    for name, column in column_of.items():
+        if name != phase:
+            header.append(name)
+            columns.append(_taken(column, before if name in changing else either))
     for name in changing:
         header.append(f"{name} after")
         columns.append(_taken(column_of[name], after))
-    lines = None if cells.lines is None else [cells.lines[k] for k in before]
+    lines = None if cells.lines is None else [cells.lines[k] for k in either]
     read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
     return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
+
+
+def _pairing(cells: Sheet, phase: str, times: Sequence[str | None]) -> str | None:
+    """The first column in which every cell stands once before contact and once after it."""
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        ends = {(str(cell), time) for cell, time in zip(column, times, strict=True)} if name != phase else set()
+        if len(ends) == len(times) and len({cell for cell, _ in ends}) == len(times) / 2:
+            return name
+    return None
 
 
 def _said(time: str | None) -> str:
     return "before" if time == "pre" else "after"
 
 
-def _taken(column: Cells, rows: Sequence[int]) -> Cells:
-    return column[list(rows)] if isinstance(column, np.ndarray) else [column[k] for k in rows]
+def _taken(column: Cells, rows: Sequence[int | None]) -> Cells:
+    """The cells of some rows, which are empty where there is no row."""
+    there = [k for k in rows if k is not None]
+    if isinstance(column, np.ndarray) and len(there) == len(rows):
+        return column[there]
+    return [None if k is None else column[k] for k in rows]
 
 
 def _without_angles(cells: Sheet, units: Units) -> Sheet:
@@ -196,6 +221,8 @@ def _scalar_by_height(
     require_dimension(str(cells.path), shape, SPACE)
     z = torch.from_numpy(cells.numbers(known.names["z"], "", Units(units.stated, known.units).factor("z")))
     components = [torch.from_numpy(cells.numbers(name, "1")) for name in names]
+    whole = torch.stack([z, *components]).isfinite().all(0)
+    z, components = z[whole], [component[whole] for component in components]
     spread: dict[str, float] = {}
     for place, order in _ORDERS.items():
         quaternion = torch.stack([components[order.index(name)] for name in _ORDERS["first"]], -1)
@@ -224,7 +251,7 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     for end, sign in (("", -1.0), ("_post", 1.0)):
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
-            name = _directed(known, end)
+            name = _directed(known, end) or next(iter(known.others), "")
             raise DataError(
                 f"{cells.path}: the angle {name!r} may be from the floor or from its normal: name it 'angle from "
                 "floor' or 'angle from normal', with its unit"
@@ -250,6 +277,13 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
     }
     if None in ends.values():
         return cells
+    speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
+    angles = [name for name in known.others if _ANGLES.intersection(name_words(name))]
+    if speeds and angles:
+        raise DataError(
+            f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
+            "from normal', with its unit, or leave it out of the table"
+        )
     header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
     factor = Units(units.stated).factor("vy")
     for end, column in ends.items():

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from contactlearn.data.table.names import is_unit, time_of
 COMMENT = ("#", "%", "//")
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
+_MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
@@ -249,12 +250,29 @@ def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
         elif cell.count(mark) > 1:
             grouped, mark = True, "." if mark == "," else ","
         marks.add(mark)
+    thousands = {mark for column in zip_longest(*rows, fillvalue="") if (mark := _thousands(column))} - marks
+    if len(thousands) == 1:
+        grouped, marks = True, marks | ({*".,"} - thousands)
     if doubtful and not marks:
         raise DataError(
             f"{path}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a decimal comma, "
             "and no other number says which; write it with decimal points and without groups of thousands"
         )
     return Numerals(decimal="," if marks == {","} else ".", grouped=grouped)
+
+
+def _thousands(cells: Sequence[str]) -> str:
+    """The mark between the thousands of a column of whole numbers, such as 833 and 1,470; empty for any other column.
+
+    Decimals would be shorter somewhere, or there in every cell.
+    """
+    written = [cell.strip().translate(_SPACES).lstrip("+-") for cell in cells if not is_missing(cell)]
+    for mark in ".,":
+        groups = sum(bool(re.fullmatch(rf"[1-9]\d{{0,2}}(\{mark}\d{{3}})+", cell)) for cell in written)
+        small = [cell for cell in written if re.fullmatch(r"[1-9]\d{0,2}|0", cell)]
+        if groups >= _MIN_GROUPS and groups + len(small) == len(written) and any(len(cell) == 3 for cell in small):
+            return mark
+    return ""
 
 
 def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:

@@ -20,19 +20,29 @@ OTHERS = ("speed", "height", "direction", "direction_normal", "direction_floor")
 """Other descriptions of a velocity, each also with _post: `descriptions` turns them into components or refuses them."""
 
 _BEFORE = (
-    *("pre", "before", "initial", "incoming", "incident", "inbound", "fall", "release"),
-    *("vor", "vorher", "avant", "antes", "prima"),
+    *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release"),
+    *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta"),
 )
 _AFTER = (
-    *("post", "after", "final", "outgoing", "outbound", "rebound"),
-    *("nach", "nachher", "après", "apres", "después", "despues", "dopo"),
+    *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected"),
+    *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo"),
 )
-_IMPACT = ("impact", "contact", "collision", "bounce")
+_IMPACT = (
+    *("impact", "contact", "collision", "bounce", "aufprall", "stoß", "stoss", "kontakt"),
+    *("choc", "impacto", "choque", "urto", "impatto"),
+)
 _WORDS = {
     **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
-    **dict.fromkeys(("position", "pos", "pose", "of"), ""),
-    **dict.fromkeys(("masse", "masa", "massa"), "mass"), "winkel": "theta", "drehgeschwindigkeit": "omega",
+    **dict.fromkeys(("position", "pos", "pose", "field", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
+    **dict.fromkeys(("masse", "masa", "massa"), "mass"),
+    **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo"), "theta"),
+    **dict.fromkeys(("drehgeschwindigkeit", "winkelgeschwindigkeit", "drehzahl"), "omega"),
+    **dict.fromkeys(("höhe", "hauteur", "altura", "altezza"), "height"),
+    **dict.fromkeys(("zeit", "temps", "tiempo", "tempo"), "time"),
+    **dict.fromkeys(("versuch", "essai", "ensayo", "prova"), "trial"),
 }  # fmt: skip
+SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
+"""Words for what a body hits, in names of columns."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
 """Words before the name of a column, where it has one body: ball_vx."""
 _ALIASES = {
@@ -47,10 +57,13 @@ _ALIASES = {
         f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"
     )},
     "v": "speed", "vn": "vy", "vt": "vx", "h": "height", "dropheight": "height", "bounceheight": "height_post",
-    "hdrop": "height", "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
+    "hdrop": "height", "fallhöhe": "height", "sprunghöhe": "height_post", "rücksprunghöhe": "height_post",
+    **dict.fromkeys(("impactv", "vimpact"), "speed"), "impactangle": "direction",
+    "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
     **{f"{angle}{link}{reference}": f"direction_{kind}"
-       for kind, references in {"normal": ("normal", "vertical"), "floor": ("floor", "surface", "ground", "horizontal")}
-       .items() for reference in references for angle in ("angle", "direction") for link in ("", "from", "to", "with")},
+       for kind, references in {"normal": ("normal", "vertical", "lot"), "floor": (*SURFACES, "horizontal", "platte",
+       "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
+       for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
@@ -60,8 +73,14 @@ _SPELLED = {
     "inches": "in", "grams": "g", "rpm": "rev.min", "rps": "rev.s", "turn": "rev", "turns": "rev", "revolutions": "rev",
     "kmh": "km.h", "kph": "km.h", "mph": "mi.h", "mile": "mi", "miles": "mi", "lbs": "lb",
     "in": "incoming",  # only [in] and inch are inches
+    "grad": "deg", "degré": "deg", "degrés": "deg", "grados": "deg", "gradi": "deg", "fps": "ft.s", "dps": "deg.s",
     "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h", "feet": "ft",
 }  # fmt: skip
+_REVOLUTIONS = dict.fromkeys(("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min") | {
+    "u.s": "rev.s",
+    "tr.s": "rev.s",
+}
+"""Whole units of spins, none of which is the unit of anything else."""
 _MARKS = (
     (r"(?<=[^\W\d])\s*['′’ʹ´`]", " post "),  # vx'
     (r"(?<=[^\W\d])[_^]*\+(?!\d)", " post "),  # vx+, v_x^+
@@ -160,7 +179,7 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
 
 def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:
     """Return the unit that a name of any words states for one of our columns; none if it states none."""
-    words = name_words(name)
+    words = [word for word in name_words(name) if word not in (*_BEFORE, *_AFTER, *_IMPACT)]
     for split in range(1, len(words)):
         if (unit := _unit(words[split:])) and unit in vocabulary.get(column, {}):
             return vocabulary[column][unit]
@@ -169,8 +188,8 @@ def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:
 
 def _unit(words: Sequence[str]) -> str:
     """A unit without signs, as a vocabulary has it: "mm.s" of mm/s, which is not "m.ms"."""
-    parts = [part for word in words if (part := _SPELLED.get(word, word))]
-    return re.sub(r"(?<=[sn])\.1$", "", ".".join(parts))  # of s⁻¹
+    whole = ".".join(part for word in words if (part := _SPELLED.get(word, word)))
+    return _REVOLUTIONS.get(whole) or re.sub(r"(?<=[sn])\.1$", "", whole)  # of s⁻¹
 
 
 def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> tuple[str, Stated]:

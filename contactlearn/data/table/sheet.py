@@ -27,7 +27,7 @@ class Sheet:
     """Header and columns of raw cells: the rows of a file after the `first` ones.
 
     `lines` are the rows' lines in a text file, `written` the file's names of columns by those of the header, and
-    `read_as` says in words how the file was understood.
+    `read_as` says in words how the file was understood.  With `gaps` a missing number is not a number, and no error.
     """
 
     path: Path | str
@@ -38,6 +38,7 @@ class Sheet:
     first: int = 0
     numerals: Numerals = field(default_factory=Numerals)
     read_as: tuple[str, ...] = ()
+    gaps: bool = False
 
     def __len__(self) -> int:
         return len(self.columns[0]) if self.columns else 0
@@ -49,6 +50,9 @@ class Sheet:
             return factor * plain
         values = list[float]()
         for row, cell in enumerate(cells):
+            if self.gaps and _is_missing(cell):
+                values.append(math.nan)
+                continue
             try:
                 values.append(factor * _number(cell.item() if isinstance(cell, np.generic) else cell, self.numerals))
             except ValueError as error:

@@ -33,8 +33,8 @@ _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
-def _strings(names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(map(str, names))
+def _strings(names: Sequence[str] | str) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(map(str, names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Layout:
     Args:
         time: of the time in s; None if the frame rate says it.
         rate: frames a second, for files without a column of times; one that contradicts this column is an error.
-        position: of x and y, or of x, y and z.
+        position: of x and y, or of x, y and z; of arrays one may hold all, and of a quaternion likewise.
         angle: of the angle in the plane; None if none was measured, as of a ball.
         quaternion: of its four components; the order is read off names that end in w, x, y and z.  Three are turns
             about x, y and z, nine a matrix, row by row.
@@ -73,7 +73,7 @@ class Layout:
         object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
         if self.rate is not None and not 0 < self.rate < np.inf:
             raise DataError(f"data.rate must be a positive number of frames a second, got {self.rate}")
-        if len(self.quaternion) not in (3, 4, 9):
+        if len(self.quaternion) not in (1, 3, 4, 9):
             raise DataError(
                 "data.columns.quaternion must name four columns, or in its place euler three, about x, y and z, or "
                 f"matrix nine, row by row; got {self.quaternion}"

@@ -1,15 +1,15 @@
 """Arrays by name: files of NumPy, PyTorch and MATLAB, and what groups of HDF5 hold.
 
-    time [T], position [T, 2 or 3], angle [T] or quaternion [T, 4]      names of the layout
+    time [T] or dt, position [T, 2 or 3], angle [T] or quaternion [T, 4]      names of the layout
     pose [T, 7 or more]                                                 position, quaternion, and perhaps velocities
     transforms [T, 4, 4] or [4, 4, T]                                   of homogeneous coordinates
     Trajectories, RigidBodies, FrameRate                                Qualisys
     tracks, track_occupancy, point_scores                               SLEAP's analysis
 
-An array of one more axis holds a recording each, and so do lists and MATLAB's arrays of structures, unless their name
-or a field of theirs says that they are bodies.  `x`, `y` … a coordinate are taken where there is no `position`; arrays
-[2 or 3, T] are turned.  A rate, unit or times of a group hold for the groups in it.
-Arrays alone are read, never objects, so that no file runs code.
+An array of one more axis holds a recording each, so do named arrays [recordings, T, …], and so do lists and MATLAB's
+arrays of structures, unless their name or a field of theirs says that they are bodies.  `x`, `y` … a coordinate are
+taken where there is no `position`; arrays [2 or 3, T] are turned.  A rate, unit or times of a group hold for the groups
+in it.  Arrays alone are read, never objects, so that no file runs code.
 """
 
 import re
@@ -28,8 +28,14 @@ from contactlearn.data.recordings.readers import LIKELY, Layout
 from contactlearn.data.recordings.track import Recording
 
 _TIMES = ("time", "times", "t", "timestamp", "timestamps")
-_POSITIONS = ("position", "positions", "pos", "translation")
-_QUATERNIONS = ("quaternion", "quaternions", "quat", "orientation", "orientations", "rotation")
+_POSITIONS = ("position", "positions", "pos", "translation", "translations", "xpos")
+_QUATERNIONS = (
+    *("quaternion", "quaternions", "quat", "quats", "xquat", "orientation", "orientations", "orn", "ori"),
+    *("rotation", "rotations"),
+)
+_BODY = re.compile(r"^(?:base|root|body|object|obj|com|link|block|cube|box|ball)_|_(?:wxyz|xyzw)$")
+"""Around such a name in the logs of simulators: base_pos, root_quat_wxyz."""
+_STEP = re.compile(r"dt|(?:time|sim)?steps?(?:ize)?")
 _RATE = re.compile(r"fps|fs|hz|(?:frame|sample|sampling|capture|video|camera)?(?:rate|frequency|freq)(?:hz)?")
 _UNITS = {"m", "dm", "cm", "mm", "in", "ft"}
 _BODIES = re.compile(r"bod(?:y|ies)|objects?|rigid|subjects?", re.IGNORECASE)
@@ -110,7 +116,8 @@ def _leaves(
         poses = [name for name, one in arrays.items() if _pose(one) is not None]
         if _place(arrays, layout) is not None or len(poses) == 1:
             timed = not {layout.time, *_TIMES}.isdisjoint(arrays)
-            yield names, {**{name: one for name, one in above.items() if name != "time" or not timed}, **arrays}
+            shared = {name: one for name, one in above.items() if name != "time" or not timed}
+            yield from _apart(names, {**shared, **arrays}, layout)
             return
         for name, one in sorted(content.items(), key=lambda item: str(item[0])):
             yield from _leaves((*names, str(name)), one, layout, above)
@@ -121,6 +128,18 @@ def _leaves(
             yield from _leaves(own, one, layout, above)
     elif _pose(content) is not None:
         yield names, {**above, "pose": content}
+
+
+def _apart(names: tuple[str, ...], arrays: dict[str, Any], layout: Layout) -> Iterator[_Leaf]:
+    """The recordings of arrays [recordings, T, …], or the one of arrays [T, …]."""
+    place = _place(arrays, layout)
+    if place is None or "markers" in arrays or np.ndim(place[0]) != 3:
+        yield names, arrays
+        return
+    both = np.shape(place[0])[:2]
+    for k in range(both[0]):
+        own = {name: one[k] if np.shape(one)[:2] == both else one for name, one in arrays.items()}
+        yield (" ".join((*names[:1], str(k))), *names[1:]), own
 
 
 def _body_name(names: tuple[str, ...], one: Any, place: int) -> str:
@@ -140,6 +159,9 @@ def _common(content: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
         if _RATE.fullmatch(re.sub(r"[\W_]+", "", str(name)).lower()) and np.size(one) == 1:
             rate = np.asarray(one).ravel()[0]
             found |= {"rate": float(rate)} if np.asarray(one).dtype.kind in "fiu" and 0 < rate < np.inf else {}
+        elif _STEP.fullmatch(re.sub(r"[\W_]+", "", str(name)).lower()) and np.size(one) == 1:
+            step = np.asarray(one).ravel()[0]
+            found |= {"rate": 1 / float(step)} if np.asarray(one).dtype.kind == "f" and 0 < step < 1 else {}
         elif str(name).lower() in ("unit", "units") and str(one) in _UNITS:
             found["unit"] = str(one)
     clocks = [
@@ -236,6 +258,8 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
     if "markers" in arrays:
         return pose_of_markers(position, time, layout.places, name=name, source=source, unit=unit)
     by_parts = quaternion is not None and not {*_QUATERNIONS} & {*arrays} and quaternion.shape[1] == 4
+    order = layout.order if by_parts and {*layout.quaternion} <= {*arrays} else None
+    stated = re.search(r"_(wxyz|xyzw)$", (_name_of(arrays, _QUATERNIONS) or "").lower())
     return Recording(
         name=name,
         source=source,
@@ -244,7 +268,7 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
         angle=None if quaternion is not None else angle,
         quaternion=quaternion,
         unit=unit,
-        order=layout.order if by_parts and {*layout.quaternion} <= {*arrays} else None,
+        order=stated[1] if stated else order,
     )
 
 
@@ -256,9 +280,23 @@ def _rows(values: Array, columns: Sequence[int]) -> Array:
 
 def _values(arrays: Mapping[str, Any], names: Sequence[str], parts: Sequence[str]) -> Array | None:
     """An array of the first name that there is, or those of its parts side by side."""
-    if (name := next((name for name in names if name in arrays), None)) is not None:
+    if (name := _name_of(arrays, names)) is not None:
         return np.asarray(arrays[name], dtype=np.float64)
     there = [part for part in parts if part in arrays]
-    if len(there) == 1 and np.ndim(arrays[there[0]]) == 2:
+    if len(there) == 1 and np.ndim(arrays[there[0]]) in (2, 3):
         return np.asarray(arrays[there[0]], dtype=np.float64)
     return np.stack([np.ravel(arrays[part]).astype(np.float64) for part in there], 1) if len(there) > 1 else None
+
+
+def _name_of(arrays: Mapping[str, Any], names: Sequence[str]) -> str | None:
+    """The first name that there is, or the only one that names it with its body: base_pos."""
+    known = [name for name in names if name in arrays]
+    return next(iter(known or _only([one for one in arrays if _bare(one) in names])), None)
+
+
+def _only(names: Sequence[str]) -> Sequence[str]:
+    return names if len(names) == 1 else ()
+
+
+def _bare(name: str) -> str:
+    return _BODY.sub("", name.lower())

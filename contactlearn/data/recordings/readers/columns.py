@@ -124,6 +124,11 @@ def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
             if not header.strip():
                 raise DataError(f"{path}: holds no frames")
             separator, own = next((mark for mark in ";\t" if mark in header), ","), {"skiprows": len(above)}
+            names = (
+                [name.strip() for name in above[-1].lstrip("".join(COMMENT) + " ").split(separator)] if above else []
+            )
+            if len(names) == len(header.split(separator)) > 1 and _NUMBERS.match(header):  # as rostopic echo -p writes
+                own |= {"header": None, "names": names, "index_col": False}
     return {
         "sep": separator,
         "decimal": "," if separator != "," and any(re.search(r"\d,\d", line) for line in frames) else ".",
@@ -189,6 +194,7 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
 
 
+_NUMBERS = re.compile(r"[-+]?\d")
 _SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
 
 
@@ -280,7 +286,13 @@ def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array
 
 
 def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
-    """A column of times, in the unit that its name states; dates with times are counted in s from the first of them."""
+    """A column of times, in the unit that its name states; dates with times are counted in s from the first of them.
+
+    Beside whole seconds, such as header.stamp.sec, a column of nanoseconds counts too.
+    """
+    parts = (re.sub(r"secs?$", part, name) for part in _NANOSECONDS)
+    if name.endswith(("sec", "secs")) and (part := next((one for one in parts if one in table.columns), None)):
+        return _column(place, table, name) + 1e-9 * _column(place, table, part)
     stated = re.search(r"[\W_](ms|[uµμ]s|min|h)\W*$", name)
     if pd.api.types.is_numeric_dtype(table[name]):
         times = _column(place, table, name)
@@ -309,6 +321,7 @@ def _in_seconds(times: Array) -> Array:
     return times * next((factor for least, factor in _FAR_APART.items() if step > least), 1.0)
 
 
+_NANOSECONDS = ("nanosec", "nanosecs", "nsec", "nsecs")
 _SINCE_1970 = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}  # s, of a time in ns, µs and ms that is greater
 _FAR_APART = {500.0: 1e-6, 0.5: 1e-3}  # s, of a time between frames that is greater: no flight lasts several such
 
@@ -324,6 +337,9 @@ def _with_dropped(stamps: Array, number: Array) -> Array:
 
 def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     """Refuse a file that lacks columns, before any of its recordings is refused for it."""
+    for name, names, few in (("position", layout.position, "two or three"), ("quaternion", layout.quaternion, "four")):
+        if len(names) == 1:
+            raise DataError(f"{path}: data.columns.{name} must name {few} columns of a table, got {names[0]!r}")
     spatial = layout.position[2:] and layout.position[2] in table.columns
     layout = _with_orientation(table, layout)
     angle = () if layout.angle is None or _no_angle(table, layout) else (layout.angle,)

@@ -4,6 +4,8 @@
     Vicon CSV        Trajectories or Objects, a rate, names, axes and units; a section of several ends with a blank line
     Tracker (OSP)    names of tracks, t, x, y; with decimal points or commas
     DeepLabCut       scorer, bodyparts, coords: pixels
+    Logger Pro       Video Analysis: Time (s), X (cm), Y (cm), and X 2, Y 2 of the next object
+    ROS 2            ros2 topic echo --csv: stamp, names of frames, position and quaternion, and no header
     SLEAP            track, frame_idx, a point's x, y and score in each three columns
 
 A point whose likelihood or score is below 0.6 is lost, and so is a marker at 0, 0, 0.
@@ -11,6 +13,7 @@ Sources: the exporters' documentation, and files in public repositories.
 """
 
 import csv
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +28,7 @@ from contactlearn.data.recordings.readers import LIKELY, Layout
 
 COMMENT = ("#", "%", "//")
 _HEADER = 60  # lines among which the frames begin
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _AXES = ("x", "y", "z")
 _BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
 Rows = list[list[str]]
@@ -40,6 +44,7 @@ class Export:
         separator: of cells.
         rate: frames a second, where the header says so.
         unit: of length, likewise.
+        clock: column of times, where the export has one.
         points: columns of each point, which are markers of one body where there are several.
         bodies: columns of position and orientation of each rigid body.
         likelihoods: column by the name of a point.
@@ -50,6 +55,7 @@ class Export:
     separator: str = ","
     rate: float | None = None
     unit: str | None = None
+    clock: str = "time"
     points: dict[str, list[str]] = field(default_factory=dict)
     bodies: dict[str, tuple[list[str], list[str]]] = field(default_factory=dict)
     likelihoods: dict[str, str] = field(default_factory=dict)
@@ -66,6 +72,7 @@ class Export:
             DataError: it is not stated which of several bodies, or the stated one is not there.
         """
         stated = replace(stated, rate=stated.rate or self.rate, unit=self.unit)
+        stated = replace(stated, time=self.clock) if stated.time == "time" else stated
         if self.bodies:
             if stated.body not in self.bodies and (stated.body is not None or len(self.bodies) > 1):
                 choices = " or ".join(f"data.body={name}" for name in self.bodies)
@@ -73,11 +80,12 @@ class Export:
             position, turned = self.bodies[stated.body or next(iter(self.bodies))]
             return replace(stated, position=position, quaternion=turned, body=None)
         if stated.markers or {*stated.position[:2]} <= {*self.names}:
-            return stated
+            return stated if stated.angle in self.names else replace(stated, angle=None)
         if stated.body is None and len(self.subjects) > 1:
             choices = " or ".join(f"data.body={name}" for name in self.subjects)
             raise DataError(f"{path}: has points of {', '.join(self.subjects)}; state {choices}")
-        own = {name: columns for name, columns in self.points.items() if name.startswith(stated.body or "")}
+        start = f"{stated.body}:" if stated.body in self.subjects else stated.body or ""
+        own = {name: columns for name, columns in self.points.items() if name.startswith(start)}
         if not own:
             raise DataError(f"{path}: has no point that begins with {stated.body!r}; it has {', '.join(self.points)}")
         if len(own) == 1:
@@ -207,7 +215,50 @@ def _sleap(rows: Rows) -> Export | None:
     return Export(names=names, above=1, points=points, likelihoods=likely)
 
 
-_LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (_qualisys, _vicon, _deeplabcut, _sleap, _tracker)
+_LOGGED = re.compile(r"([^:]+): (.+?)(?: (\d+))?(?: \(([^)]*)\))?")
+"""A column of Logger Pro: its set, quantity, number of the object, and unit."""
+
+
+def _logger_pro(rows: Rows) -> Export | None:
+    columns = [(name, _LOGGED.fullmatch(name)) for name in rows[0] if name]
+    clock = next((name for name, match in columns if match and match[2] == "Time"), None)
+    if clock is None or not all(match for _, match in columns) or not _numeric(rows[1]):
+        return None
+    places = [(name, match) for name, match in columns if match and match[2] in ("X", "Y")]
+    points: dict[str, list[str]] = {}
+    for name, match in places:
+        points.setdefault(f"object_{match[3] or 1}:centre", []).append(name)
+    units = {match[4] for _, match in places}
+    if {*map(len, points.values())} != {2}:
+        return None
+    unit = next(iter(units)) if len(units) == 1 else None
+    return Export(names=_padded(rows[0], rows[1]), above=1, unit=unit or None, clock=clock, points=points)
+
+
+def _ros_echo(rows: Rows) -> Export | None:
+    first = rows[0]
+    names = next((k for k in (1, 2) if len(first) >= 9 + k and not _numeric(first[2 : 3 + k])), 0)  # of frames
+    pose = first[2 + names : 9 + names]
+    whole = [re.fullmatch(r"\d{1,10}", cell) for cell in first[:2]]
+    if not names or not all(whole) or not all(_numeric([cell]) for cell in pose) or not _numeric(rows[1][:2]):
+        return None
+    if abs(math.hypot(*map(float, pose[3:])) - 1) > _UNIT:
+        return None
+    stamp, place = ["header.stamp.sec", "header.stamp.nanosec"], [f"pose.position.{axis}" for axis in _AXES]
+    turned = [f"pose.orientation.{axis}" for axis in "xyzw"]
+    header = [*stamp, *("header.frame_id", "child_frame_id")[:names], *place, *turned]
+    return Export(names=_padded(header, first), above=0, unit="m", clock=stamp[0], bodies={"pose": (place, turned)})
+
+
+_LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (
+    _qualisys,
+    _vicon,
+    _deeplabcut,
+    _sleap,
+    _logger_pro,
+    _ros_echo,
+    _tracker,
+)
 
 
 def _numeric(cells: Sequence[str]) -> bool:

@@ -12,6 +12,7 @@ Source: the exporter's documentation, "Data Export: CSV".
 
 import csv
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
@@ -60,6 +61,17 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
         unit=_UNITS.get(about.get("Length Units", "").lower()),
         order="wxyz",
     )
+
+
+def bodies_of(path: Path) -> list[str]:
+    """Return the names of the rigid bodies of an export; none of one that is damaged, which `read` refuses."""
+    rows: list[list[str]] = []
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as lines, suppress(csv.Error):
+        rows += [row for row in islice(csv.reader(lines), _HEADER) if any(row)]
+    kinds = next((k for k, row in enumerate(rows[:-1]) if "Rigid Body" in row), None)
+    if kinds is None:
+        return []
+    return [*dict.fromkeys(name for kind, name in zip(*rows[kinds : kinds + 2], strict=False) if kind == "Rigid Body")]
 
 
 def _columns(path: Path, titles: list[list[str]], letters: list[str], body: str | None) -> dict[str, dict[str, int]]:
