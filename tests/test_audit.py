@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import pytest
 import torch
@@ -399,7 +400,16 @@ def test_wrong_inertia(factor):
     assert finding.correction == "inertia_scaled"
     assert finding.value("factor") == pytest.approx(1 / factor, rel=NOISE)
     assert ("is it in kg mm²?" in finding.sentence) == (factor == 1e6)
+    assert ("is it about an axis" in finding.sentence) == (factor == 3.0)
     assert mistakes(audit(correct(wrong, ["inertia_scaled"]))) == []
+
+
+def test_an_inertia_about_the_end_beside_a_mass_in_grams():
+    """A rod swung about a pin, and weighed in g: neither mistake is in sight alone."""
+    clean = drops("rod", seed=3)
+    (finding,) = audit(clean.replace(inertia=4 * clean.inertia, mass=1e3 * clean.mass))
+    assert finding.correction == "inertia_scaled"
+    assert re.search(r"is the mass in g, and the inertia (3\.9|4|4\.0)\d? times too large, as about", finding.sentence)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
