@@ -86,6 +86,7 @@ _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
 _MAX_CONTRADICTIONS_OF_UNIT = 0.05  # the same where it is a unit: an inclined floor that looks like one leaves more
+_SETTLING = 0.04  # fall of contradictions for each correction more than those of an accepted hypothesis
 _SETTLED = 0.25  # of the contradictions that an accepted hypothesis leaves, which a longer one may leave in its place
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
@@ -203,9 +204,11 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
             accepted = [h for h in accepted if _settles(h, doubtful.best)]
         if accepted:
             chosen = _chosen(given, accepted, tried)
-            if chosen.best.score < _most_contradictions(chosen.best):
+            if doubtful is None and chosen.best.score >= _most_contradictions(chosen.best):
+                chosen = _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
+            if chosen.best.score < _MAX_CONTRADICTIONS_OF_UNIT:
                 return chosen
-            doubtful = doubtful or _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
+            doubtful = doubtful or chosen
     if doubtful is not None:
         return doubtful
     accepted = _inclined(given) if given.score > thresholds.sound else []
@@ -222,7 +225,7 @@ def _most_contradictions(accepted: Hypothesis) -> float:
 def _settles(longer: Hypothesis, doubtful: Hypothesis) -> bool:
     """Whether a longer hypothesis leaves next to none of the contradictions of an accepted one."""
     gain, more = doubtful.total - longer.total, max(1, len(longer.names) - len(doubtful.names))
-    clearly = gain.mean().item() >= longer.thresholds.convention_gain * more and _sigmas(gain) > _SIGMAS
+    clearly = gain.mean().item() >= _SETTLING * more and _sigmas(gain) > _SIGMAS
     return clearly and longer.score < min(_MAX_CONTRADICTIONS_OF_UNIT, _SETTLED * doubtful.score)
 
 

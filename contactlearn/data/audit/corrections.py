@@ -308,7 +308,8 @@ def _with_contact(one: Correction) -> Correction:
         before, now = (contact_points(shape, one.body, _orientation(one)) for one in (impacts, after))
         rounding = _FOLLOWS * before.norm(dim=(-2, -1))
         off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
-        return after.replace(r=torch.where(((off <= rounding) & (moved > rounding))[..., None, None], now, after.r))
+        follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]
+        return after.replace(r=torch.where(follows, torch.where(moves, now, impacts.r), after.r))
 
     return replace(one, function=corrected)
 
