@@ -45,6 +45,10 @@ CORRUPTIONS: dict[str, dict[str, Callable]] = {
     "contact_point_sign": scaled(-1, "rx", "ry"),
     "contact_point_mirrored": scaled(-1, "rx"),
     "swapped_axes": exchanged(("x", "y"), ("x_post", "y_post"), ("vx", "vy"), ("vx_post", "vy_post"), ("rx", "ry")),
+    **{
+        name: {angle: (lambda old, angle=angle, turn=turn: old[angle] - turn) for angle in ("theta", "theta_post")}
+        for name, turn in (("quarter_turn", math.pi / 2), ("quarter_turn_back", -math.pi / 2), ("half_turn", math.pi))
+    },
     "swapped_pre_post": exchanged(*zip(POSE + VELOCITY, POSE_POST + VELOCITY_POST, strict=True)),
     "degrees": scaled(180 / math.pi, "theta", "theta_post", "omega", "omega_post"),
     "degrees_theta": scaled(180 / math.pi, "theta", "theta_post"),

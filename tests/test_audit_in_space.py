@@ -12,7 +12,7 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_body
+from contactlearn.mechanics.rigid_body import in_body, turn_quaternion
 from contactlearn.simulation import synthetic
 
 MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
@@ -39,6 +39,14 @@ def turned(impacts: Impacts, turn: Tensor) -> Impacts:
     return impacts.replace(q=q, r=impacts.r @ turn.T, v_pre=impacts.v_pre @ both.T, v_post=impacts.v_post @ both.T)
 
 
+def y_up_with_body_spins(impacts: Impacts) -> Impacts:
+    """An export with y up in the world alone, beside the spins of a gyroscope in the body."""
+    both, body = torch.block_diag(UP, torch.eye(3).double()), spun(impacts, lambda w: in_body(w, impacts.q))
+    turn = torch.tensor((-math.pi / 2, 0.0, 0.0), dtype=torch.float64)
+    q = torch.cat((impacts.q[:, :3] @ UP.T, turn_quaternion(impacts.q[:, 3:], turn)), -1)
+    return body.replace(q=q, r=impacts.r @ UP.T, v_pre=body.v_pre @ both.T, v_post=body.v_post @ both.T)
+
+
 def with_quaternion(impacts: Impacts, q: Tensor) -> Impacts:
     return impacts.replace(q=torch.cat((impacts.q[:, :3], q), -1))
 
@@ -58,6 +66,7 @@ MISTAKES = {
     "one spin": (lambda one: spun(one, lambda w: w * torch.tensor((1.0, -1.0, 1.0))), {"mirrored_wy"}),
     "left-handed axes": (lambda one: turned(one, MIRROR), {"mirrored_spin", "inverse_quaternion"}),
     "y up": (lambda one: turned(one, UP), {"y_up_in_body"}),
+    "y up, body axes": (y_up_with_body_spins, {"y_up", "spin_in_body_axes"}),
     "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),
     "millimetres": (lambda one: lengthened(one, 1e3), {"millimetres_velocity"}),
     "before and after": (lambda one: one.replace(v_pre=one.v_post, v_post=one.v_pre), {"swapped_pre_post"}),

@@ -55,6 +55,8 @@ def test_names_units_and_constants_are_stated_as_for_a_file():
     assert read.trial == DROPS.trial
     torch.testing.assert_close(read.v_pre, DROPS.v_pre, rtol=1e-14, atol=0)
     torch.testing.assert_close(read.inertia, DROPS.inertia)
+    kept = cl.Impacts.from_frame(DROPS.to_frame().set_index("trial", drop=False))
+    assert kept.trial == DROPS.trial
 
 
 FRAME = DROPS.to_frame()

@@ -8,7 +8,7 @@ import torch
 
 from contactlearn.cli.settings import check_effect, check_law, located_errors, parse_law
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.effects import Effect, catalogue, columns, parameter
+from contactlearn.effects import Effect, catalogue, choose_form, columns, parameter
 from contactlearn.laws import Law, find, names
 
 SHIPPED = catalogue()
@@ -51,10 +51,29 @@ SLIPS = {
     "if": (lambda u, v: v if u > 0 else v + u, r"line \d+: RuntimeError: Boolean .*torch.where"),
     "detached": (lambda u, v: columns(v[..., 0] + u.detach(), v[..., 1], v[..., 2]),
         "depends on u, but has no gradient"),
+    "float": (lambda u, v: v + float(u), "ValueError: only one element .*let torch alone compute with it"),
     "rounded": (lambda u, v: columns(v[..., 0] + (9 * u).round(), v[..., 1], v[..., 2]), "depends on u, but has no"),
     "never vanishes": (lambda u, v: columns(v[..., 0] + u + 0.1, v[..., 1], v[..., 2]),
         r"at u = 0 it adds .* 0\.1 m/s"),
 }  # fmt: skip
+
+
+def test_an_effect_may_state_its_place():
+    class Stated(Effect):
+        place = "velocity"
+        formula = "own"
+        u: float = parameter("u", "m/s", -0.5, 0.5)
+
+        def velocity(self, state, v_post):
+            return v_post + self.u
+
+    class Unwritten(Effect):
+        place = "velocity"
+
+    assert choose_form(Stated) is Stated
+    assert Stated().place == "velocity"
+    with pytest.raises(ContactLearnError, match="Unwritten does not override its method velocity"):
+        choose_form(Unwritten)
 
 
 @pytest.mark.parametrize(("velocity", "message"), SLIPS.values(), ids=SLIPS)

@@ -316,5 +316,16 @@ def test_every_phrase_has_its_macro():
                     assert len(macro.arguments) == len(values), f"{path.name}: {name.value}"
 
 
+def test_friction_is_open_where_no_spin_was_measured():
+    mu, eps = (
+        result.FittedParameter(name=name, symbol=symbol, unit="–", value=value, standard_error=1e-5, at_end=False)
+        for name, symbol, value in (("mu", "μ", 1e-5), ("eps", "ε", 0.78))
+    )
+    found = replace(FOUND, coefficients=(mu, eps))
+    assert "μ = 0.000010" in text.phrase("coefficients", found)
+    unspun = replace(found, findings=(replace(NOTED, name="spin_not_measured"),))
+    assert "μ is open, ε = 0.78" in text.phrase("coefficients", unspun)
+
+
 if __name__ == "__main__":
     SNAPSHOT.write_text(written(), "utf-8")

@@ -13,6 +13,7 @@ from spatial import in_space, tossed, velocities
 
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.result import Diagnosis, NoiseSource, Record, RungKind, Verdict
@@ -462,6 +463,24 @@ def test_the_steps_of_a_law_in_space_are_no_scatter(noise):
 def test_nothing_scatters_where_data_are_exact_or_few():
     for drops in (synthetic.load(60, velocity_noise=0, spin_noise=0), synthetic.load(30)):
         assert contact_scatter(drops, fit(drops, LAW).model, FitOptions(), Thresholds()) is None
+
+
+def test_what_alike_drops_leave_open_has_a_finite_error():
+    """Falls of one height whose spin follows from the impulse: nothing scatters but ε, and no error is no number."""
+    n, generator, sizes = 100, torch.Generator().manual_seed(2), (0.0036, 0.0058, 0.004, 0.005)
+    across, down, slid, risen = (torch.randn(n, dtype=torch.float64, generator=generator) * size for size in sizes)
+    still = torch.zeros(n, dtype=torch.float64)
+    drops = synthetic.load(size=n, shape=Disc(0.02), seed=3)
+    drops = drops.replace(
+        v_pre=torch.stack((across, down - 2.8, still), -1),
+        v_post=torch.stack((0.7 * across + slid, 0.78 * (2.8 - down) + risen, still), -1),
+        r=torch.tensor((0.0, -0.02), dtype=torch.float64).expand(n, 2),
+        validate=False,
+    )  # fmt: skip
+    drops = correct(drops, ["spin_from_moments"])
+    scatter = fit_scatter(drops, fit(drops, laws.find("whittaker")).model)
+    assert all(math.isfinite(one.error) for one in scatter.deviations)
+    assert scatter.correlation.isfinite().all()
 
 
 def test_a_cloud_of_bounces_along_the_normal():

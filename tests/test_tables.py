@@ -273,7 +273,7 @@ def test_computed_contact_points_follow_corrections(tmp_path, drops, names):
     torch.testing.assert_close(corrected.inertia, drops.inertia, rtol=0.05, atol=0)
     torch.testing.assert_close(corrected.r, drops.r, rtol=1e-9, atol=1e-12)
     garbage = table.load(path, SHAPE, validate=False)
-    assert not torch.allclose(correct(garbage, ["mirrored_theta"]).r, drops.r, atol=1e-3)  # which the flag mends
+    assert torch.allclose(correct(garbage, ["mirrored_theta"]).r, drops.r, atol=1e-12)
 
 
 def test_contact_points_are_not_computed_from_degrees(tmp_path, drops):

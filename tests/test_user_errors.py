@@ -105,6 +105,10 @@ def test_names_stand_for_laws_and_effects():
     by_name = joint.fit(drops, "mirtich", ["spin_damping"])
     by_hand = joint.fit(drops, laws.find("mirtich"), {"spin_damping": find_effect("spin_damping")()})
     assert str(by_name.model) == str(by_hand.model)
+    as_effects = joint.fit(drops, "mirtich", [find_effect("spin_damping")()])
+    assert str(by_name.model) == str(as_effects.model)
+    with pytest.raises(ContactLearnError, match="effects are listed by name or as effects"):
+        named_effects(find_effect("spin_damping")())
     (during,) = named_effects(["spin_damping:during"]).values()  # as results print it
     assert type(during) is find_effect("spin_damping", "during")
     assert fit_subsets(drops, "mirtich", sizes=(20,), repetitions=2).law.name == "mirtich"

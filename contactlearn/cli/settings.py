@@ -56,7 +56,15 @@ from contactlearn.simulation import synthetic
 _IDENTIFIED = "parameters_identified"  # target of learned models that identify each trial's (μ, ε) with the law alone
 _DROPS, _MU, _EPS = 5, 0.2, 0.5
 _ROUNDING = 1e-9  # m/s and rad/s
-_NO_IF = "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
+_TORCH_ALONE = "; a parameter has many values and a gradient: let torch alone compute with it, no float() and no numpy"
+_HINTS = {
+    "Boolean value of Tensor": (
+        "; a parameter has many values at once: torch.where(condition, a, b) takes the place of if"
+    ),
+    "only one element tensors can be converted": _TORCH_ALONE,
+    "Can't call numpy() on Tensor that requires grad": _TORCH_ALONE,
+}
+"""Advice by the start of an error in a class of the user's own."""
 _LARGEST_SEED = 2**63 - 1  # that PyTorch's generators take
 Base = TypeVar("Base")
 
@@ -840,7 +848,7 @@ def located_errors(target: object, kind: type) -> Generator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if frame.filename == inspect.getfile(kind)]
         where = (own or frames)[-1]
-        hint = _NO_IF if str(error).startswith("Boolean value of Tensor") else ""
+        hint = next((hint for start, hint in _HINTS.items() if str(error).startswith(start)), "")
         message = f"{target} fails in {where.name}, line {where.lineno}: {reason(error)}{hint}"
         raise ContactLearnError(message) from error
 

@@ -34,7 +34,7 @@ from contactlearn.mechanics.impacts import Impacts, require_impacts
 def diagnose(
     impacts: Impacts,
     law: Law | str | None = None,
-    effects: Mapping[str, Effect] | Iterable[str] = (),
+    effects: Mapping[str, Effect] | Iterable[str | Effect] = (),
     *,
     options: DiagnoseOptions | None = None,
     on_event: OnEvent | None = None,
@@ -44,7 +44,7 @@ def diagnose(
     Args:
         impacts: measurements; those with `validate=False` are audited and corrected, or refused.
         law: an analytical law or its name; if None, that of `options.laws` with the least held-out error.
-        effects: effects that the model has already, by name, or names alone.
+        effects: effects that the model has already, by name, or a list of names and effects.
         options: candidates, laws, noise, time and limits; `DiagnoseOptions()` if None.
         on_event: receives each result as soon as it is known, and the progress of long tasks; see `events`.
 

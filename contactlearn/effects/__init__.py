@@ -71,21 +71,22 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
     return choose_form(known[name], form)
 
 
-def named_effects(effects: Mapping[str, Effect] | Iterable[str]) -> dict[str, Effect]:
-    """Return effects by name: those of a mapping, or those of the catalogue with these names, `name` or `name:form`.
+def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect]) -> dict[str, Effect]:
+    """Return effects by name: those of a mapping, or listed ones, of which a name is `name` or `name:form`.
 
     Raises:
         ContactLearnError: neither of the two.
         UnknownNameError: no such effect.
     """
-    found = effects if isinstance(effects, Mapping) else None
-    if found is None and not isinstance(effects, str):
-        names = [EffectId.parse(name) if isinstance(name, str) else EffectId(name) for name in effects]
-        found = {one.name: find_effect(one.name, one.form)() for one in names}
-    if found is None or not all(isinstance(effect, Effect) for effect in found.values()):
+    found = effects
+    if isinstance(effects, Iterable) and not isinstance(effects, str | Mapping):
+        known = ((EffectId.parse(one), None) if isinstance(one, str) else (None, one) for one in effects)
+        made = (one if name is None else find_effect(name.name, name.form)() for name, one in known)
+        found = {getattr(one, "name", ""): one for one in made}
+    if not isinstance(found, Mapping) or not all(isinstance(effect, Effect) for effect in found.values()):
         raise ContactLearnError(
-            "effects are names, such as ['spin_damping:during'], or effects by name, such as {'spin': SpinDamping()}; "
-            f"got {effects!r}"
+            "effects are listed by name or as effects, such as ['spin_damping:during', SideDrag()], or are effects by "
+            f"name, such as {{'spin': SpinDamping()}}; got {effects!r}"
         )
     return dict(found)
 
@@ -120,6 +121,10 @@ def choose_form(kind: type[Effect], form: str | None = None) -> type[Effect]:
         return next(iter(forms.values()))
     if form not in forms or form is None:
         names = [name for name in forms if name is not None]
+        if not names and form is None:
+            raise ContactLearnError(
+                f"{kind.__name__} does not override its method {kind.place}, and no form of it does"
+            )
         if not names:
             raise ContactLearnError(f"effect {kind.name} has no forms to choose from, got {form!r}; leave the form out")
         raise UnknownNameError(f"form of {kind.name}", str(form), names)

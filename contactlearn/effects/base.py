@@ -162,7 +162,7 @@ class Effect(Frozen, ABC):
     spaces: ClassVar[tuple[Space, ...]] = (PLANE,)
     """Spaces in which it exists: the plane, or both."""
     place: ClassVar[str]
-    """Method that the class overrides, one of `PLACES`; stated by a family that leaves it to its forms."""
+    """Method that the class overrides, one of `PLACES`; a family that leaves it to its forms must state it."""
     name: ClassVar[str]
     """Name of the family: its class's name in small letters."""
     id: ClassVar[EffectId]
@@ -171,7 +171,7 @@ class Effect(Frozen, ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if "place" in vars(cls):  # of a family, whose forms override the method
+        if "place" in vars(cls) and cls.place not in vars(cls):  # of a family, whose forms override the method
             setattr(cls, cls.place, abstractmethod(lambda *given: None))
         family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
         if family is not None:

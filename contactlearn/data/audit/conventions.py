@@ -33,6 +33,7 @@ from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE, SPACE
 
+_TURNS = ("quarter_turn", "quarter_turn_back", "half_turn")
 AXES = (
     "swapped_pre_post",
     "mirrored_y",
@@ -40,20 +41,24 @@ AXES = (
     "mirrored_x",
     "mirrored_theta",
     "mirrored_omega",
+    *_TURNS,
     "contact_point_sign",
     "contact_point_mirrored",
 )
-MIRRORED_SPINS = ("mirrored_spin", "mirrored_wx", "mirrored_wy", "mirrored_wz")
+_MIRRORED_SPINS = ("mirrored_spin", "mirrored_wx", "mirrored_wy", "mirrored_wz")
+_UPWARDS = ("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body")
+_MIRRORS_IN_SPACE = ("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space")
 AXES_IN_SPACE = (
     "swapped_pre_post",
-    *("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body"),
-    *("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space"),
-    *("scalar_last", "inverse_quaternion", *MIRRORED_SPINS, "spin_in_body_axes"),
-    *("contact_point_sign", "contact_point_in_body_axes"),
+    *("scalar_last", "inverse_quaternion", *_MIRRORED_SPINS, "spin_in_body_axes", "contact_point_in_body_axes"),
+    *_UPWARDS,
+    *_MIRRORS_IN_SPACE,
+    "contact_point_sign",
 )
+"""Arrows in the axes of the body are taken to those of the world by the recorded quaternion, before the world turns."""
 _INERTIA = ("inertia_xzy", "inertia_yxz", "inertia_yzx", "inertia_zxy", "inertia_zyx")
-_EXCLUSIVE = AXES_IN_SPACE[1:7], AXES_IN_SPACE[7:10], MIRRORED_SPINS, _INERTIA
-"""Of which a hypothesis has one: two are a third."""
+_EXCLUSIVE = ("swapped_axes", *_TURNS), _UPWARDS, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA
+"""Of which a hypothesis has one: two are a third, or a floor that is inclined by 90°."""
 _AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", *_INERTIA}
 """Corrections that the moments alone may show, by the axes of the inertia."""
 DEGREES = ("degrees_omega", "degrees_theta", "degrees")
@@ -66,7 +71,7 @@ _MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
 """Corrections that an inclined floor may come with; a mirror of y is one of x and a turn."""
 _SIGMAS = 5.0  # standard errors of the fall of contradictions: up to some thousand hypotheses are compared
 _INDISTINCT = 0.02  # difference of the sum of contradictions below which two hypotheses are equivalent
-_EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
+EXPLAINED = 0.5  # share of Δω that the balance explains under other units, which else only shrink a Δω that is noise
 _SHARPER = 0.5  # of the residual of the moment balance
 _REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
 _STEPS = {
@@ -77,11 +82,13 @@ _STEPS = {
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
-_FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
+FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
 _MAX_CONTRADICTIONS_OF_UNIT = 0.05  # the same where it is a unit: an inclined floor that looks like one leaves more
+_SETTLING = 0.04  # fall of contradictions for each correction more than those of an accepted hypothesis
+_SETTLED = 0.25  # of the contradictions that an accepted hypothesis leaves, which a longer one may leave in its place
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
@@ -175,10 +182,13 @@ def _sigmas(gain: Float[Tensor, " n"]) -> float:
 
 
 def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> ConventionComparison:
-    """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none."""
+    """Find the best of the smallest hypotheses that are accepted, or the data as given where there is none.
+
+    One that leaves contradictions gives way to a longer one that leaves next to none.
+    """
     given = Hypothesis(names=(), impacts=impacts.replace(validate=False), thresholds=thresholds)
     as_given = ConventionComparison(given=given, best=given, equals=(), tried=1)
-    tried = 1
+    tried, doubtful = 1, None
     for depth in range(1, _DEPTH[impacts.space.name] + 1):
         if depth > 1 and given.closed and not impossible_findings(as_given, thresholds):
             break
@@ -191,16 +201,33 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
             pairs = _pairs_of_units(given, axes)
             accepted += [h for h in pairs if h.fits and _better(h, given)]
             tried += len(pairs)
+        if doubtful is not None:
+            accepted = [h for h in accepted if _settles(h, doubtful.best)]
         if accepted:
             chosen = _chosen(given, accepted, tried)
-            most = _MAX_CONTRADICTIONS_OF_UNIT if _CONFUSED.intersection(chosen.best.names) else _MAX_CONTRADICTIONS
-            if chosen.best.score < most:
+            if doubtful is None and chosen.best.score >= _most_contradictions(chosen.best):
+                chosen = _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
+            if chosen.best.score < _MAX_CONTRADICTIONS_OF_UNIT:
                 return chosen
-            return _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
+            doubtful = doubtful or chosen
+    if doubtful is not None:
+        return doubtful
     accepted = _inclined(given) if given.score > thresholds.sound else []
     if accepted:
         return _chosen(given, accepted, tried + len(_MIRRORS))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
+
+
+def _most_contradictions(accepted: Hypothesis) -> float:
+    """Contradictions up to which an accepted hypothesis needs no other."""
+    return _MAX_CONTRADICTIONS_OF_UNIT if _CONFUSED.intersection(accepted.names) else _MAX_CONTRADICTIONS
+
+
+def _settles(longer: Hypothesis, doubtful: Hypothesis) -> bool:
+    """Whether a longer hypothesis leaves next to none of the contradictions of an accepted one."""
+    gain, more = doubtful.total - longer.total, max(1, len(longer.names) - len(doubtful.names))
+    clearly = gain.mean().item() >= _SETTLING * more and _sigmas(gain) > _SIGMAS
+    return clearly and longer.score < min(_MAX_CONTRADICTIONS_OF_UNIT, _SETTLED * doubtful.score)
 
 
 def _pairs_of_units(given: Hypothesis, axes: list[str]) -> list[Hypothesis]:
@@ -244,7 +271,7 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
     known = [
         h
         for h in accepted
-        if not _FITTED.intersection(h.names) and h.score < least.score + _margin(h, least) + _INDISTINCT
+        if not FITTED.intersection(h.names) and h.score < least.score + _margin(h, least) + _INDISTINCT
     ]
     new = min(known or accepted, key=lambda h: h.score)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
@@ -256,7 +283,7 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
 def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, list[int]]:
     """The order among equal hypotheses: without a fitted number, shorter, earlier in the list of corrections."""
     names = hypothesis.names
-    return bool(_FITTED.intersection(names)), len(names), [*map([*CORRECTIONS].index, names)]
+    return bool(FITTED.intersection(names)), len(names), [*map([*CORRECTIONS].index, names)]
 
 
 def _margin(unit: Hypothesis, least: Hypothesis) -> float:
@@ -277,7 +304,7 @@ def _better(new: Hypothesis, given: Hypothesis) -> bool:
         return False
     if not _explains(new):
         return False
-    explained = torque(new.impacts).explained.item() > _EXPLAINED
+    explained = torque(new.impacts).explained.item() > EXPLAINED
     return (explained or not BALANCED.intersection(new.names)) and new.closed
 
 
@@ -315,6 +342,15 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
     """Compare all hypotheses of so many corrections, more than one of them on a sample of the trials."""
     if depth > 1 and len(impacts) > _SAMPLE:
         impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
+    names, columns = combinations(impacts, depth, thresholds)
+    first, *others = contradictions(columns).values()
+    shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
+    shrunk &= torque(columns).explained <= EXPLAINED
+    return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
+
+
+def combinations(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> tuple[list[tuple[str, ...]], Columns]:
+    """Return all sensible hypotheses of so many corrections by name, and the columns under each."""
     names: list[tuple[str, ...]] = [()]
     columns, steps = Columns.of(impacts), _STEPS[impacts.space.name]
     for step, name in enumerate(steps):
@@ -324,11 +360,7 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
         names += [(*names[k], name) for k, good in zip(before, plausible.tolist(), strict=True) if good]
         columns = columns.and_also(changed[plausible])
     long = torch.tensor([len(have) == depth for have in names])
-    names, columns = [have for have in names if len(have) == depth], columns[long]
-    first, *others = contradictions(columns).values()
-    shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
-    shrunk &= torque(columns).explained <= _EXPLAINED
-    return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
+    return [have for have in names if len(have) == depth], columns[long]
 
 
 def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:

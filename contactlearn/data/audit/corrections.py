@@ -292,8 +292,18 @@ def _permuted(*axes: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
     return lambda impacts, _: impacts.replace(inertia=impacts.inertia[..., axes])
 
 
-def _in_space(one: Correction) -> Correction:
-    """A correction of bodies in space alone; contact points that were computed from the shape are so again after it."""
+def _turned_theta(quarters: int) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction of the axis that θ is measured from, by so many quarters of a turn."""
+
+    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        turn = torch.tensor((0.0, 0.0, quarters * math.pi / 2), dtype=torch.float64)
+        return impacts.replace(**{name: x + turn for name in _POSES if (x := getattr(impacts, name)) is not None})
+
+    return turned
+
+
+def _with_contact(one: Correction) -> Correction:
+    """A correction of axes; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
         after = one.function(impacts, thresholds)
@@ -301,13 +311,59 @@ def _in_space(one: Correction) -> Correction:
         if shape is None:
             return after
         before, now = (contact_points(shape, one.body, _orientation(one)) for one in (impacts, after))
-        follows = (impacts.r - before).norm(dim=(-2, -1)) <= _FOLLOWS * before.norm(dim=(-2, -1))
-        return after.replace(r=torch.where(follows[..., None, None], now, after.r))
+        rounding = _FOLLOWS * before.norm(dim=(-2, -1))
+        off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
+        follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]
+        return after.replace(r=torch.where(follows, torch.where(moves, now, impacts.r), after.r))
 
-    return replace(one, function=corrected, apparatus=Apparatus.without_outline, spaces=(SPACE,))
+    return replace(one, function=corrected)
 
 
+_IN_PLANE = {
+    "mirrored_y": Correction(
+        "y points down: positions, velocities and the contact point",
+        _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
+        Apparatus.with_y_mirrored,
+    ),
+    "swapped_axes": Correction(
+        "x and y are exchanged: positions, velocities, contact point",
+        _swapped_axes,
+        lambda rig: rig.without("slope", "orientation"),
+    ),
+    "mirrored_x": Correction(
+        "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
+        _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
+        Apparatus.with_x_mirrored,
+    ),
+    "mirrored_theta": Correction(
+        "θ and ω are positive clockwise",
+        _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
+        Apparatus.with_theta_mirrored,
+    ),
+    "mirrored_omega": Correction("ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES))),
+    **{
+        name: Correction(
+            f"the zero of θ is off by {angle}: θ is measured from another axis than that of the shape, such as from "
+            "the vertical, or the axes of the shape are exchanged",
+            _turned_theta(quarters),
+            Apparatus.without_outline,
+        )
+        for name, quarters, angle in (
+            ("quarter_turn", 1, "90°"),
+            ("quarter_turn_back", -1, "−90°"),
+            ("half_turn", 2, "180°"),
+        )
+    },
+    "contact_point_mirrored": Correction("x of the contact point points left", _scaled(((-1, 1), ("r",)))),
+}
 _IN_SPACE = {
+    "scalar_last": Correction("the scalar of the quaternion is last", _other_quaternion(lambda q: q.roll(1, -1))),
+    "inverse_quaternion": Correction(
+        "the quaternion turns from the axes of the world to those of the body, or the other way round",
+        _other_quaternion(lambda q: q * torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)),
+    ),
+    "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
+    "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
         name + end: Correction(text + more, _turned_axes(*vector, with_body=with_body))
         for end, more, with_body in (("", "", False), ("_in_body", ", in the axes of the body too", True))
@@ -324,12 +380,6 @@ _IN_SPACE = {
         )
         for k, axis in enumerate("xyz")
     },
-    "scalar_last": Correction("the scalar of the quaternion is last", _other_quaternion(lambda q: q.roll(1, -1))),
-    "inverse_quaternion": Correction(
-        "the quaternion turns from the axes of the world to those of the body, or the other way round",
-        _other_quaternion(lambda q: q * torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)),
-    ),
-    "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
     "mirrored_spin": Correction(
         "ω turns the other way, as in left-handed axes", _scaled(((1, 1, 1, -1, -1, -1), _VELOCITIES))
     ),
@@ -337,7 +387,6 @@ _IN_SPACE = {
         f"mirrored_w{axis}": Correction(f"w_{axis} has the other sign", _mirrored_spin(k))
         for k, axis in enumerate("xyz")
     },
-    "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
         f"inertia_{''.join('xyz'[k] for k in axes)}": Correction(
             f"the moments of inertia are about the axes {', '.join('xyz'[k] for k in axes)} of the body, in this order",
@@ -386,40 +435,16 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 
 
 CORRECTIONS = {
-    "swapped_pre_post": Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post),
-    "mirrored_y": Correction(
-        "y points down: positions, velocities and the contact point",
-        _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
-        Apparatus.with_y_mirrored,
-        spaces=(PLANE,),
+    "swapped_pre_post": _with_contact(
+        Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post)
     ),
-    "swapped_axes": Correction(
-        "x and y are exchanged: positions, velocities, contact point",
-        _swapped_axes,
-        _forget("slope", "orientation"),
-        spaces=(PLANE,),
-    ),
-    "mirrored_x": Correction(
-        "x points left in positions and velocities, but not in θ, ω and the contact point, or θ and ω are clockwise",
-        _scaled(((-1, 1, 1), (*_POSES, *_VELOCITIES))),
-        Apparatus.with_x_mirrored,
-        spaces=(PLANE,),
-    ),
-    "mirrored_theta": Correction(
-        "θ and ω are positive clockwise",
-        _scaled(((1, 1, -1), (*_POSES, *_VELOCITIES))),
-        Apparatus.with_theta_mirrored,
-        spaces=(PLANE,),
-    ),
-    "mirrored_omega": Correction(
-        "ω is positive clockwise, θ is not", _scaled(((1, 1, -1), _VELOCITIES)), spaces=(PLANE,)
-    ),
-    **{name: _in_space(one) for name, one in _IN_SPACE.items()},
-    "contact_point_sign": Correction(
-        "r points from the contact to the centre of mass", lambda impacts, _: impacts.replace(r=-impacts.r)
-    ),
-    "contact_point_mirrored": Correction(
-        "x of the contact point points left", _scaled(((-1, 1), ("r",))), spaces=(PLANE,)
+    **{name: replace(_with_contact(one), spaces=(PLANE,)) for name, one in _IN_PLANE.items()},
+    **{
+        name: replace(_with_contact(one), apparatus=Apparatus.without_outline, spaces=(SPACE,))
+        for name, one in _IN_SPACE.items()
+    },
+    "contact_point_sign": _with_contact(
+        Correction("r points from the contact to the centre of mass", lambda impacts, _: impacts.replace(r=-impacts.r))
     ),
     **{name: _written(one) for name, one in MISWRITTEN.items()},
     "inertia_scaled": Correction(

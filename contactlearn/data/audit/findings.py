@@ -20,6 +20,7 @@
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
+    mixed_units               a part of the trials has other units or axes than the rest: fatal
     exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
     outcome_not_measured      a velocity after impact that is one number while that before it varies: fatal
     constant_columns          columns with one value, and what they cannot show: a note
@@ -53,6 +54,7 @@ from contactlearn.data.audit.conventions import (
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
+from contactlearn.data.audit.parts import mixed_findings
 from contactlearn.data.audit.result import Audit, Finding
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
@@ -95,7 +97,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
         if unmeasured:
             return Audit((*unmeasured, *findings, *first, *notes))
     comparison = compare(_subsample(sound), thresholds)
-    fatal = (exchanged_findings(comparison) if plane else []) or impossible_findings(comparison, thresholds)
+    fatal = mixed_findings(comparison) or (exchanged_findings(comparison) if plane else [])
+    fatal = fatal or impossible_findings(comparison, thresholds)
     if fatal:
         return Audit((*fatal, *findings, *first, *order_findings(sound), *notes))
     corrected = convention_findings(comparison)

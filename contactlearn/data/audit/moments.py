@@ -17,6 +17,7 @@ from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, Z_95
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import contact_velocity, inertia_in_world, moment, spin, squared_mass_norm
@@ -32,6 +33,7 @@ HEAVIEST = 8.0
 """Largest plausible (I/m)/|r|² of a body of unknown outline: one that lands flat, far inside its outline."""
 _ROUNDED = 1.1  # of the largest I of an outline: what noise adds to that of a hoop
 _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
+_BESIDE = 0.1  # least I about the centre of mass over that about an axis within reach: a rod about its end has 1/4
 _BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
 _SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
 _SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
@@ -319,6 +321,18 @@ def median_gyration(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
 
 
 def inertia_text(factor: float) -> str:
-    """Write a factor on I, and the unit in which I may be."""
+    """Write a factor on I, the unit in which I may be, and the axis that it may be about.
+
+    About an axis beside the centre of mass I is larger; where the mass is in g as well, both make the factor.
+    """
     unit = next((u for scale, u in _INERTIA_UNITS.items() if abs(math.log(factor / scale)) < 0.3), None)
-    return f"{factor:.3g}" + (f" (is it in {unit}?)" if unit else "")
+    axis = "about an axis that does not pass through the centre of mass"
+    if unit:
+        hint = f" (is it in {unit}?)"
+    elif _BESIDE <= factor < 1:
+        hint = f" (is it {axis}?)"
+    elif _BESIDE <= (left := factor * MISWRITTEN["grams"].factor) < 1:
+        hint = f" (is the mass in g, and the inertia {1 / left:.3g} times too large, as {axis}?)"
+    else:
+        hint = ""
+    return f"{factor:.3g}{hint}"

@@ -148,7 +148,9 @@ def _is_blank(cell: Any) -> bool:
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:
-    """Return the cells of a DataFrame; a named index is a column, too, and names in several rows are joined.
+    """Return the cells of a DataFrame; names in several rows are joined.
+
+    A named index is a column, too, unless there is a column of that name, as `set_index(…, drop=False)` leaves it.
 
     Raises:
         DataError: something else than a DataFrame, or one without rows.
@@ -159,7 +161,8 @@ def sheet_of(frame: "DataFrame") -> Sheet:
         raise DataError(f"a table is the path of a file, such as drops.csv, or a DataFrame; got {type(frame).__name__}")
     if not len(frame):
         raise DataError("DataFrame: has no rows; at least one is needed")
-    named = frame.reset_index() if all(frame.index.names) else frame
+    levels = [name for name in frame.index.names if name not in frame.columns] if all(frame.index.names) else []
+    named = frame.reset_index(level=levels) if levels else frame
     columns: list[Cells] = []
     for _, values in named.items():
         plain = values.dtype.kind in "fiu" and not values.hasnans

@@ -284,7 +284,7 @@ class Fit:
 def fit(
     impacts: Impacts,
     law: Law | str,
-    effects: Mapping[str, Effect] | Iterable[str] = (),
+    effects: Mapping[str, Effect] | Iterable[str | Effect] = (),
     *,
     rows: Tensor | None = None,
     options: FitOptions = FitOptions(),
@@ -295,7 +295,7 @@ def fit(
     Args:
         impacts: measurements.
         law: an analytical law or its name; its own μ and ε are ignored.
-        effects: by name, or names alone; constants that they leave open are taken from the impacts.
+        effects: by name, or a list of names and effects; constants that they leave open are taken from the impacts.
         rows: subsets [..., n] of equal size as rows of the impacts; all of them if None.
         options: of the fit.
         start: values [..., K] to begin at instead of a search.

@@ -69,6 +69,10 @@ _LENGTHS = (1.0, 0.5, 0.25, 0.0)  # of a step of the deviations that are tried; 
 _REFITTED = 3  # sets that are linearised on their own, the best ones about the deviations of all components
 _FIRST = len(INSTRUMENT)  # index of the first component of the contact
 _LEVEL = 0.95  # of the ellipsoids
+_DETERMINED = (
+    0.1  # standard error over that with all others known, which is less where the pseudo-inverse leaves it out
+)
+_OPEN = 2.0  # standard error of a deviation that the data leave open, over its value
 _START = 0.2  # of the greatest plausible standard deviation
 
 
@@ -517,14 +521,15 @@ def _described(
     inside = information[rows][:, rows]
     size = inside.diagonal().sqrt()  # of units that differ
     covariance = torch.linalg.pinv(inside / (size[:, None] * size), hermitian=True) / (size[:, None] * size)
-    spread = covariance.diagonal().sqrt()
+    spread = covariance.diagonal().clamp_min(0).sqrt()
+    determined = spread * size > _DETERMINED
     labels = [(INSTRUMENT[0], "s_v", "m/s"), (INSTRUMENT[1], "s_ω", "rad/s")]
     labels += [(component.name, f"σ_{component.symbol}", component.unit) for component in components]
     deviations: list[StandardDeviation] = []
-    for row, error in zip(rows.tolist(), spread.tolist(), strict=True):
+    for row, error, known in zip(rows.tolist(), spread.tolist(), determined.tolist(), strict=True):
         name, symbol, unit = labels[row]
         value = math.sqrt(fit.variances[row].item())
-        near = min(error / (2 * value), math.sqrt(error))  # of a variance that may be 0
+        near = min(error / (2 * value), math.sqrt(error)) if known else _OPEN * value  # of a variance that may be 0
         deviations.append(StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=near))
     values = {deviation.name: deviation.value for deviation in deviations}
     estimated = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
@@ -538,7 +543,7 @@ def _described(
     return Scatter(
         model=replace(model, scatter=scatter),
         deviations=tuple(deviations),
-        correlation=covariance / (spread[:, None] * spread),
+        correlation=(covariance / (spread[:, None] * spread)).nan_to_num(0.0, 0.0, 0.0),
         stated=problem.stated,
         log_likelihood=fit.log_likelihood,
         log_likelihood_without=without.fit.log_likelihood,
