@@ -33,7 +33,7 @@ from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept, turn_quaternion
-from contactlearn.mechanics.shapes import Cornered, Shape, contact_point
+from contactlearn.mechanics.shapes import Disc, Ellipse, Ellipsoid, Shape, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 SHORTEST = 1e-4
@@ -507,7 +507,7 @@ class _Outline:
 
     Args:
         lever: largest horizontal distance in m of the lowest point: its height changes by that per rad at most.
-        radius: largest radius of curvature in m; infinite with corners.
+        radius: largest radius of curvature in m; infinite of a shape that may have corners.
     """
 
     lever: float
@@ -522,10 +522,10 @@ class _Outline:
             down = torch.cat((angle.cos()[:, None, None] * down, angle.sin()[:, None, None].expand(-1, 181, 1)), -1)
         lowest = shape.support(down)
         across = lowest - (lowest * down).sum(-1, keepdim=True) * down
-        rounded = not isinstance(shape, Cornered)
+        rounded = isinstance(shape, Ellipse | Disc | Ellipsoid | Sphere)
         return cls(
             lever=across.norm(dim=-1).max().item() * 1.3,
-            radius=_largest_radius(lowest, down) * 2 if rounded else math.inf,
+            radius=_largest_radius(lowest, down) * 3 if rounded else math.inf,
         )
 
 
