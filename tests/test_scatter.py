@@ -166,7 +166,7 @@ def test_trials_of_one_covariance_weigh_alike():
 def test_weights_bring_the_law_nearer_to_the_truth():
     """A normal that scatters makes contacts stick: without its shift, friction is three standard errors off."""
     away, errors = [], []
-    for seed in range(6):
+    for seed in range(4):
         impacts = simulated(World(sigma_normal=math.radians(2), seed=seed), 200)
         plain = fit(impacts, "wang_mason")
         found = fit(weighed(impacts, plain.model, FitOptions(), Thresholds()), "wang_mason")
@@ -425,7 +425,7 @@ def test_stated_noise_serves_as_covariances():
     assert found.scatter.instrument == ()
 
 
-@pytest.mark.parametrize("structure", ["pose", "speed", "memory"])
+@pytest.mark.parametrize("structure", ["pose", "memory"])
 def test_deviations_that_follow_something_stay_unknown(structure):
     found = diagnosed(structure=structure)
     assert found.verdict is Verdict.UNKNOWN
@@ -436,21 +436,23 @@ def test_deviations_that_follow_something_stay_unknown(structure):
     assert any("no scatter" in one for one in grounds(found))
 
 
+@cache
+def with_speed_loss(loss):
+    """Impacts whose restitution falls with speed and scatters as well, and their scatter."""
+    impacts = simulated(World(sigma_eps=0.05, speed_loss=loss), 300)
+    model = fit(impacts, "wang_mason").model
+    return impacts, contact_scatter(impacts, model, FitOptions(), Thresholds())
+
+
 @pytest.mark.parametrize("loss", [0.05, 0.1])  # of restitution for each m/s
 def test_the_rest_of_what_follows_something_is_scatter(loss):
     """A restitution that falls with speed and scatters as well: the share that follows, and the floor of the rest."""
-
-    def estimated(loss):
-        impacts = simulated(World(sigma_eps=0.05, speed_loss=loss), 300)
-        model = fit(impacts, "wang_mason").model
-        return impacts, contact_scatter(impacts, model, FitOptions(), Thresholds())
-
-    impacts, found = estimated(loss)
+    impacts, found = with_speed_loss(loss)
     (component,) = found.result.components
     follows = (loss * impacts.v_c[:, -1].std().item()) ** 2
     assert component.follows == pytest.approx(follows / (follows + 0.05**2), abs=0.1)
     assert component.deviation.value > 0.055
-    assert found.floor.mean == pytest.approx(estimated(0.0)[1].floor.mean, rel=0.05)
+    assert found.floor.mean == pytest.approx(with_speed_loss(0.0)[1].floor.mean, rel=0.05)
 
 
 @pytest.mark.parametrize("noise", [0.002, 0.001])

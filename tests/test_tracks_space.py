@@ -126,10 +126,13 @@ def impacts_in(folder, shape=BOX, inertia=None, **settings):
     return find_impacts(folder, mass=MASS, shape=shape, inertia=inertia, options=track_options(**settings))
 
 
-def test_velocities_are_within_their_errors(tosses):
-    folder, made, _ = tosses
-    found = impacts_in(folder, contact_time=1e-5)
-    impacts = found.impacts
+@pytest.fixture(scope="module")
+def found(tosses):
+    return impacts_in(tosses[0], contact_time=1e-5)
+
+
+def test_velocities_are_within_their_errors(tosses, found):
+    made, impacts = tosses[1], found.impacts
     assert len(impacts) >= 57
     rows, inside = [int(name) for name in impacts.recording], []
     for side, truth in (("pre", 1), ("post", 2)):
@@ -176,7 +179,7 @@ MISTAKES = {
     ),
     "world to body": (turned_back, {"sense": "as_read"}, r"contradict .*data\.sense=as_read.* data\.sense=mirrored"),
     "left-handed": (lambda t: t.assign(x=-t.x), {}, "axes must be right-handed"),
-    "up is y": (lambda t: t, {"up": "y"}, "bodies fall 90° off the axis y that data.up calls up; is up z"),
+    "up is y": (lambda t: t, {"up": "y"}, r"bodies fall 90\.\d° off the axis y that data.up calls up; is up z"),
     "no body": (lambda t: t, {"inertia": (1e-4, 1e-4, 3e-4)}, r"at most the sum of the two others, got \[.*0\.0003\]"),
     "in a plane": (
         lambda t: t.assign(theta=np.arctan2(t.qy, t.qw)),
@@ -188,7 +191,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("mistake", "settings", "message"), MISTAKES.values(), ids=MISTAKES)
 def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, message):
-    mistake(tosses[2]).to_parquet(tmp_path / "tosses.parquet")
+    mistake(tosses[2].query("recording < 20")).to_parquet(tmp_path / "tosses.parquet")
     with pytest.raises(DataError, match=message) as refused:
         impacts_in(tmp_path, **settings)
     assert "\n" not in str(refused.value)
@@ -196,7 +199,7 @@ def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, m
 
 @pytest.mark.parametrize("sense", [None, "as_read"])
 def test_exchanged_edges_of_a_box_are_refused(tmp_path, sense):
-    written(tmp_path, 40, 3, solid=Cuboid((0.07, 0.045, 0.03)))
+    written(tmp_path, 12, 3, solid=Cuboid((0.07, 0.045, 0.03)))
     with pytest.raises(DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.03\]"):
         impacts_in(tmp_path, Cuboid((0.045, 0.07, 0.03)), sense=sense)
 
@@ -216,10 +219,9 @@ def test_exchanged_edges_of_a_rectangle_are_refused(tmp_path, sense):
         find_impacts(tmp_path, mass=0.1, shape=turned, options=options)
 
 
-def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(tosses):
+def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(found):
     from contactlearn.data.recordings.floor import off_the_floor
 
-    found = impacts_in(tosses[0])
     edge = torch.tensor(Rotation.from_euler("x", 30, degrees=True).as_quat(scalar_first=True))
     pose = np.append((0.0, 0.0, -contact_point(BOX, edge)[2].item() + found.floor.height.value), edge.numpy())
     contacts = [*found.survey.contacts, replace(found.survey.contacts[0], pose=pose, number=9)]
@@ -261,10 +263,9 @@ def test_a_contact_in_the_plane_is_refused_as_another_corner_comes_down(tilt, al
 
 
 @pytest.mark.parametrize(("longest", "alone"), [(1e-4, True), (3e-3, False)])
-def test_a_contact_is_refused_if_another_corner_comes_down_within_the_longest_contact(tosses, longest, alone):
+def test_a_contact_is_refused_if_another_corner_comes_down_within_the_longest_contact(found, longest, alone):
     from contactlearn.data.recordings.floor import off_the_floor
 
-    found = impacts_in(tosses[0])
     first = found.survey.contacts[0]
     tilted = torch.tensor(Rotation.from_euler("xy", (1.2, 0.9), degrees=True).as_quat(scalar_first=True))
     pose = np.append((0.0, 0.0, -contact_point(BOX, tilted)[2].item() + found.floor.height.value), tilted.numpy())

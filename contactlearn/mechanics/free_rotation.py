@@ -19,8 +19,12 @@ _STEP = 0.5  # rad, of a step at most
 
 def most_spin(inertia: Float[Tensor, "n 3"], spin: Float[Tensor, "n 3"], quaternion: Float[Tensor, "n 4"]) -> Tensor:
     """Return the spin [N] in rad/s that a free body never exceeds, that of all its energy about its easiest axis."""
-    energy = inertia * matvec(rotation(quaternion).mT, spin).square()
-    return (energy.sum(-1) / inertia.amin(-1)).sqrt()
+    return _most(inertia, matvec(rotation(quaternion).mT, spin))
+
+
+def _most(inertia: Tensor, omega: Tensor) -> Tensor:
+    """That of a spin along the body's axes."""
+    return ((inertia * omega.square()).sum(-1) / inertia.amin(-1)).sqrt()
 
 
 def turned(
@@ -29,9 +33,9 @@ def turned(
     """Return quaternions and spins in world axes, after times t in s, of bodies with these principal moments."""
     if bool((inertia == inertia[:, :1]).all()):
         return turn_quaternion(quaternion, spin * t[:, None]), spin
-    angle = (most_spin(inertia, spin, quaternion) * t).abs().nan_to_num(0).max().item()
-    steps = max(1, math.ceil(angle / _STEP))
     omega = matvec(rotation(quaternion).mT, spin)
+    angle = (_most(inertia, omega) * t).abs().nan_to_num(0).max().item()
+    steps = max(1, math.ceil(angle / _STEP))
     for _ in range(steps):
         quaternion, omega = _step(quaternion, omega, inertia, t[:, None] / steps)
     return quaternion, matvec(rotation(quaternion), omega)

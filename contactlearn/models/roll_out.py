@@ -33,7 +33,7 @@ from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept, turn_quaternion
-from contactlearn.mechanics.shapes import Shape, contact_point
+from contactlearn.mechanics.shapes import Disc, Ellipse, Ellipsoid, Shape, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 SHORTEST = 1e-4
@@ -50,7 +50,8 @@ ENDS = ("bounces", "time", "piled up", "at rest")
 
 _NEWTON_TIME = 1e-5  # s before contact at the latest from which Newton's method takes over
 _STEEPEST = 0.2  # rad, of a floor that leans
-_ROUNDING = 1e-12  # m
+_SAME_DIRECTION = 1e-6  # rad between directions of a grid, at its poles
+_ROUNDING, _ROUNDING_TIME = 1e-12, 1e-13  # m; s
 _MAX_ROUNDING_DEPTH = 1e-9  # m by which rounding may put a body into the floor
 _SPEED_AT_REST = 2.0  # falls within a step: speed of a body that may be at rest
 _REST_DEPTH, _HALVINGS = 1e-6, 10  # m by which a resting body sinks where another point comes down; of a step
@@ -108,6 +109,7 @@ class FreeFlights:
 
     def of(self, which: Tensor) -> Self:
         """Return some of the flights."""
+        which = which.nonzero()[:, 0] if which.dtype is torch.bool else which  # once, not in each of them
         return replace(self, **{name: x[which] for name, x in vars(self).items() if isinstance(x, Tensor)})
 
     def later(self, t: Float[Tensor, "n"]) -> Self:
@@ -126,6 +128,13 @@ class FreeFlights:
         if self.space is PLANE:
             return self.velocity[:, 2].abs()
         return most_spin(self.inertia, self.velocity[:, 3:], self.pose[:, 3:])
+
+    @property
+    def asymmetry(self) -> Float[Tensor, "n"]:
+        """Largest change [N] of the spin in rad/s², over its square."""
+        if self.space is PLANE:
+            return torch.zeros_like(self.start)
+        return self.inertia.amax(-1) / self.inertia.amin(-1) - 1
 
     def after(self, t: Float[Tensor, "n"]) -> tuple[Float[Tensor, "n pose"], Float[Tensor, "n D"]]:
         """Return pose [N, 3 or 7] and velocity [N, D] a time t [N] in s after the start."""
@@ -241,7 +250,7 @@ def follow(
 
 def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) -> RollOut:
     """Follow N bodies."""
-    n, lever = len(pose), _lever(bodies.shape, bodies.space)
+    n, outline = len(pose), _Outline.of(bodies.shape, bodies.space)
     goes_on, rows = math.isfinite(until.time) and bodies.steady is not None, torch.arange(n)
     flight = bodies.fly(rows, torch.zeros(n, dtype=torch.float64), pose, velocity)
     flights = [flight]
@@ -252,7 +261,7 @@ def _bounced(bodies: "_Bodies", pose: Tensor, velocity: Tensor, until: Until) ->
     ended, contacts, resting = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.int64), rows < 0
     while len(rows):
         gap = partial(bodies.gap_of, rows)
-        duration, piled = _contact_times(flight, gap, lever, resting[rows], first=len(flights) == 1, goes_on=goes_on)
+        duration, piled = _contact_times(flight, gap, outline, resting[rows], first=len(flights) == 1, goes_on=goes_on)
         now = flight.start + duration
         timed_out = now > until.time
         ended[rows[piled]], ended[rows[timed_out & ~piled]] = ENDS.index("piled up"), ENDS.index("time")
@@ -387,12 +396,11 @@ class _Bodies:
 
 
 def _contact_times(
-    flight: FreeFlights, gap: Gap, lever: float, resting: Tensor, *, first: bool, goes_on: bool
+    flight: FreeFlights, gap: Gap, outline: "_Outline", resting: Tensor, *, first: bool, goes_on: bool
 ) -> tuple[Tensor, Tensor]:
     """Time [N] from the start of each flight to contact, and whether contacts pile up and the trajectory ends.
 
-    No point of a body comes down faster than its mass centre and its spin let it, so that steps which this allows
-    miss no contact; Newton's method ends them.
+    Steps that the speed of the mass centre, the spin and the outline allow miss no contact; Newton's method ends them.
     """
     t, flying = torch.zeros_like(flight.start), (~resting).nonzero()[:, 0]
     if first:
@@ -402,21 +410,25 @@ def _contact_times(
         )  # at rest on the floor, or leaving it
     else:
         t = t + SHORTEST
-    height, _ = gap(flying, *flight.of(flying).after(t[flying]))
-    low = (height <= 0) & (t[flying] > 0)
-    piled = torch.zeros_like(resting).index_fill(0, flying[low], value=True)
-    flying = flying[~low]
+    piled = torch.zeros_like(resting)
+    if len(flying):
+        height, _ = gap(flying, *flight.of(flying).after(t[flying]))
+        low = (height <= 0) & (t[flying] > 0)
+        piled[flying[low]] = True
+        flying = flying[~low]
     if goes_on:
         flying, piled = _rest(flight, gap, t, resting | piled), torch.zeros_like(piled)
     while len(flying):
         part = flight.of(flying)
         with torch.no_grad():  # Newton's method gives the derivatives
-            now = _descended(part, t[flying], lambda some, *at, flying=flying: gap(flying[some], *at), lever)
+            now = _descended(part, t[flying], lambda some, *at, flying=flying: gap(flying[some], *at), outline)
         part, moved, height, speed = part.later(now), *torch.zeros(3, len(now), dtype=torch.float64)
         for _ in range(6):
             height, speed = gap(flying, *part.after(moved))
             step = torch.where(speed < 0, -height / torch.where(speed < 0, speed, -1.0), 0.0)
             moved = moved + step.clamp(-10 * _NEWTON_TIME, 10 * _NEWTON_TIME)
+            if bool((step.abs() < _ROUNDING_TIME).all()):
+                break
         now = now + moved
         on_floor = (height.abs() < _ROUNDING) & (speed < 0)
         t[flying] = torch.where(on_floor, now, now + _NEWTON_TIME)  # the others turned back just above the floor
@@ -431,9 +443,11 @@ def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     that is at the floor, by bisection.
     """
     lying, fall = resting.nonzero()[:, 0], FAINT * flight.gravity * STEP
-    t[lying] = STEP
-    start, _ = gap(lying, *flight.of(lying).after(torch.zeros_like(t[lying])))
-    height, _ = gap(lying, *flight.of(lying).after(t[lying]))
+    if not len(lying):
+        return torch.arange(len(t))
+    t[lying], part = STEP, flight.of(lying)
+    start, _ = gap(lying, part.pose, part.velocity)
+    height, _ = gap(lying, *part.after(t[lying]))
     resting[lying] = height <= fall
     deep = height < start.clamp_max(0) - fall
     lying, level = lying[deep], start[deep].clamp_max(0) - _REST_DEPTH
@@ -446,22 +460,35 @@ def _rest(flight: FreeFlights, gap: Gap, t: Tensor, resting: Tensor) -> Tensor:
     return (~resting).nonzero()[:, 0]
 
 
-def _descended(flight: FreeFlights, t: Tensor, gap: Gap, lever: float) -> Tensor:
-    """Times [N] just before the lowest point may reach the floor."""
+def _descended(flight: FreeFlights, t: Tensor, gap: Gap, outline: "_Outline") -> Tensor:
+    """Times [N] just before the lowest point may reach the floor.
+
+    No point comes down faster than the mass centre and the spin let it.  On a rounded outline the lowest point also
+    moves no more suddenly than its curvature allows: ḧ ≥ −g − ρ ω², with the spin's own change in space.
+    """
     t, falling, up = t.clone(), torch.arange(len(t)), flight.space.d - 1
-    reach = lever if flight.mass_centre is None else lever + 2 * flight.mass_centre.norm(dim=-1)
-    sweep, here = reach * flight.fastest, flight.later(t)
+    beside = 0.0 if flight.mass_centre is None else 2 * flight.mass_centre.norm(dim=-1)
+    sweep, here = (outline.lever + beside) * flight.fastest, flight.later(t)
+    turning = (outline.radius + (1 + flight.asymmetry) * (outline.lever + beside)) * flight.fastest.square()
     while len(falling):
         height, speed = gap(falling, here.pose, here.velocity)
         height, v = height.clamp_min(0), here.velocity
         down = (-v[:, up]).clamp_min(0) + _STEEPEST * v[:, :up].norm(dim=-1) + sweep[falling]
         g = flight.gravity + (-flight.acceleration[falling, up]).clamp_min(0) + flight.drag * down
-        step = 2 * height / (down + (down.square() + 2 * g * height).sqrt()).clamp_min(1e-12)
+        step = _fall_time(height, down, g)
+        if math.isfinite(outline.radius):
+            step = step.maximum(_fall_time(height, -speed, g + turning[falling]))
         step = torch.where(speed < 0, step, step.clamp_min(_NEWTON_TIME))
         t[falling] += step
         high = (step > _NEWTON_TIME) | (speed >= 0)
         falling, here = falling[high], here.of(high).later(step[high])
     return t
+
+
+def _fall_time(height: Tensor, down: Tensor, g: Tensor) -> Tensor:
+    """Time in s in which a point that comes down with a speed, or rises where it is negative, falls from a height."""
+    root = (down.square() + 2 * g * height).sqrt()
+    return torch.where(down < 0, (root - down) / g, 2 * height / (down + root).clamp_min(1e-12))
 
 
 def _joined(flights: list[FreeFlights]) -> FreeFlights:
@@ -474,12 +501,38 @@ def _joined(flights: list[FreeFlights]) -> FreeFlights:
     return replace(flights[0], **parts)
 
 
-def _lever(shape: Shape, space: Space) -> float:
-    """Largest horizontal distance in m of the lowest point: its height changes by that per rad at most."""
-    angle = torch.linspace(0, 2 * math.pi, 721 if space is PLANE else 181, dtype=torch.float64)
-    down = torch.stack((angle.cos(), angle.sin()), -1)
-    if space is SPACE:  # longitudes and latitudes
-        down = torch.cat((angle.cos()[:, None, None] * down, angle.sin()[:, None, None].expand(-1, 181, 1)), -1)
-    lowest = shape.support(down)
-    across = lowest - (lowest * down).sum(-1, keepdim=True) * down
-    return across.norm(dim=-1).max().item() * 1.3  # room for effects that stretch the body
+@dataclass(frozen=True, kw_only=True)
+class _Outline:
+    """How the lowest point moves as a body turns.
+
+    Args:
+        lever: largest horizontal distance in m of the lowest point: its height changes by that per rad at most.
+        radius: largest radius of curvature in m; infinite of a shape that may have corners.
+    """
+
+    lever: float
+    radius: float
+
+    @classmethod
+    def of(cls, shape: Shape, space: Space) -> "_Outline":
+        """Return that of a shape, with room for effects that stretch the body."""
+        angle = torch.linspace(0, 2 * math.pi, 721 if space is PLANE else 181, dtype=torch.float64)
+        down = torch.stack((angle.cos(), angle.sin()), -1)
+        if space is SPACE:  # longitudes and latitudes
+            down = torch.cat((angle.cos()[:, None, None] * down, angle.sin()[:, None, None].expand(-1, 181, 1)), -1)
+        lowest = shape.support(down)
+        across = lowest - (lowest * down).sum(-1, keepdim=True) * down
+        rounded = isinstance(shape, Ellipse | Disc | Ellipsoid | Sphere)
+        return cls(
+            lever=across.norm(dim=-1).max().item() * 1.3,
+            radius=_largest_radius(lowest, down) * 3 if rounded else math.inf,
+        )
+
+
+def _largest_radius(lowest: Tensor, down: Tensor) -> float:
+    """Largest change of the lowest point per rad between neighbouring directions of a grid."""
+    square = torch.zeros(())
+    for axis in range(down.ndim - 1):
+        moved, turned = (x.diff(dim=axis).norm(dim=-1) for x in (lowest, down))
+        square = square + torch.where(turned > _SAME_DIRECTION, moved / turned, 0.0).amax().square()
+    return square.sqrt().item()

@@ -22,6 +22,8 @@ Array = np.ndarray
 _NEXT, _LAST = np.array((1, 2, 0)), np.array((2, 0, 1))
 _SIGNS = np.array(((1.0, -1.0, -1.0, -1.0), (1.0, 1.0, 1.0, -1.0), (1.0, -1.0, 1.0, 1.0), (1.0, 1.0, -1.0, 1.0)))
 _PLACES = np.arange(4)[:, None] ^ np.arange(4)  # (p q)_i = Σ_j ± p_j q_k, k = i xor j
+_SPUN = _PLACES[:, 1:]  # (p (0, ω)/2)_i = Σ_k ± p_j ω_k/2, j = i xor k
+_SPUN_SIGNS = np.take_along_axis(_SIGNS, _PLACES, 1)[:, 1:] / 2
 _STEP = 0.2  # rad that a body turns in a step of an integration: errors of 1e-6 a step
 _STEP_QUANTILE = 0.95  # share of the times whose way sets the steps: some windows are no flights
 _MOMENT_TOLERANCE = 1e-3  # relative difference of moments up to which a body turns as if they were equal
@@ -126,20 +128,25 @@ def free_turn(
     if moments is None or max(moments) / min(moments) < 1 + _MOMENT_TOLERANCE:
         return product(quaternion(vector), q), np.broadcast_to(spin, vector.shape)
     I = np.asarray(moments)  # noqa: E741
+    coupling = (I[_NEXT] - I[_LAST]) / I
     way = np.linalg.norm(vector, axis=-1)
     steps = max(math.ceil(float(np.quantile(way, _STEP_QUANTILE)) / _STEP), 1) if way.size else 1
     h = tau[..., None] / steps
-    q = np.broadcast_to(q, (*vector.shape[:-1], 4))
-    w = rotated(conjugate(q), np.broadcast_to(spin, vector.shape))
+    state = np.concatenate((q, rotated(conjugate(q), spin)), -1)
+    state = np.broadcast_to(state, (*vector.shape[:-1], 7))
 
-    def rates(q: Array, w: Array) -> tuple[Array, Array]:  # in the body's axes
-        return product(q, np.concatenate((np.zeros_like(w[..., :1]), w / 2), -1)), cross(I * w, w) / I
+    def rates(state: Array) -> Array:  # of quaternion and spin, in the body's axes
+        found, w = np.empty(state.shape), state[..., 4:]
+        np.einsum("...ij,...j->...i", state.take(_SPUN, -1) * _SPUN_SIGNS, w, out=found[..., :4])
+        np.multiply(w.take(_NEXT, -1) * w.take(_LAST, -1), coupling, out=found[..., 4:])
+        return found
 
     for _ in range(steps):  # Runge and Kutta
-        a, b = rates(q, w)
-        c, d = rates(q + h / 2 * a, w + h / 2 * b)
-        e, f = rates(q + h / 2 * c, w + h / 2 * d)
-        g, k = rates(q + h * e, w + h * f)
-        q, w = q + h / 6 * (a + 2 * c + 2 * e + g), w + h / 6 * (b + 2 * d + 2 * f + k)
-        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+        a = rates(state)
+        b = rates(state + h / 2 * a)
+        c = rates(state + h / 2 * b)
+        d = rates(state + h * c)
+        state = state + h / 6 * (a + 2 * (b + c) + d)
+        state[..., :4] /= np.linalg.norm(state[..., :4], axis=-1, keepdims=True)
+    q, w = state[..., :4], state[..., 4:]
     return q, rotated(q, w)

@@ -43,8 +43,8 @@ class Mixture:
 
     def log_density(self, distance: Float[Tensor, " n"], components: int) -> Float[Tensor, "n 3"]:
         """Logarithm of each part of the density at squared distances d², without what S adds."""
-        scaled = distance[:, None] / self.factors.square() + components * math.log(2 * math.pi)
-        return self.shares.clamp_min(1e-300).log() - 0.5 * scaled - components * self.factors.log()
+        height = self.shares.clamp_min(1e-300).log() - components * (self.factors.log() + 0.5 * math.log(2 * math.pi))
+        return height - 0.5 * distance[:, None] * self.factors.square().reciprocal()
 
     def updated(self, distance: Float[Tensor, " n"], components: int) -> "Mixture":
         """Return the mixture after one step of expectation–maximisation."""
@@ -67,23 +67,24 @@ class MixedModel:
 
     def at(self, variances: Float[Tensor, " c"], mixture: Mixture, weight: Tensor | None = None) -> "MixedFit":
         """Return θ and the likelihood at given variances; `weight` [N] of the trials to begin with."""
-        D = self.residual.shape[-1]
-        covariance = self.known + torch.einsum("c,cnij->nij", variances, self.bases)
+        D, K = self.slope.shape[1:]
+        covariance = self.known + (variances @ self.bases.flatten(1)).view_as(self.known)
         covariance = covariance + 1e-12 * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
         root = torch.linalg.cholesky(covariance)
         inverse = torch.cholesky_inverse(root)
         volume = 2 * root.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         weight = torch.ones_like(volume) if weight is None else weight
-        back = self.slope.mT @ inverse
+        equations = (self.slope.mT @ inverse @ torch.cat((self.slope, self.residual[..., None]), -1)).flatten(1)
+        precisions = mixture.factors.square().reciprocal()
         for left in reversed(range(_REWEIGHTED)):
-            precision = torch.einsum("n,nki,nil->kl", weight, back, self.slope)
+            precision, right = (weight @ equations).view(K, K + 1).split((K, 1), -1)
             precision = precision + torch.diag(1e-10 * precision.diagonal() + 1e-12)
-            step = torch.linalg.solve(precision, torch.einsum("n,nki,ni->k", weight, back, self.residual))
+            step = torch.linalg.solve(precision, right)[:, 0]
             error = self.residual - self.slope @ step
             pull = (inverse @ error[..., None])[..., 0]
             distance = (error * pull).sum(-1)
             parts = mixture.log_density(distance, D)
-            weight = parts.softmax(-1) @ mixture.factors.square().reciprocal()
+            weight = parts.softmax(-1) @ precisions
             if left == 0:
                 density = parts.logsumexp(-1) - 0.5 * volume
                 return MixedFit(
@@ -103,13 +104,11 @@ class MixedModel:
     def scores(self, fit: "MixedFit") -> tuple[Float[Tensor, " c"], Float[Tensor, "c c"]]:
         """Gradient of the restricted log likelihood in the variances, and their Fisher information."""
         turned = fit.inverse @ self.bases
-        information = 0.5 * torch.einsum("cnij,dnji->cd", turned, turned)
-        slope = fit.inverse @ self.slope
-        lost = torch.einsum(
-            "kl,nik,cnij,njl,n->c", torch.linalg.inv(fit.precision), slope, self.bases, slope, fit.weight
-        )
-        seen = torch.einsum("n,ni,cnij,nj->c", fit.weight, fit.pull, self.bases, fit.pull)
-        return 0.5 * (seen - turned.diagonal(dim1=-2, dim2=-1).sum((-1, -2)) + lost), information
+        information = 0.5 * turned.flatten(1) @ turned.mT.flatten(1).mT
+        slope, weight = fit.inverse @ self.slope, fit.weight[:, None, None]
+        lost = slope @ torch.linalg.inv(fit.precision) @ slope.mT
+        seen = fit.pull[:, :, None] * fit.pull[:, None]
+        return 0.5 * self.bases.flatten(1) @ (weight * (seen + lost) - fit.inverse).flatten(), information
 
     def fit(self, start: Float[Tensor, " c"], free: Bool[Tensor, " c"], mixture: Mixture) -> "MixedFit":
         """Maximise the restricted likelihood over the variances that are `free`; the others are 0.
@@ -138,7 +137,7 @@ class MixedModel:
         size = inside.diagonal().sqrt()  # of variances in units that differ
         ridge = 1e-9 * torch.eye(len(rows), dtype=size.dtype)
         step[rows] = torch.linalg.solve(inside / (size[:, None] * size) + ridge, gradient[rows] / size) / size
-        whole = torch.einsum("nij,cnji->cn", fit.inverse, self.bases).mean(-1)  # share of a unit variance
+        whole = self.bases.flatten(1) @ fit.inverse.flatten() / len(self.residual)  # share of a unit variance
         for length in (1.0, 0.5, 0.25, 0.1, 0.02):
             tried = torch.maximum(fit.variances + length * step, _FASTEST * fit.variances)
             tried = torch.where(tried * whole > _MIN_VARIANCE_SHARE, tried, 0.0)
