@@ -78,17 +78,17 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect]) -> dic
         ContactLearnError: neither of the two.
         UnknownNameError: no such effect.
     """
-    found = effects
-    if isinstance(effects, Iterable) and not isinstance(effects, str | Mapping):
-        known = ((EffectId.parse(one), None) if isinstance(one, str) else (None, one) for one in effects)
-        made = (one if name is None else find_effect(name.name, name.form)() for name, one in known)
-        found = {getattr(one, "name", ""): one for one in made}
-    if not isinstance(found, Mapping) or not all(isinstance(effect, Effect) for effect in found.values()):
+    named: Mapping[Any, Any] | None = effects if isinstance(effects, Mapping) else None
+    if named is None and isinstance(effects, Iterable) and not isinstance(effects, str):
+        ids = [EffectId.parse(one) if isinstance(one, str) else one for one in effects]
+        made = [find_effect(one.name, one.form)() if isinstance(one, EffectId) else one for one in ids]
+        named = {getattr(one, "name", ""): one for one in made}
+    if named is None or not all(isinstance(effect, Effect) for effect in named.values()):
         raise ContactLearnError(
             "effects are listed by name or as effects, such as ['spin_damping:during', SideDrag()], or are effects by "
             f"name, such as {{'spin': SpinDamping()}}; got {effects!r}"
         )
-    return dict(found)
+    return dict(named)
 
 
 def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:

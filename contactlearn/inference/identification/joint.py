@@ -305,19 +305,19 @@ def fit(
         ContactLearnError: law or effects do not exist in space.
     """
     require_impacts(impacts)
-    law, effects = named(law), named_effects(effects)
+    law, listed = named(law), named_effects(effects)
     require_space(f"law {law.name} ({law.variant})", impacts.space, law.spaces)
-    for name, effect in effects.items():
+    for name, effect in listed.items():
         require_space(f"effect {name}", impacts.space, effect.spaces)
-    effects = {name: effect.prepare(impacts) for name, effect in effects.items()}
+    added = {name: effect.prepare(impacts) for name, effect in listed.items()}
     rows = impacts.numbered(slice(None) if rows is None else rows)
-    parameters = named_parameters(effects, options.box, impacts)
+    parameters = named_parameters(added, options.box, impacts)
     D = impacts.space.D  # a scatter matrix has D (D + 1)/2 numbers; twice as many residuals keep it from being singular
     least = (len(parameters) + D * (D + 1)) // D + 1
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
-    problem, noise = _observed(law, effects, impacts, flat, parameters, options)
+    problem, noise = _observed(law, added, impacts, flat, parameters, options)
     if noise is None:
         found = robust.search(problem, options.starts, start, options.tolerance)
     else:
@@ -333,7 +333,7 @@ def fit(
         for x in (theta, covariance, scatter, weight, effective, loss, agreement, converged)
     )
     theta, covariance, *others = back
-    model = assemble(law, effects, theta, covariance if options.standard_errors else None)
+    model = assemble(law, added, theta, covariance if options.standard_errors else None)
     return Fit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
 
 
