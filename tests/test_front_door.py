@@ -150,9 +150,10 @@ def test_models_are_compared_beside_the_rigid_bound():
     (lambda: cl.compare(DROPS, [FIT.model]), "impacts must be Impacts, got list"),
     (lambda: cl.compare([], DROPS), "at least one model, got none"),
     (lambda: cl.compare([FIT], DROPS), "such as fit.model, .* got a Fit"),
+    (lambda: cl.compare(FIT, DROPS), r"several models, such as \[fit.model\], then impacts; got a Fit first"),
     (lambda: cl.compare([FIT.model], DROPS, "mass_eror"), "did you mean 'mass_error'"),
     (lambda: FIT.model.score(DROPS, "mass_error"), "a metric is a function, such as contactlearn.metrics.mass_error"),
-], ids=["order", "none", "fit", "metric", "score"])  # fmt: skip
+], ids=["order", "none", "fit", "alone", "metric", "score"])  # fmt: skip
 def test_a_slip_in_a_comparison_is_told(call, message):
     with pytest.raises((cl.ContactLearnError, UnknownNameError), match=message):
         call()

@@ -120,6 +120,18 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
     assert "data=drops is another source" in refused
 
 
+def test_recordings_without_settings_are_read_as_their_columns_say(tmp_path):
+    takes, _ = recordings.simulate(3, seed=3)
+    recordings.write_recordings(takes, tmp_path)
+    for file in tmp_path.iterdir():
+        numbers = np.loadtxt(file, delimiter=",", skiprows=1) * (1, 1e3, 1e3, 180 / np.pi)
+        np.savetxt(file, numbers, delimiter=",", header="t [s],X [mm],Y [mm],phi [deg]", comments="")
+    found = tracks.find(tmp_path, mass=recordings.MASS, shape={"kind": "ellipse", "semi_axes": [0.035, 0.025]})
+    clues = {clue.convention: clue.value for clue in found.survey.frame.clues}
+    assert clues["unit"] == "mm"
+    assert clues["angles"].startswith("deg")
+
+
 @pytest.mark.parametrize(
     ("names", "wanted"),
     [
@@ -182,6 +194,7 @@ def test_counted_frames_stay_the_clock(tmp_path):
     """Where frames are numbered, the numbers show which were dropped: only the rate is asked."""
     settings = proposed(tmp_path / "a.csv", "frame", "x", "y", "theta")
     assert settings["rate"] == OPEN
+    assert "columns.angle" not in proposed(tmp_path / "ball.csv", "Frame", "x_cm", "y_cm")
     assert "columns.time" not in settings
 
 

@@ -179,7 +179,8 @@ def test_moments_of_inertia_may_be_stated_for_all():
     frame = SPATIAL.to_frame().drop(columns=["inertia_x", "inertia_y", "inertia_z"])
     impacts = table.load(frame, inertia=moments)
     assert impacts.inertia.tolist() == [moments] * len(frame)
-    assert table.load(frame, inertia=4e-5).inertia.tolist() == [[4e-5] * 3] * len(frame)
+    for one in (table.load(frame, inertia=4e-5), table.load(frame.assign(inertia=4e-5))):
+        assert one.inertia.tolist() == [[4e-5] * 3] * len(frame)
     with pytest.raises(DataError, match=r"at most the sum of the two others, got \[.*0\.0003\]"):
         table.load(frame, inertia=[1e-4, 1e-4, 3e-4])
     with pytest.raises(DataError, match="three along the body's axes, got"):

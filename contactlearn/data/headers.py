@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from contactlearn.core.errors import DataError, suggest
+from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
@@ -132,6 +132,23 @@ def propose(path: Path) -> FileContents:
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def stated_by_header(path: Path) -> dict[str, Any]:
+    """Return columns and units that the header of a recording, or of the first of a folder, states in other words.
+
+    Nothing of a file with our names, of a format that has its own reader, or in which a column is left open.
+    """
+    try:
+        contents = propose(path)
+    except ContactLearnError:
+        return {}  # the reader says what is wrong
+    values = {one.name: one.value for one in contents.settings if one.value not in (None, OPEN)}
+    columns = {name.removeprefix("columns."): one for name, one in values.items() if name.startswith("columns.")}
+    left = [one.name for one in contents.settings if one.value == OPEN and one.name.startswith("columns.")]
+    if contents.source != "tracks" or not columns or left:
+        return {}
+    return {"columns": columns, **{name: values[name] for name in ("unit", "angle") if name in values}}
 
 
 def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
@@ -273,6 +290,7 @@ def _body(
 def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     """The settings of the columns of a recording; columns with our names need none."""
     names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
+    others = [name for name in known.others if name not in FRAME_NUMBERS]
     if "time" not in names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))
@@ -292,7 +310,7 @@ def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     else:
         position = [names[axis] for axis in axes] if len(axes) == 2 else OPEN
         columns["position"] = (position, ["x", "y"], "the two in the plane of motion, in the unit of length")
-        angle = OPEN if known.others else "theta"  # nobody measured that of a ball where no column may be it
+        angle = OPEN if others else "theta"  # nobody measured that of a ball where no column may be it
         columns["angle"] = (names.get("theta", angle), "theta", "in the plane of motion")
     for name, (value, usual, about) in columns.items():
         if value != usual:

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
+from contactlearn.data import headers
 from contactlearn.data.audit.rig import with_balance
 from contactlearn.data.recordings.angles import (
     find_angles,
@@ -151,7 +152,13 @@ def find(
     progress: Progress = iter,
     **settings: Any,
 ) -> Tracked:
-    """Impacts, and everything found on the way to them; see `find_impacts` and `track_options`."""
+    """Impacts, and everything found on the way to them; see `find_impacts` and `track_options`.
+
+    Without `columns` the names of the file's columns are understood as `headers.propose` understands them.
+    """
+    if settings.get("columns") is None and Path(path).exists():
+        named = headers.stated_by_header(Path(path))
+        settings |= {name: one for name, one in named.items() if settings.get(name) is None}
     options = track_options(**settings)
     return find_impacts(
         path, mass=mass, shape=shape, inertia=inertia, centre=centre, options=options, progress=progress

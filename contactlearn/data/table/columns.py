@@ -215,17 +215,19 @@ def name_columns(
     ours |= {column: name for column, name in known.names.items() if column in every and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
     _refuse_repeated(cells, [*ours.values()])
-    unused = tuple(name for name in cells.header if name not in ours.values())
-    lacking = [column for column in required_in(space) if column not in ours and column not in stated]
+    of_all_axes: tuple[str, ...] = ()
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
         ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
-        lacking = [column for column in lacking if column not in SPACE.inertia]
+        of_all_axes = SPACE.inertia
+    unused = tuple(name for name in cells.header if name not in ours.values())
+    known_elsewhere = {*ours, *stated, *of_all_axes}
+    lacking = [column for column in required_in(space) if column not in known_elsewhere]
     computed = computed_fields(space, lacking, unused)
     given = [field for field in computed if shaped or (field not in ("inertia", "r") and "r" not in computed)]
     given = [field for field in given if field != "orientation" or not turning]
     spared = {column for field in given for column in COMPUTED[space][field]}
     needed = [column for column in lacking if column not in spared]
-    free = [column for column in every if column not in ours and column not in names and column not in stated]
+    free = [column for column in every if column not in known_elsewhere and column not in names]
     slips = _slips(unused, needed, free)
     if slips or needed:
         why = _doubtful(known, needed) or _long(cells, needed) or _missing(space, slips, needed, unused, computed)

@@ -60,8 +60,9 @@ def compare(
 
 def _named(models: Iterable[ContactModel]) -> dict[str, ContactModel]:
     """Name models by their equations without values; those of the same name are numbered."""
-    if isinstance(models, ContactModel | Impacts):
-        raise ContactLearnError(f"compare takes several models, then impacts; got {type(models).__name__} first")
+    if isinstance(models, ContactModel | Impacts | str) or not isinstance(models, Iterable):
+        kind = type(models).__name__
+        raise ContactLearnError(f"compare takes several models, such as [fit.model], then impacts; got a {kind} first")
     named: dict[str, ContactModel] = {}
     for model in models:
         label = model.name if isinstance(model, ContactModel) else "?"
