@@ -223,6 +223,8 @@ def test_a_name_in_a_file_is_text(drops):
         (["drops.csv", "--name", "my data"], "a word of letters, digits and _ for data=NAME, got 'my data'"),
         (["taken.csv"], "taken.yaml exists already and is not replaced"),
         (["other.csv"], "other.csv: is neither a table of impacts"),
+        (["times.csv"], "are 'Time 1 (s)', 'Time 2 (s)' times between bounces?"),
+        (["ratios.csv"], "the coefficients 'e_n [-]', 'e_t [-]' give those after it: add vy_post"),
         (["tables"], "tables: holds tables of impacts, such as a.csv; give one of them"),
     ],
 )
@@ -231,6 +233,8 @@ def test_init_refuses(drops, words, message):
     for name in ("taken.csv", "tables/a.csv"):
         header(Path(name), "vx_post")
     header(Path("other.csv"), "a", "b")
+    header(Path("times.csv"), "run", "Time 1 (s)", "Time 2 (s)")
+    header(Path("ratios.csv"), "v_in [m/s]", "theta_in [deg]", "e_n [-]", "e_t [-]")
     before = sorted(Path().rglob("*"))
     (told,) = run("contactlearn", "init", *words, cwd=".", status=2).splitlines()
     assert message in told

@@ -62,6 +62,13 @@ def group_rows(frame: pd.DataFrame) -> str:
     return "\n".join([",,,before,,,after,,", "x,y,theta,vx,vy,omega,vx,vy,omega", *lines[1:]])
 
 
+def spanning_rows(frame: pd.DataFrame) -> str:
+    """The same in French, where the name of the first column spans both rows."""
+    lines = text(frame).splitlines()
+    above, below = "essai,,,,avant impact,,,après impact,,", ",x,y,theta,vx,vy,omega,vx,vy,omega"
+    return "\n".join([above, below, *(f"{k},{line}" for k, line in enumerate(lines[1:], 1))])
+
+
 def unit_row(frame: pd.DataFrame) -> str:
     lines = text(frame.assign(x=1e3 * frame.x, y=1e3 * frame.y)).splitlines()
     return "\n".join([lines[0], "mm,(mm),rad,m/s,m/s,rad/s,m/s,m/s,rad/s", *lines[1:]])
@@ -83,6 +90,7 @@ DIALECTS = {
     "a header in a comment": (".csv", lambda f: ("# " + text(f)).encode(), ("names in the last comment",)),
     "a title": (".csv", lambda f: ("Drops of Monday,,,,,,,,\n\n" + text(f)).encode(), ("1 line above the header",)),
     "two rows of names": (".csv", lambda f: group_rows(f).encode(), ("two rows of names",)),
+    "a name over both rows": (".csv", lambda f: spanning_rows(f).encode(), ("two rows of names",)),
     "a row of units": (".csv", lambda f: unit_row(f).encode(), ("a row of units", "x is 'x [mm]' in mm")),
     "Windows' lines": (".csv", lambda f: text(f, ";", ",").replace("\n", "\r\n").encode(), ("semicolons",)),
     "Unicode's minus": (".csv", lambda f: text(f, ";", ",").replace("-", "\u2212").encode(), ("decimal commas",)),
@@ -103,6 +111,13 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
     blocks = [*table.read_blocks(path, 7, **BODY)]  # of a large file: as the whole
     np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
     assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+
+
+def test_names_in_two_rows_of_a_parquet_file(tmp_path, frame):
+    groups = [("post", name.removesuffix("_post")) if name.endswith("_post") else ("pre", name) for name in frame]
+    frame.set_axis(pd.MultiIndex.from_tuples(groups), axis=1).to_parquet(tmp_path / "drops.parquet")
+    found = table.read(tmp_path / "drops.parquet", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
 
 
 @pytest.mark.parametrize("suffix", [".xlsx", ".ods"])

@@ -589,6 +589,18 @@ def test_exports_of_the_plane(kind, tmp_path):
     np.testing.assert_allclose(found.position[~lost], np.column_stack((x, y))[~lost], atol=1e-8)
 
 
+def test_tracks_of_sleap_are_asked(tmp_path):
+    head, path = "track,frame_idx,instance.score,ball.x,ball.y,ball.score\n", tmp_path / "balls.csv"
+    rows = [f"track_{one},{k},0.9,{100 * one + k},{0.1 * k**2},0.9\n" for k in range(40) for one in range(2)]
+    path.write_text(head + "".join(rows))
+    settings = {one.name: one for one in propose(path).settings}
+    assert settings["body"].comment == "track_0 or track_1, in column 'track'"
+    with pytest.raises(DataError, match=r"has 2 bodies in column 'track'; state data\.body=track_0 or"):
+        list(read(path, Layout(rate=100)))
+    (found,) = read(path, Layout(rate=100, body="track_1"))
+    np.testing.assert_array_equal(found.position[:, 0], 100 + np.arange(40))
+
+
 def test_bodies_of_an_export_are_asked(tmp_path):
     path = exported("vicon objects", tmp_path)
     lines = path.read_text().splitlines()

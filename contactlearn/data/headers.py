@@ -43,6 +43,8 @@ _SHAPE = (
     "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
+_FLIGHT = re.compile(r"(?:time|t|dt|interval|flight|zeit|temps|tiempo|tempo) ?\d+( m?s)?")
+_COEFFICIENTS = {"en", "et", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution"}
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
@@ -125,6 +127,8 @@ def propose(path: Path) -> FileContents:
         return FileContents(
             source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=cells.read_as
         )
+    if hint := _computable(cells.header):
+        raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
@@ -132,6 +136,23 @@ def propose(path: Path) -> FileContents:
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def _computable(header: Sequence[str]) -> str:
+    """How to compute velocities from columns that have others in their place; empty if none have."""
+    times = [name for name in header if _FLIGHT.fullmatch(" ".join(name_words(name)))]
+    if len(times) > 1:
+        return (
+            f"are {', '.join(map(repr, times))} times between bounces? A body is in flight for t = 2 v/g: write a row "
+            "a bounce, with v_in = g t/2 of the flight before it and v_out = g t/2 of that after it, in m/s"
+        )
+    coefficients = [name for name in header if "".join(name_words(name)) in _COEFFICIENTS]
+    if coefficients:
+        return (
+            f"the coefficients {', '.join(map(repr, coefficients))} give those after it: add vy_post = −e_n vy along "
+            "the normal and vx_post = e_t vx along the floor, beside vx and vy, or speed and 'angle from normal'"
+        )
+    return ""
 
 
 def stated_by_header(path: Path) -> dict[str, Any]:
@@ -173,9 +194,10 @@ def _is_recording(path: Path) -> bool:
 
 def _of_export(path: Path, export: Export) -> Iterator[Setting]:
     """The settings of an export of a tracker that its header leaves open."""
-    bodies = [*export.bodies] or export.subjects
+    bodies = [*export.bodies] or export.subjects or export.tracks
     of_one = [name for name in export.points if not export.subjects or name.startswith(f"{export.subjects[0]}:")]
-    yield from _body(path, [export.points[name] for name in of_one], bodies if len(bodies) > 1 else ())
+    where = "in column 'track'" if export.tracks else "in names of columns"
+    yield from _body(path, [export.points[name] for name in of_one], bodies if len(bodies) > 1 else (), where)
     if export.rate is None and export.clock not in export.names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     if export.unit is None:

@@ -296,7 +296,11 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
         raise DataError(f"{source}: {seen}; its first line must name the columns")
     names, read_as = [_text(cell) for cell in rows[first]], list[str]()
     titles, last = first, first + 1
-    if first and len(above := rows[first - 1]) <= len(names) and _is_group(above):
+    if (
+        first
+        and len(above := rows[first - 1]) <= len(names)
+        and _is_group([cell for cell, name in zip(above, names, strict=False) if name])
+    ):
         names, titles = _grouped(names, above), first - 1
         read_as.append("two rows of names")
     if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
@@ -331,9 +335,10 @@ def _is_units(cells: Sequence[Any]) -> bool:
 
 
 def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:
-    """Names with that of their group, which stands above the first of them."""
+    """Names with that of their group, which stands above the first of them; a name may stand in the row above, too."""
     group, full = "", list[str]()
     for name, cell in zip(names, [*map(_text, above)] + [""] * (len(names) - len(above)), strict=True):
         group = cell or group
-        full.append(f"{name} {group}".strip())
+        full.append(f"{name} {group}" if name and group else name or cell)
+        group = group if name else ""
     return full

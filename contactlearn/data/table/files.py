@@ -6,6 +6,7 @@ that a file need not fit in memory.
 """
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
@@ -19,6 +20,7 @@ from contactlearn.data.table.sheet import Cells, Sheet
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_ROWS, _QUOTED = re.compile(r"\((?:'[^']*'(?:, )?)+\)"), re.compile(r"'([^']*)'")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
@@ -85,12 +87,18 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
         with parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
             whole = rows is None or file.metadata.num_rows <= rows
             for block in [file.read()] if whole else file.iter_batches(rows):
-                yield Sheet(path, block.schema.names, [_cells(column) for column in block.columns], first=first)
+                names = [*map(_joined, block.schema.names)]
+                yield Sheet(path, names, [_cells(column) for column in block.columns], first=first)
                 first += len(block)
     except DataError:
         raise
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is not a readable Parquet file ({error}); write or copy it again") from error
+
+
+def _joined(name: str) -> str:
+    """A name in several rows, which pandas writes as ('pre', 'vx [m/s]'), as `sheet_of` joins it."""
+    return " ".join(_QUOTED.findall(name)).strip() if _ROWS.fullmatch(name) else name
 
 
 def _cells(column: Any) -> Cells:

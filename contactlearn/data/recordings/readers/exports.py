@@ -47,6 +47,7 @@ class Export:
         clock: column of times, where the export has one.
         points: columns of each point, which are markers of one body where there are several.
         bodies: columns of position and orientation of each rigid body.
+        tracks: names of bodies of which each row has one.
         likelihoods: column by the name of a point.
     """
 
@@ -58,6 +59,7 @@ class Export:
     clock: str = "time"
     points: dict[str, list[str]] = field(default_factory=dict)
     bodies: dict[str, tuple[list[str], list[str]]] = field(default_factory=dict)
+    tracks: Sequence[str] = ()
     likelihoods: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -85,12 +87,13 @@ class Export:
             choices = " or ".join(f"data.body={name}" for name in self.subjects)
             raise DataError(f"{path}: has points of {', '.join(self.subjects)}; state {choices}")
         start = f"{stated.body}:" if stated.body in self.subjects else stated.body or ""
+        body, start = (stated.body, "") if stated.body in self.tracks else (None, start)
         own = {name: columns for name, columns in self.points.items() if name.startswith(start)}
         if not own:
             raise DataError(f"{path}: has no point that begins with {stated.body!r}; it has {', '.join(self.points)}")
         if len(own) == 1:
-            return replace(stated, position=next(iter(own.values())), angle=None, body=None)
-        return replace(stated, markers=[*own.values()], body=None)
+            return replace(stated, position=next(iter(own.values())), angle=None, body=body)
+        return replace(stated, markers=[*own.values()], body=body)
 
     def cleaned(self, frames: pd.DataFrame) -> pd.DataFrame:
         """Return frames in which lost points are empty."""
@@ -212,7 +215,8 @@ def _sleap(rows: Rows) -> Export | None:
         return None
     likely = {name: f"{name}.score" for name in points if f"{name}.score" in header}
     names = ["frame" if name == "frame_idx" else name for name in header]
-    return Export(names=names, above=1, points=points, likelihoods=likely)
+    tracks = [*dict.fromkeys(row[0] for row in rows[1:] if row[0])] if header[0] == "track" else []
+    return Export(names=names, above=1, points=points, likelihoods=likely, tracks=tracks if len(tracks) > 1 else ())
 
 
 _LOGGED = re.compile(r"([^:]+): (.+?)(?: (\d+))?(?: \(([^)]*)\))?")
