@@ -186,6 +186,9 @@ def test_a_range_holds_the_vanishing_value_and_no_more_than_the_declared_one():
     assert bounds(slope=Estimate(value=-0.02, error=0.001))["surface_tilt.phi"] == (pytest.approx(-0.023), 0.0)
     assert bounds(slope=Estimate(value=0.1, error=0.5))["surface_tilt.phi"] == (-0.2, 0.2)
     assert bounds(delay=Estimate(value=0.0, error=1e-3))["gravity_impulse.dt"] == (0.0, pytest.approx(3e-3))
+    rounded = replace(KNOWN, corner=Estimate(value=0.0, error=1e-4, applied=4e-3))  # by a little too much, perhaps
+    (rho,) = named_parameters({"c": find_effect("corner_radius")()}, Box(), impacts.replace(apparatus=rounded))[2:]
+    assert (rho.low, rho.high) == (pytest.approx(-3e-4), pytest.approx(3e-4))
     wide = replace(KNOWN, slope=Estimate(value=0.0, error=1.0))
     impacts = synthetic.load(size=60).replace(apparatus=wide)
     (phi,) = named_parameters({"t": TILT()}, Box(), impacts)[2:]

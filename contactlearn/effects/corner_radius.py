@@ -16,8 +16,8 @@ class CornerRadius(Effect):
     """
 
     spaces = BOTH
-    formula = "r ← r(θ) of the body with corners of radius ρ_c"
-    in_words = "the corners have a radius of {rho_c}"
+    formula = "r ← r(θ) of the body with corners whose radius is larger by ρ_c"
+    in_words = "the radius of the corners is larger by {rho_c}"
     source = "calibration"
     needs_shape = True
     rho_c: Tensor | float = parameter("ρ_c", "m", 0.0, 0.01)

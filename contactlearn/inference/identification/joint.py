@@ -395,6 +395,7 @@ def named_parameters(effects: Mapping[str, Effect], box: Box, impacts: Impacts) 
         low, high = p.low, p.high
         flight = known.get(f"{family}.{p.name}")
         if flight is not None:
+            low = min(low, low - flight.applied)  # of a radius that was applied a part may be taken back
             within = max(low, flight.range[0]), min(high, flight.range[1])
             flight = None if within == (low, high) else flight
             low, high = within
