@@ -192,6 +192,8 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
     for depth in range(1, _DEPTH[impacts.space.name] + 1):
         if depth > 1 and given.closed and not impossible_findings(as_given, thresholds):
             break
+        if doubtful is not None and depth > len(doubtful.best.names) + 1:
+            break
         screened = _screened(given.impacts, depth, thresholds)
         tried += len(screened.names)
         applied = (_applied(given, names) for names in screened.best())
