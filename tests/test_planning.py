@@ -288,6 +288,15 @@ def test_a_plan_from_a_diagnosis_in_space():
     assert plan.possibilities[0].effects == found.effects == ()
 
 
+def test_settings_are_at_the_limits_of_all_but_angles():
+    values = RIG.draw(600, 0, beyond=0.25)
+    for name, one in RIG.limits.items():
+        if one.settable:
+            for limit in (one.low, one.high):
+                share = (values[name] == limit).double().mean().item()
+                assert share == pytest.approx(1 / 6, abs=0.02) if name != "theta" else share < 0.02
+
+
 @pytest.mark.parametrize("goal", ["parameters", "prediction"])
 def test_planned_drops_tell_more_than_random_ones(diagnosed, goal):
     """Of the parameters by the standard errors of a fit to drops that are really made, and of predictions."""

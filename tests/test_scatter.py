@@ -425,7 +425,7 @@ def test_stated_noise_serves_as_covariances():
     assert found.scatter.instrument == ()
 
 
-@pytest.mark.parametrize("structure", ["pose", "memory"])
+@pytest.mark.parametrize("structure", ["pose", "speed", "memory"])
 def test_deviations_that_follow_something_stay_unknown(structure):
     found = diagnosed(structure=structure)
     assert found.verdict is Verdict.UNKNOWN

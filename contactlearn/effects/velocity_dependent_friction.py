@@ -56,7 +56,7 @@ class ViscousFriction(_Viscous, VelocityDependentFriction):
 
 
 class ViscousFrictionInSpace(_Viscous, VelocityDependentFriction):
-    """The same in space.  It does not level off at speed (`StribeckFrictionInSpace`)."""
+    """μ → μ + c v along the path of a contact in space.  It does not level off at speed (`StribeckFrictionInSpace`)."""
 
     spaces = (SPACE,)
     adds_energy = True
@@ -88,7 +88,10 @@ class StribeckFriction(_Stribeck, VelocityDependentFriction):
 
 
 class StribeckFrictionInSpace(_Stribeck, VelocityDependentFriction):
-    """The same in space.  It does not grow with the slip (`ViscousFrictionInSpace`)."""
+    """μ → μ (1 + d exp(−v/v_s)) along the path of a contact in space.
+
+    It does not grow with the slip (`ViscousFrictionInSpace`).
+    """
 
     spaces = (SPACE,)
     adds_energy = True
@@ -119,7 +122,7 @@ class FrictionOverSlip(_Curve, VelocityDependentFriction):
 
 
 class FrictionOverSlipInSpace(_Curve, VelocityDependentFriction):
-    """The same in space.  It is no law of lubrication (`StribeckFrictionInSpace`)."""
+    """μ → μ + s(v) along the path of a contact in space.  It is no law of lubrication (`StribeckFrictionInSpace`)."""
 
     spaces = (SPACE,)
     adds_energy = True

@@ -57,6 +57,7 @@ from contactlearn.planning.stopping import WORTHWHILE, decide
 NOISE = {PLANE: (0.01, 0.01, 0.3), SPACE: (0.01, 0.01, 0.01, 0.3, 0.3, 0.3)}
 """Noise before anything is measured, of a rig that states none: m/s and rad/s, as of a good camera."""
 _DRAWN, _SETTINGS, _REPEATS = 2048, 512, 2  # settings drawn, kept, and realisations of each
+_BEYOND = 0.25  # of the width: a sixth of the settings is at each limit, where most is learnt
 _COEFFICIENTS = (0.1, 0.5), (0.35, 0.7)  # (μ, ε) about which effects are looked for, whatever a fit says
 _SCHEDULE = {
     None: (Purpose.EFFECTS, Purpose.EFFECTS, Purpose.EFFECTS, Purpose.SPACE),
@@ -177,7 +178,7 @@ class _Settings:
 def _drawn(rig: Rig, specimens: Sequence[Specimen], count: int, seed: int) -> _Settings:
     """Settings of which every realisation approaches the floor."""
     generator = torch.Generator().manual_seed(seed)
-    values, body = rig.draw(_DRAWN, seed), torch.arange(_DRAWN) % len(specimens)
+    values, body = rig.draw(_DRAWN, seed, beyond=_BEYOND), torch.arange(_DRAWN) % len(specimens)
 
     def lead(rows: Tensor) -> tuple[Impacts | None, Tensor]:
         every = rows.repeat_interleave(_REPEATS)

@@ -34,7 +34,6 @@ NAMES = {PLANE: (HEIGHT, *STATES[PLANE]), SPACE: (HEIGHT, "theta", "heading", "t
 """What a rig may set, by space; see the module."""
 ANGLES = ("theta", "heading", "turn")
 _GRAZING = 0.1  # a contact point approaches at more than this share of the body's speed
-_AT_LIMITS = 0.25  # of the width within the limits: as many settings are at each of the two
 _LEVELS = 5  # values of a setting whose change has a cost
 _MARGIN = 0.05  # share of the measured values beyond the limits of what comes by chance, on either side
 
@@ -196,10 +195,18 @@ class Rig:
         complete = {name: self.limits.get(name) or _by_chance(name, measured) for name in names if name != left}
         return replace(self, limits=complete)
 
-    def draw(self, count: int, seed: int) -> dict[str, Float[Tensor, "n"]]:
-        """Draw values of all quantities within their limits and at them (Sobol), in round numbers that can be set."""
+    def draw(self, count: int, seed: int, *, beyond: float = 0.0) -> dict[str, Float[Tensor, "n"]]:
+        """Draw values of all quantities evenly within the limits (Sobol), in round numbers that can be set.
+
+        Args:
+            count: number of values.
+            seed: of the sequence.
+            beyond: share of the width by which values are drawn beyond either limit and set to it; not of an angle,
+                since the limits of a whole turn are one orientation.
+        """
         engine = torch.quasirandom.SobolEngine(len(self.limits), scramble=True, seed=seed)
-        unit = ((1 + 2 * _AT_LIMITS) * engine.draw(count, dtype=torch.float64) - _AT_LIMITS).clamp(0, 1).unbind(-1)
+        room = torch.tensor([0.0 if name in ANGLES else beyond for name in self.limits], dtype=torch.float64)
+        unit = ((1 + 2 * room) * engine.draw(count, dtype=torch.float64) - room).clamp(0, 1).unbind(-1)
         return {name: _rounded(name, one, u) for (name, one), u in zip(self.limits.items(), unit, strict=True)}
 
     def reached(
