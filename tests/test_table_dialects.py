@@ -115,6 +115,7 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
 
 def test_names_in_two_rows_of_a_parquet_file(tmp_path, frame):
     groups = [("post", name.removesuffix("_post")) if name.endswith("_post") else ("pre", name) for name in frame]
+    groups = [("", "omega'") if group == ("post", "omega") else group for group in groups]
     frame.set_axis(pd.MultiIndex.from_tuples(groups), axis=1).to_parquet(tmp_path / "drops.parquet")
     found = table.read(tmp_path / "drops.parquet", **BODY)
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)

@@ -20,7 +20,8 @@ from contactlearn.data.table.sheet import Cells, Sheet
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_ROWS, _QUOTED = re.compile(r"\((?:'[^']*'(?:, )?)+\)"), re.compile(r"'([^']*)'")
+_QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a prime
+_ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
@@ -98,7 +99,7 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
 
 def _joined(name: str) -> str:
     """A name in several rows, which pandas writes as ('pre', 'vx [m/s]'), as `sheet_of` joins it."""
-    return " ".join(_QUOTED.findall(name)).strip() if _ROWS.fullmatch(name) else name
+    return " ".join(map("".join, _QUOTED.findall(name))).strip() if _ROWS.fullmatch(name) else name
 
 
 def _cells(column: Any) -> Cells:
