@@ -136,8 +136,15 @@ def test_what_is_of_the_plane_alone_is_refused_in_space():
     contract.effect = find_effect("torsional_friction")()
     tosses = contract.impacts()
     for kind in (kind for kind in KINDS if SPACE not in kind.spaces):
-        with pytest.raises(ContactLearnError, match=f"effect {kind.name} exists for bodies that move in a plane alone"):
+        with pytest.raises(ContactLearnError, match=f"effect {kind.id} exists for bodies that move in a plane alone"):
             kind().prepare(tosses)
+
+
+def test_a_form_of_the_plane_names_those_of_space():
+    contract = EffectContract()
+    contract.effect = find_effect("torsional_friction")()
+    with pytest.raises(ContactLearnError, match=r"in space; there it is .*:viscous_path or .*:stribeck_path or"):
+        find_effect("velocity_dependent_friction")().prepare(contract.impacts())
 
 
 def test_two_effects_of_one_name_are_refused(forgotten):

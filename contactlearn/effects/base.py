@@ -255,12 +255,25 @@ class Effect(Frozen, ABC):
             DataError: the effect needs the body's shape, and the impacts have none.
             ContactLearnError: it does not exist in the space of the impacts.
         """
-        require_space(f"effect {self.name}", impacts.space, self.spaces)
+        self.require_space(impacts.space)
         if self.needs_shape:
             require_shape(self.name, impacts)
         opened = self.every_parameter()[len(self.parameters) :] if impacts.space is SPACE else ()
         effect = self.at([*self.values, *(p.start for p in opened)]) if opened else self
         return effect.taken_from(impacts)
+
+    def require_space(self, space: Space) -> None:
+        """Refuse a space in which this form does not exist, and name the forms that do.
+
+        Raises:
+            ContactLearnError: it does not exist there.
+        """
+        family = next(
+            (base for base in type(self).__mro__[1:] if base is not Effect and issubclass(base, Effect)), None
+        )
+        forms = family.__subclasses__() if family is not None else []
+        there = " or ".join(str(form.id) for form in forms if space in form.spaces)
+        require_space(f"effect {self.id}", space, self.spaces, hint=f"; there it is {there}" if there else "")
 
     def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with its own open constants taken from impacts that `prepare` has accepted."""

@@ -105,12 +105,12 @@ SPACE = Space(
 BOTH = (PLANE, SPACE)
 
 
-def require_space(what: str, space: Space, spaces: Sequence[Space] = (PLANE,)) -> None:
-    """Refuse what does not exist in a space.
+def require_space(what: str, space: Space, spaces: Sequence[Space] = (PLANE,), hint: str = "") -> None:
+    """Refuse what does not exist in a space, with a hint at what does.
 
     Raises:
         ContactLearnError: naming it.
     """
     if space not in spaces:
         own, other = ("in space", "in a plane") if space is SPACE else ("in a plane", "in space")
-        raise ContactLearnError(f"{what} exists for bodies that move {other} alone, and these move {own}")
+        raise ContactLearnError(f"{what} exists for bodies that move {other} alone, and these move {own}{hint}")

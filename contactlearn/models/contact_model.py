@@ -32,7 +32,6 @@ from contactlearn.mechanics.body_state import BodyOutcome, BodyState
 from contactlearn.mechanics.impacts import Impacts, Prediction, require_impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Shape
-from contactlearn.mechanics.space import require_space
 from contactlearn.models.regressor import Regressor
 from contactlearn.models.roll_out import RollOut, Until, follow
 from contactlearn.scatter.base import Component
@@ -464,8 +463,8 @@ def resolve(
     Effects act in the order of their places, and in the given order within one, `last` ones last.  The wrench of
     the prediction is the one that takes the measured body from its measured v_pre to the predicted v_post.
     """
-    for name, effect in effects.items():
-        require_space(f"effect {name}", measured.space, effect.spaces)
+    for effect in effects.values():
+        effect.require_space(measured.space)
     ordered = sorted(effects.values(), key=lambda effect: effect.last)
     at = {place: [effect for effect in ordered if effect.place == place] for place in PLACES}
     state = actual_state(effects, measured)

@@ -307,8 +307,6 @@ def fit(
     require_impacts(impacts)
     law, listed = named(law), named_effects(effects)
     require_space(f"law {law.name} ({law.variant})", impacts.space, law.spaces)
-    for name, effect in listed.items():
-        require_space(f"effect {name}", impacts.space, effect.spaces)
     added = {name: effect.prepare(impacts) for name, effect in listed.items()}
     rows = impacts.numbered(slice(None) if rows is None else rows)
     parameters = named_parameters(added, options.box, impacts)
