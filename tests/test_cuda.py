@@ -45,6 +45,9 @@ CLOSED_FORM = 1e-9
 FITTED = 1e-6
 """Likewise, of what a search ends at: parameters, and what is predicted with them."""
 
+SMALLEST = 1e-3
+"""In SI units; numbers that are all below it, such as slopes where an effect is spent, are roundings of larger ones."""
+
 HEXAGON = Polygon(((0.04, 0.0), (0.02, 0.025), (-0.02, 0.025), (-0.04, 0.0), (-0.02, -0.025), (0.02, -0.025)))
 KINDS = [kind for forms in catalogue().values() for kind in forms if PLANE in kind.spaces]
 LAWS = [kind for family in laws.catalogue().values() for kind in family.values()]
@@ -94,13 +97,16 @@ def assert_alike(found, expected, device, tolerance):
     """The numbers of `found` lie on the device, and are those of `expected`, which lie on the CPU."""
     found, expected = numbers(found), numbers(expected)
     assert found.keys() == expected.keys() != set()
+    off = []
     for name, value in found.items():
         assert value.ndim == 0 or value.device.type == device.type, f"{name} is on {value.device}"
         own, true = value.cpu().double(), expected[name].double()
         finite = true[true.isfinite()].abs()
-        scale = finite.max().item() if len(finite) else 1.0
+        scale = max(finite.max().item(), SMALLEST) if len(finite) else 1.0
         apart = torch.where((own == true) | (own.isnan() & true.isnan()), 0.0, (own - true).abs())
-        assert (apart <= tolerance * scale).all(), f"{name} is {apart.max():.2g} off, of {scale:.2g}"
+        if (apart > tolerance * scale).any():
+            off.append(f"{name} is {apart.max():.2g} off, of {scale:.2g}")
+    assert not off, "; ".join(off)
 
 
 def test_impacts_move_there_and_back(drops, device):
@@ -206,9 +212,11 @@ def test_shared_parameters(target, drops, device):
         box = Box(nodes=5)
         fit = fit_subsets(drops, "whittaker", sizes=(10, 20), orders=orders, target=target, box=box)
         one = fit_subsets(drops, "whittaker", sizes=(30,), repetitions=1, target=target, box=box)
-        return fit, one, cost_surface(one.to_law(), drops, *box.axes(), target=target)
+        known = torch.where(fit.mu_flat, torch.nan, fit.mu)  # elsewhere any μ of the interval is as good
+        return replace(fit, mu=known), one, cost_surface(one.to_law(), drops, *box.axes(), target=target)
 
     expected = computed(drops, orders)
+    assert not expected[0].mu_flat.all()
     assert_alike(computed(moved(drops, device), orders), expected, device, FITTED)
     assert_alike(computed(moved(drops, device), orders.to(device)), expected, device, FITTED)
 

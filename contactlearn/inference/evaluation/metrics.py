@@ -153,7 +153,8 @@ def calibration(
 
     levels = torch.linspace(0.02, 0.98, 49, dtype=distance.dtype)
     radii = torch.from_numpy(chdtri(freedom, 1 - levels.numpy())).to(distance.device)
-    return levels.to(distance.device), torch.searchsorted(distance.sort().values, radii, right=True) / len(distance)
+    inside = torch.searchsorted(distance.sort().values, radii, right=True)
+    return levels.to(distance.device), inside.to(distance) / len(distance)
 
 
 def covered(impacts: Impacts, prediction: Prediction) -> Bool[Tensor, "*batch n D"]:

@@ -13,6 +13,7 @@ which the cost, minimised over the other, rises by no more than 0.1 %.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import pairwise
 
 import torch
@@ -222,8 +223,16 @@ def _mean_distance(law: Law, impacts: Impacts, P: Tensor, block: Tensor, sizes: 
     return cost
 
 
+def _tilted(cost: Cost, x: Tensor) -> Tensor:
+    return cost(x) * (1 + _TILT * x[..., 0])
+
+
 def _search(cost: Cost, surfaces: Tensor, box: Box, mu: Tensor, eps: Tensor) -> tuple[Tensor, ...]:
     """Best x [B, S, 2], its cost [B, S] and the ranges of μ and of ε [B, S, 2], from surfaces [B, S, nodes, nodes]."""
+    # Where all trials stick, every large μ costs the same: the least of them is taken, not what rounding decides, and
+    # from it the search sees the end of that plain.
+    surfaces = surfaces * (1 + _TILT * mu[:, None])
+    cost = partial(_tilted, cost)
     single = surfaces.shape[1] == 1
     low = lowest_nodes(surfaces, *((4, 24) if single else (2, 2)))
     starts = torch.stack((mu[low[..., 0]], eps[low[..., 1]]), -1)
@@ -231,5 +240,6 @@ def _search(cost: Cost, surfaces: Tensor, box: Box, mu: Tensor, eps: Tensor) -> 
     return x, best, *ranges_within(cost, surfaces, best, x, mu, eps)
 
 
+_TILT = 1e-9  # of a cost by μ, relative: more than rounding
 _TRIALS = 512  # of which the distances at all nodes are in memory at a time
 _BLOCK = 1 << 17  # elements of a block: repetitions × sizes × (trials + an eighth of the nodes)
