@@ -17,7 +17,7 @@ from contactlearn.data.audit.conventions import compare
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import Finding, audit
 from contactlearn.data.audit.moments import balance, drag_factor, torque
-from contactlearn.data.audit.trials import repeated
+from contactlearn.data.audit.trials import repeated, saturated
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, rotate
@@ -504,6 +504,54 @@ def test_a_part_of_the_table_in_other_units_or_axes(names):
         assert (first.name, first.fatal) == ("mixed_units", True)
         ends = part.nonzero()[[0, -1], 0].tolist()
         assert f"in trials {clean.trial[ends[0]]!r} to {clean.trial[ends[1]]!r}" in first.sentence
+
+
+def test_a_part_in_degrees_whose_contact_points_were_computed():
+    """From the θ that is wrong in that part alone."""
+    clean = drops(seed=1)
+    wrong, part = corrupt(clean, "degrees"), torch.arange(len(clean)) >= 90
+    mixed = {n: torch.where(part[:, None], getattr(wrong, n), getattr(clean, n)) for n in ("q", "v_pre", "v_post")}
+    r = contact_points(clean.shape, clean.body, mixed["q"][:, 2])
+    (first, *_) = audit(clean.replace(r=r, validate=False, **mixed))
+    assert (first.name, first.fatal) == ("mixed_units", True)
+    assert "in trials '91' to '150' (40% of the trials) θ is in degrees and ω in °/s" in first.sentence
+
+
+def test_many_trials_that_no_hypothesis_explains_are_refused():
+    """Spins after impact that are wrong in nearly half of the table: no model is to explain them."""
+    clean = drops(size=200, seed=1)
+    v_post, odd = clean.v_post.clone(), torch.arange(200) % 9 < 4
+    v_post[odd, 2] = 20 * v_post[odd, 2].flip(0)
+    found = audit(clean.replace(v_post=v_post, validate=False))
+    (finding,) = [one for one in found if one.name == "gross_outliers"]
+    assert (finding.fatal, finding.correction) == (True, None)
+    assert "data.correct=[drop_outliers] keeps the other 1" in finding.sentence
+    assert mistakes(audit(correct(clean.replace(v_post=v_post, validate=False), ["drop_outliers"]))) == []
+
+
+@pytest.mark.parametrize("limit", [48.0, 54.0])
+def test_readings_that_saturate(limit):
+    clean = drops(size=200)
+    v_post = clean.v_post.clone()
+    v_post[:, 2].clamp_(-limit, limit)
+    (finding,) = mistakes(audit(clean.replace(v_post=v_post)))
+    count = int((clean.v_post[:, 2].abs() >= limit).sum())
+    assert (finding.name, finding.correction) == ("saturated_readings", "drop_saturated")
+    assert f"ω after impact at ±{limit:g} rad/s in {count}" in finding.sentence
+    kept = correct(clean.replace(v_post=v_post), ["drop_saturated"])
+    assert len(kept) == 200 - count
+    assert mistakes(audit(kept)) == []
+
+
+def test_what_is_set_or_coarse_does_not_saturate():
+    """Two heights of drop; readings in steps of a tenth of their spread; bodies that stay on the floor."""
+    clean = drops(size=200)
+    height, coarse, still = clean.v_pre.clone(), clean.v_post.clone(), clean.v_post.clone()
+    height[:, 1] = torch.where(torch.arange(200) % 3 == 0, -3.0, -2.0)
+    coarse = (coarse / coarse.std(0) * 10).round() * coarse.std(0) / 10
+    still[:150, 1] = 0.0
+    for other in (clean.replace(v_pre=height), clean.replace(v_post=coarse), clean.replace(v_post=still)):
+        assert not saturated(other).any()
 
 
 def test_objects_in_other_units():

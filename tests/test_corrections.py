@@ -52,7 +52,14 @@ def test_corrections_are_pure_and_complete(drops):
     for name in planar - {"inclined_floor"}:  # there is none
         correct(drops.replace(validate=False), [name])
     assert drops.fingerprint() == before
-    others = {"inertia_scaled", "drop_incomplete", "drop_duplicates", "drop_outliers", "ordered_by_time"}
+    others = {
+        "inertia_scaled",
+        "drop_incomplete",
+        "drop_duplicates",
+        "drop_outliers",
+        "drop_saturated",
+        "ordered_by_time",
+    }
     others |= {"averaged_vx", "averaged_vy", "averaged_omega", "rig", "traced_shape"}  # test_spread.py, test_rig.py, …
     others |= {"inclined_floor", "moving_floor", "spin_from_moments"}  # test_audit.py
     others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet")}

@@ -220,6 +220,16 @@ def test_the_shaded_span_is_the_region(case, found):
         assert sum(axes.get_xlim()) / 2 == pytest.approx(sum(wanted) / 2)
 
 
+@pytest.mark.parametrize("groups", ["ab", "abcd"])
+def test_a_region_of_a_group_of_any_number(groups, found):
+    sessions = tuple(groups[k % len(groups)] for k in range(250))
+    there = recorded(found.record, impacts=found.record.impacts.replace(covariates={"session": sessions}))
+    (axes,) = of_regions(with_regions(replace(found, record=there), ("session", -1.5, -0.5))).axes
+    assert sorted(label.get_text() for label in axes.get_xticklabels()) == [f"session {name}" for name in groups]
+    assert axes.get_xlim() == (-1.5, len(groups) - 1.5)
+    assert shaded(axes) == (-1.5, -0.5)
+
+
 def test_up_to_five_regions_reach_the_ends_of_their_axes(found):
     left, right = of_regions(with_regions(found, ("location", -math.inf, 0.3), ("spin_rate", 4, math.inf))).axes
     assert shaded(left) == pytest.approx((left.get_xlim()[0], 0.3))

@@ -4,6 +4,7 @@ import ast
 import gc
 import json
 import re
+import subprocess
 import sys
 import types
 from pathlib import Path
@@ -112,6 +113,30 @@ def test_examples_import_contactlearn_alone():
     ]
     assert {name for name, module in imports if module == "contactlearn"} >= {f"{name}.py" for name in SIZES}
     assert [(name, module) for name, module in imports if module.startswith("contactlearn.")] == []
+
+
+BARE = """
+import os, sys
+import gpytorch, matplotlib, pandas, scipy.optimize  # not ours: loaded once, for time
+import contactlearn as cl
+for chain in sys.argv[1:]:
+    if os.fork() == 0:
+        try:
+            eval(chain)
+        except AttributeError as error:
+            print(chain, error, flush=True)
+        os._exit(0)
+    os.wait()
+"""
+
+
+def test_what_examples_and_pages_name_is_there_after_a_bare_import():
+    """In a process that has loaded nothing else of ours, as that of whoever copies a line."""
+    pages = [*EXAMPLES.glob("*.py"), *(EXAMPLES.parent / "docs").glob("*.md"), EXAMPLES.parent / "README.md"]
+    chains = {chain for page in pages for chain in re.findall(r"\bcl(?:\.[a-z_]+){2,}", page.read_text("utf-8"))}
+    assert len(chains) > 20
+    done = subprocess.run([sys.executable, "-c", BARE, *sorted(chains)], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
 
 
 def test_every_example_is_tested(pages):

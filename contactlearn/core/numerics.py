@@ -5,6 +5,7 @@
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` for an integer
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
+    biweight            weights of residuals by Tukey's biweight
     mahalanobis         squared distances of residuals in a scatter
     number, measured    a number as text; a value with its standard error and unit as text, `readable` in mm, ms and °
     bin_edges           of a histogram of values that may all be equal
@@ -68,6 +69,14 @@ def random_share(
     held_out = torch.zeros(trials, dtype=torch.bool)
     held_out[torch.randperm(trials, generator=generator)[:count]] = True
     return held_out
+
+
+def biweight(sigmas: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """Weigh residuals, in robust standard deviations: 1 at 0, and 0 from 4.685 on.
+
+    At a Gaussian 95 % as efficient as least squares.  Source: Beaton & Tukey 1974, Technometrics 16(2).
+    """
+    return (1 - (sigmas / 4.685) ** 2).clamp_min(0) ** 2
 
 
 def mahalanobis(residual: Tensor, scatter: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
+from contactlearn.effects import formula as formula
 from contactlearn.effects.base import (
     PLACES as PLACES,
     ChangesFriction as ChangesFriction,

@@ -157,7 +157,7 @@ class Impacts:
         for one in shapes_among(self.shape).values():
             require_dimension(self.source, one, self.space)
         for name, columns in self.space.components.items():
-            if (value := getattr(self, name)) is None:
+            if (value := getattr(self, name)) is None or torch.isfinite(value).all():
                 continue
             for column, values in zip(columns, value.reshape(n, -1).unbind(-1), strict=True):
                 self._refuse(~torch.isfinite(values), column, values, "must be a finite number")

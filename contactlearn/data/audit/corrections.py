@@ -31,7 +31,7 @@ from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.audit.trials import outliers, repeated
+from contactlearn.data.audit.trials import outliers, repeated, saturated
 from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
@@ -148,7 +148,7 @@ def _written(unit: Miswritten) -> Correction:
         return Correction(unit.words, lambda impacts, _: _resized(impacts, unit.factor), Apparatus.without_outline)
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
     if "theta" in unit.columns:
-        return Correction(unit.words, _converted(unit), _forget("orientation"), spaces=(PLANE,))
+        return _with_contact(Correction(unit.words, _converted(unit), _forget("orientation"), spaces=(PLANE,)))
     return Correction(unit.words, _converted(unit), apparatus)
 
 
@@ -303,7 +303,7 @@ def _turned_theta(quarters: int) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _with_contact(one: Correction) -> Correction:
-    """A correction of axes; contact points that were computed from the shape are so again after it."""
+    """A correction of axes or of θ; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
         after = one.function(impacts, thresholds)
@@ -470,6 +470,11 @@ CORRECTIONS = {
     "drop_duplicates": Correction(
         "trials occur more than once: only the first remains",
         lambda impacts, _: _drop(impacts, repeated(impacts)),
+        needs_all_trials=True,
+    ),
+    "drop_saturated": Correction(
+        "velocities stop at a limit, as of an instrument that saturates: the trials at it are left out",
+        lambda impacts, _: _drop(impacts, saturated(impacts)),
         needs_all_trials=True,
     ),
     "drop_outliers": Correction(

@@ -6,10 +6,11 @@
     inertia_scaled            the moments balance up to one factor on I, of more than 2.5
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
+    saturated_readings        velocities that stop at a limit in several trials
     uneven_covariances        variances of single trials that are far smaller than those of most
     out_of_order              times that contradict the order of the trials
     moving_floor              the floor moves along its normal: a constant in v_n⁺ beside its part ∝ v_n
-    gross_outliers            trials that cannot be real measurements
+    gross_outliers            trials that cannot be real measurements; fatal where many double their energy
     energy_gained             more trials than noise explains gain energy
     contact_point_off_shape   r is not where the body's shape touches the floor at θ
     scale_off                 gravity in free flight is not 9.81 m/s²
@@ -64,6 +65,7 @@ from contactlearn.data.audit.trials import (
     incomplete_findings,
     order_findings,
     rig_notes,
+    saturation_findings,
     sorted_notes,
     state_notes,
     trial_findings,
@@ -81,8 +83,11 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
     """
-    findings = incomplete_findings(impacts) + duplicate_findings(impacts) + covariance_findings(impacts)
+    findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~copied(impacts)]
+    limited = saturation_findings(sound)
+    sound = correct(sound, Audit(limited).corrections)
+    findings += [*limited, *covariance_findings(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
         return Audit((*findings, *(trial_findings(sound, thresholds) if plane else order_findings(sound)), *notes))

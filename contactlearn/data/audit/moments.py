@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE, Z_95
+from contactlearn.core.numerics import MAD_SCALE, Z_95, biweight
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.bodies import AnyShape, shapes_among
@@ -34,7 +34,8 @@ HEAVIEST = 8.0
 _ROUNDED = 1.1  # of the largest I of an outline: what noise adds to that of a hoop
 _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²", 1e-7: "g cm²"}
 _BESIDE = 0.1  # least I about the centre of mass over that about an axis within reach: a rod about its end has 1/4
-_BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0: 95 % as efficient as least squares
+_MAX_ROUNDS, _ABSOLUTE_ROUNDS = 40, 10  # of robust weights, the first by absolute deviations
+_CONVERGED = 1e-12  # change of a weight
 _SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
 _SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
 
@@ -259,40 +260,28 @@ def balance(impacts: Impacts) -> Balance:
     normal, tangential, y = map(terms.by_component, (terms.normal, terms.tangential, terms.spin))
     X = torch.stack((normal, tangential), -1)
     X = torch.where((X**2).sum(0) > 1e-12 * (terms.scale**2).sum(), X, 0.0)  # r_x of a disc is 0 but for rounding
-    weight = torch.ones_like(y)
-    fit, covariance = _weighted(X, y, weight)
-    size = (y - X @ fit).abs()
-    for step in range(40):
-        if step:
-            fit, covariance = _weighted(X, y, weight)
-            size = (y - X @ fit).abs()
-        spread = (MAD_SCALE * size.median()).clamp_min(1e-9 * y.abs().mean() + 1e-300)
-        weight = (
-            1 / size.clamp_min(spread / 10) if step < 10 else (1 - (size / (_BIWEIGHT * spread)) ** 2).clamp_min(0) ** 2
-        )
+    there = (X**2).sum(0) > 1e-12 * (y**2).sum()
+    some, weight, least = X[:, there], torch.ones_like(y), 1e-9 * y.abs().mean() + 1e-300
+    fit, inverse, size = y[:0], y[:0], y
+    for step in range(_MAX_ROUNDS):
+        inverse = torch.linalg.pinv(some.mT @ (weight[:, None] * some), hermitian=True)
+        fit = inverse @ (some.mT @ (weight * y))
+        size = (y - some @ fit).abs()
+        spread = (MAD_SCALE * size.median()).clamp_min(least)
+        absolute, before = step < _ABSOLUTE_ROUNDS, weight
+        weight = 1 / size.clamp_min(spread / 10) if absolute else biweight(size / spread)
+        if not absolute and torch.allclose(weight, before, rtol=0, atol=_CONVERGED):
+            break
     residual = (weight * size**2).sum()
     freedom = (weight.sum() - 2).clamp_min(1)
-    a_error, b_error = (covariance.diagonal() * residual / freedom).sqrt().tolist()
     r_squared = 1 - residual / (weight * y**2).sum().clamp_min(1e-300)
-    a, b = fit.tolist()
+    error = torch.full_like(there, math.inf, dtype=y.dtype)
+    error[there] = (inverse.diagonal() * residual / freedom).sqrt()
+    a, b = torch.zeros_like(error).masked_scatter(there, fit).tolist()
+    a_error, b_error = error.tolist()
     a_size, b_size = (X.abs().median(0).values / terms.scale.median().clamp_min(1e-300)).tolist()
     more = {"a_error": a_error, "b_error": b_error, "a_size": a_size, "b_size": b_size}
     return Balance(a=a, b=b, **more, r_squared=r_squared.item(), freedom=freedom.item())
-
-
-def _weighted(
-    X: Float[Tensor, "n 2"], y: Float[Tensor, " n"], weight: Float[Tensor, " n"]
-) -> tuple[Float[Tensor, "2"], Float[Tensor, "2 2"]]:
-    """Weighted least squares and the inverse of its normal matrix; a column of zeros gets 0 and ∞."""
-    there = (X**2).sum(0) > 1e-12 * (y**2).sum()
-    fit = torch.zeros(2, dtype=y.dtype)
-    inverse = torch.diag(torch.full((2,), math.inf, dtype=y.dtype))
-    if there.any():
-        some = X[:, there]
-        part = torch.linalg.pinv(some.mT @ (weight[:, None] * some), hermitian=True)
-        fit[there] = part @ (some.mT @ (weight * y))
-        inverse[there.nonzero(), there.nonzero().mT] = part
-    return fit, inverse
 
 
 def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> Float[Tensor, "*batch"]:

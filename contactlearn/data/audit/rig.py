@@ -29,7 +29,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, biweight
 from contactlearn.data.audit.moments import torque
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -48,7 +48,6 @@ from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Shape, Sol
 from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
-_BIWEIGHT = 4.685  # robust standard deviations at which the weight is 0
 _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
 _SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a length over the distance of contacts
 _COMPARED, _AS_GOOD = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
@@ -287,6 +286,8 @@ def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, "..."
 def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, "..."]) -> Float[Tensor, " n"]:
     """Standard deviations: the noise, and so much more for all that the median of residuals agrees with both."""
     low, high = 0.0, _spread(residual) + 1e-12
+    if not noise.any():
+        return residual.new_tensor(high)
     for _ in range(30):
         middle = (low + high) / 2
         more = _spread(residual / (noise**2 + middle**2).sqrt()) > 1
@@ -361,7 +362,7 @@ def _fitted(
         for _ in range(_ROUNDS):
             residual = off + X @ step
             sigma = _sigma(residual, noise)
-            weight = (1 - (residual / (_BIWEIGHT * sigma)) ** 2).clamp_min(0) ** 2 / sigma**2
+            weight = biweight(residual / sigma) / sigma**2
             normal = X.mT @ (weight[:, None] * X) + torch.diag(errors**-2)
             score = errors**-2 * (wanted - value) - X.mT @ (weight * off)
             step[:n] = torch.linalg.solve(normal[:n, :n], score[:n])
@@ -392,6 +393,6 @@ def _physical(impacts: Impacts, known: Mapping[str, Estimate]) -> float:
         for _ in range(_ROUNDS):
             slope = ((keep * x * y).sum() / (keep * x * x).sum().clamp_min(1e-300)).item()
             remaining = y - slope * x
-            keep = (1 - (remaining / (_BIWEIGHT * max(_spread(remaining), 1e-12))) ** 2).clamp_min(0) ** 2
+            keep = biweight(remaining / max(_spread(remaining), 1e-12))
         least = min(least, _spread(y - slope * x))
     return least

@@ -5,6 +5,7 @@ Each finding is about the rows of a table as read, or with corrected units and a
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -38,6 +39,8 @@ _ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _MAX_STRAY_SHARE = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _COMPARED = 10_000  # trials, spread evenly, by which it is seen which components of an outcome were measured
 _LISTED = 5  # values that a sentence names
+_MIN_SATURATED, _REPEATED = 5, 3  # trials at a limit, and how often their number is that of any other reading
+_SATURATED_SHARE = 0.5  # of the trials at a limit from which on it is a state that was set, or no measurement
 
 
 def trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
@@ -114,6 +117,42 @@ def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
         twice[place] = row in seen
         seen.add(row)
     return twice
+
+
+def saturation_findings(impacts: Impacts) -> list[Finding]:
+    """Find velocities that stop at a limit in several trials, as those of a gyroscope or an encoder do."""
+    sides = [("before", impacts.v_pre), ("after", impacts.v_post)]
+    symbols = impacts.space.symbols.items()
+    stopped = [
+        (f"{name} {when} impact", unit, velocity[at, k].abs().max().item(), count)
+        for when, velocity in sides
+        for k, (name, unit) in enumerate(symbols)
+        if (count := int((at := _at_limit(velocity[:, k])).sum()))
+    ]
+    if not stopped:
+        return []
+    count = int(saturated(impacts).sum())
+    listed = ", ".join(f"{name} at ±{number(limit, 4)} {unit} in {n}" for name, unit, limit, n in stopped)
+    sentence = (
+        f"readings stop at a limit in {count} of {len(impacts)} trials ({listed}), as an instrument that saturates: "
+        "the true values lie beyond"
+    )
+    evidence = evidence_of(("trials", float(count), "trials"), *((name, x, unit) for name, unit, x, _ in stopped))
+    return [Finding(name="saturated_readings", sentence=sentence, evidence=evidence, correction="drop_saturated")]
+
+
+def saturated(impacts: Impacts) -> Bool[Tensor, " n"]:
+    """Find the trials with a velocity at the limit of its readings."""
+    velocities = torch.cat((impacts.v_pre, impacts.v_post), -1).unbind(-1)
+    return torch.stack([_at_limit(values) for values in velocities]).any(0)
+
+
+def _at_limit(values: Float[Tensor, " n"]) -> Bool[Tensor, " n"]:
+    """Where a reading is the largest in size, if several are, and no other reading repeats nearly as often."""
+    size, which, count = values.abs().unique(return_inverse=True, return_counts=True)
+    most, others = int(count[-1]), int(count[:-1].amax()) if len(count) > 1 else len(values)
+    found = size[-1] > 0 and max(_MIN_SATURATED, _REPEATED * others) <= most < _SATURATED_SHARE * len(values)
+    return which == len(count) - 1 if found else torch.zeros_like(which, dtype=torch.bool)
 
 
 def state_notes(impacts: Impacts) -> list[Finding]:
@@ -239,7 +278,7 @@ def scale_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
 def _outlier_findings(
     impacts: Impacts, by_reason: Mapping[str, Bool[Tensor, " n"]], thresholds: AuditThresholds
 ) -> list[Finding]:
-    """Trials that cannot be real measurements, by reason."""
+    """Trials that cannot be real measurements, by reason; fatal where energy or approach forbids too many to drop."""
     reasons = {name: count for name, bad in by_reason.items() if (count := float(bad.sum()))}
     bad = torch.stack([*by_reason.values()]).any(0)
     count, share = int(bad.sum()), bad.double().mean().item()
@@ -252,7 +291,10 @@ def _outlier_findings(
     )
     few = share <= thresholds.dropped_share
     if not few:
-        sentence += "; too many to drop"
+        sentence += (
+            f"; these are too many to drop unasked: what is different about them?  data.correct=[drop_outliers] keeps "
+            f"the other {len(impacts) - count}"
+        )
     evidence = evidence_of(
         ("trials", float(count), "trials"),
         ("share", share),
@@ -261,9 +303,9 @@ def _outlier_findings(
     )
     correction = "drop_outliers" if few else None
     mistake = share > _MAX_STRAY_SHARE
-    return [
-        Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction, mistake=mistake)
-    ]
+    fatal = (by_reason["energy"] | by_reason["approach"]).double().mean().item() > thresholds.dropped_share
+    finding = Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)
+    return [replace(finding, mistake=mistake, fatal=fatal)]
 
 
 def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> dict[str, Bool[Tensor, " n"]]:

@@ -240,7 +240,7 @@ def _draw_region(axes: Axes, region: Region, variable: Variable, errors: Mapping
         else:
             axes.plot(*_running_median(x, values), **look, linewidth=1.6, label=f"{name}, running median", zorder=3)
     if variable.labels:
-        axes.set_xticks((-1, 0, 1), ["\n".join(wrap(label, 16)) for label in variable.labels])
+        axes.set_xticks(_places(variable), ["\n".join(wrap(label, 16)) for label in variable.labels])
         axes.set_xlabel("")
     axes.set_xlim(ends)
     axes.set_ylim(0, law.quantile(0.98).item() or 1)
@@ -263,16 +263,21 @@ def _along(region: Region, variable: Variable) -> tuple[Float[Tensor, " n"], tup
         low, high, start = low + shift, high + shift, centre + shift - period / 2
         return (x - start) % period + start, (low, high), (start, start + period)
     if variable.labels:
-        return x + 0.6 * ((_GOLDEN * torch.arange(len(x))) % 1 - 0.5), (low, high), (-1.5, 1.5)
+        return x + 0.6 * ((_GOLDEN * torch.arange(len(x))) % 1 - 0.5), (low, high), (-1.5, len(variable.labels) - 1.5)
     first, last = x.quantile(torch.tensor((0.005, 0.995), dtype=x.dtype)).tolist()
     return x, (low, high), (min(first, high), max(last, low))
+
+
+def _places(variable: Variable) -> range:
+    """The values of a variable that has labels: −1 is the first."""
+    return range(-1, len(variable.labels) - 1)
 
 
 def _draw_medians(
     axes: Axes, variable: Variable, error: Float[Tensor, " n"], name: str, look: Mapping[str, Any]
 ) -> None:
     """The median error of each label of a variable."""
-    for place in (-1, 0, 1):
+    for place in _places(variable):
         here = variable.values == place
         if here.any():
             axes.plot((place - 0.4, place + 0.4), [error[here].median().item()] * 2, **look, linewidth=1.8)
