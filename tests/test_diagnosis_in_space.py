@@ -9,7 +9,9 @@ from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Level, Verdict
+from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.laws import find as find_law
+from contactlearn.laws.hodograph import followed_in
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
@@ -53,6 +55,19 @@ def test_its_probability_is_stated(found):
     assert repr(found).startswith("Diagnosis(verdict='effects', law='wang_mason', inertia_error:uniform (99 %), error")
     assert [(one.name, one.mistake) for one in found.findings] == [("moment_balance_open", False)]  # by the inertia
     assert not found.formulas
+
+
+def test_the_few_steps_of_a_law_are_no_unknown_effect():
+    """Outcomes without noise of a simulator that follows the slip in fine steps: nothing is missing or scatters."""
+    law = find_law("wang_mason").at(0.35, 0.45)
+    impacts = tossed(80, 5)
+    with followed_in(2000):
+        exact = impacts.replace(v_post=ContactModel(law).predict(impacts).v_post, validate=False)
+    left_out = mass_error(exact, ContactModel(law).predict(impacts))
+    found = diagnose(exact, options=DiagnoseOptions(laws=[LAW, find_law("mirtich")], candidates=few(*CANDIDATES)))
+    assert (found.verdict, found.law, found.effects, found.scatter) == (Verdict.NONE, "wang_mason", (), None)
+    assert found.budget.named.mean < 0.2 * left_out.mean() < 0.2 * 0.01
+    assert found.record.model.law.mu.item() == pytest.approx(0.35, abs=1e-3)
 
 
 def test_a_record_in_space_is_read_back(found, tmp_path):

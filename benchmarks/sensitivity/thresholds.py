@@ -84,6 +84,7 @@ ROWS = (
     Row("fewest_trials", search.FEW),
     Row("whole", search.NAMES),
     Row("trials_per_parameter", search.SMALL),
+    Row("exact", residuals.UNKNOWN),
     Row("least_gain", search.SELECTION),
     Row("gain_sigmas", search.SELECTION),
     Row("window", rivals.PLAUSIBLE),

@@ -222,6 +222,7 @@ def verdict(
     | | names | no name |
     | --- | --- | --- |
     | another law does clearly better | unknown | unknown |
+    | the error is that of an integrator | effects | none |
     | much is left, and the search ended | unknown | unknown |
     | much is left, and the search ran out of time | unfinished | unfinished |
     | little is left | effects | none |
@@ -246,6 +247,8 @@ def verdict(
     left = shares.unexplained if shares.unexplained is not None and exceeds else 0.0
     if better_law:
         return Verdict.UNKNOWN
+    if budget.named.mean <= thresholds.exact:
+        return Verdict.EFFECTS if named else Verdict.NONE
     if predictable or shares.unnamed > much or shares.unnamed + left > beyond:
         return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
     return Verdict.EFFECTS if named else Verdict.NONE

@@ -42,6 +42,7 @@ from contactlearn.diagnosis.events import (
     RemainderLearned,
     VelocitiesAveraged,
 )
+from contactlearn.diagnosis.law_steps import less_error_of_steps
 from contactlearn.diagnosis.question import Question
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.regions import find_regions
@@ -106,6 +107,10 @@ def diagnose_audited(
     folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _REPEATED_UP_TO else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
+    exact = less_error_of_steps(impacts, next(fit.law() for fit in fits if fit.name == law.name))
+    if exact is not impacts:
+        again = _law_fit(law, question.given, exact, folds, question.options)
+        impacts, fits = exact, tuple(again if fit.name == law.name else fit for fit in fits)
     question.on_event(LawsCompared(law=law.name, fits=fits))
     search = search_effects(question, law, fits, impacts, folds, generator)
     drift = measurement_drift(search.selection, question.thresholds, generator) if question.ordered else None
@@ -450,11 +455,12 @@ def _result(
     laws = _law_fits(question, search, laws, bool(missing))
     if (scatter := decomposition.scatter) is not None:
         model = replace(model, scatter=scatter.model.scatter, noise=scatter.model.noise)
+    others = [one for one in laws if one.name != selection.law.name]
     physics = verdict(
         decomposition.judged,
         named=bool(missing),
         predictable=remainder.unknown,
-        better_law=clearly_better(laws, budget.named.mean, thresholds) is not None,
+        better_law=clearly_better(others, budget.named.mean, thresholds) is not None,
         complete=selection.complete,
         thresholds=thresholds,
     )

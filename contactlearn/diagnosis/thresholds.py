@@ -21,6 +21,9 @@ class Thresholds:
     Subsamples of larger tables have 0.4 to 1.6 times as many."""
     trials_per_parameter: int = 10
     """Trials that each parameter of a candidate must have to itself; richer candidates explain noise."""
+    exact: float = 5e-4
+    """Mean mass error of a model up to which nothing is called unknown, nor scatter: integrators of contacts err by as
+    much.  At half of it a simulated cube, whose steps err by 3e-4, has something unknown."""
     least_gain: float = 0.02
     """Share of the held-out error that an effect must remove to be named.  A dependence of a coefficient on the state
     or on the sequence must remove as much of the residual for the verdict `unknown`."""

@@ -26,12 +26,10 @@ from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_
 from contactlearn.inference.evaluation.partial_residuals import share_explained, state_quantities
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.scatter import MIN_TRIALS, Scatter, fit_scatter
-from contactlearn.laws.hodograph import STEPS, followed_in
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
-_EXACT = 1e-6  # relative residual at and below which data are exact, and nothing scatters
 _DRAWS, _RESAMPLES = 16, 1000
 _MIN_VARIANCE_SHARE = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
 
@@ -58,9 +56,8 @@ def contact_scatter(
     if len(some) < MIN_TRIALS:
         return None
     error = mass_error(some, model.base_prediction(some))
-    if error.median() <= _EXACT:
+    if error.median() <= thresholds.exact:
         return None
-    some = some.replace(v_post=some.v_post - _error_of_steps(some, model), validate=False)
     try:
         scatter = fit_scatter(some, model)
     except ContactLearnError:  # of states so alike that they determine nothing
@@ -106,11 +103,8 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
     """
     known = _with_stated_noise(impacts, options)
     some = known[impacts.order.argsort(stable=True)[-_TRIALS:]]
-    if len(some) < MIN_TRIALS or mass_error(some, model.base_prediction(some)).median() <= _EXACT:
+    if len(some) < MIN_TRIALS or mass_error(some, model.base_prediction(some)).median() <= thresholds.exact:
         return None
-    shift = _error_of_steps(impacts, model)
-    exact = known.replace(v_post=known.v_post - shift, validate=False)
-    some = exact[impacts.order.argsort(stable=True)[-_TRIALS:]]
     try:
         scatter = fit_scatter(some, model, quick=True)
     except ContactLearnError:
@@ -119,14 +113,7 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
         return None
     covariance = scatter.covariance(known)
     covariance = covariance + _MIN_VARIANCE_SHARE * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
-    return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts) + shift)
-
-
-def _error_of_steps(impacts: Impacts, model: ContactModel) -> Float[Tensor, "n D"]:
-    """What the few steps of a law in space leave out of v_post; beside little noise it would pass for scatter."""
-    with followed_in(8 * STEPS):
-        fine = model.base_prediction(impacts).v_post
-    return fine - model.base_prediction(impacts).v_post
+    return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts))
 
 
 def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:
