@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     )
     from contactlearn.core.errors import ContactLearnError as ContactLearnError, DataError as DataError
     from contactlearn.data import table, tracks
+    from contactlearn.data.audit.corrections import correct as correct
     from contactlearn.data.audit.findings import audit as audit
     from contactlearn.data.table import Impacts as Impacts
     from contactlearn.diagnosis.options import DiagnoseOptions as DiagnoseOptions
@@ -78,6 +79,7 @@ _HOME = {
     "audit": "data.audit.findings",
     "cite": "models.citation",
     "compare": "inference.evaluation.compare",
+    "correct": "data.audit.corrections",
     "diagnose": "diagnosis.pipeline",
     "fit": "inference.identification.joint",
     "fit_scatter": "inference.identification.scatter",

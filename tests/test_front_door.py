@@ -28,6 +28,19 @@ def with_covariances(impacts):
 KNOWN = Apparatus(gravity=Estimate(value=9.8, error=0.01), delay=Estimate(value=0.0, error=1e-4))
 
 
+def test_a_frame_is_mended_as_a_file_is():
+    """Rows without a number are left out, and the corrections of the command line are there."""
+    frame = DROPS.to_frame()
+    frame.loc[7, "vx"] = float("nan")
+    with pytest.raises(cl.DataError, match=r"row 8, column vx: .* in Python drop_incomplete=True"):
+        cl.Impacts.from_frame(frame, shape=DROPS.shape)
+    kept = cl.Impacts.from_frame(frame, shape=DROPS.shape, drop_incomplete=True)
+    assert (len(kept), kept.incomplete) == (89, ("8",))
+    frame = DROPS.to_frame().eval("y = -y; vy = -vy; vy_post = -vy_post; ry = -ry".replace("; ", "\n"))
+    mirrored = cl.Impacts.from_frame(frame, shape=DROPS.shape, validate=False)
+    assert torch.equal(cl.correct(mirrored, ["mirrored_y"]).v_post, DROPS.v_post)
+
+
 @pytest.mark.parametrize(
     "impacts", [with_covariances(DROPS), with_covariances(tossed(20)), DROPS.replace(apparatus=KNOWN)],
     ids=["plane", "space", "apparatus"],

@@ -238,6 +238,9 @@ def _failures_recorded(folder: Path, began: bool) -> Generator[None]:
         raise
     except Exception as error:
         foreseen = isinstance(error, ContactLearnError)
+        for one in (error, error.__context__):
+            if isinstance(one, OSError) and one.errno is not None and one.filename is None:
+                one.filename = str(folder)  # a write says not where the disk is full
         why = reason(error)
         if not sweeping:
             remove_if_empty(folder)

@@ -13,7 +13,7 @@ _FIXES = {
     errno.EDQUOT: "free some space and run the same command again",
     errno.EROFS: _ELSEWHERE,
     errno.EACCES: _ELSEWHERE,
-    errno.ENOTDIR: _ELSEWHERE,
+    errno.ENOTDIR: f"a part of the path is a file; {_ELSEWHERE}",
     errno.ENOENT: f"it cannot be created, or was moved or deleted during the run; {_ELSEWHERE}",
 }
 

@@ -106,6 +106,8 @@ def refuse_existing(files: Iterable[str | os.PathLike[str]], force: bool) -> Non
         ContactLearnError: it is there, and `force` is not given.
     """
     for file in () if force else files:
+        if Path(file).exists() and not Path(file).is_file():
+            raise ContactLearnError(f"{file} is no regular file; give the name of one, with its suffix")
         if Path(file).exists():
             raise ContactLearnError(f"{file} is there already and is not replaced; choose another name, or add --force")
 

@@ -47,7 +47,7 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
         with atomic_write(out.with_suffix(".json")) as part:
             part.write_text(to_json({"conventions": tracked.survey.frame.clues, "rig": tracked.rig.rows()}))
     except OSError as error:
-        raise DataError(f"{refused}: cannot be written: {error}") from error
+        raise DataError(f"{refused}: cannot be written: {error.strerror}") from error
     figures = draw_recordings(tracked, out.with_name(f"{out.stem}_figures"))
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked)
     return "\n".join([*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"])

@@ -42,7 +42,8 @@ def write_settings(path: Path, name: str | None) -> str:
         with atomic_write(file) as part:
             part.write_text(_text(path, word, contents), encoding="utf-8")
     except (OSError, UnicodeError) as error:
-        raise ContactLearnError(f"{file}: cannot be written: {error}") from error
+        why = getattr(error, "strerror", None) or error  # without the name of a temporary file
+        raise ContactLearnError(f"{file}: cannot be written: {why}") from error
     missing = [setting.name for setting in contents.settings if setting.value == OPEN]
     lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
     lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []

@@ -117,6 +117,7 @@ def load(
     covariates: Sequence[str] = (),
     *,
     validate: bool = True,
+    drop_incomplete: bool = False,
 ) -> Impacts:
     """Impacts from a table: a file, or a DataFrame with the same columns.
 
@@ -129,7 +130,8 @@ def load(
         mass: of all bodies in kg, for a table without that column.
         inertia: of all bodies in kg m², for a table without that column; in space one or three along the body's axes.
         covariates: columns of quantities that outcomes may depend on, such as temperature or operator.
-        validate: False reads also trials that do not approach the floor, for the audit and for corrections.
+        validate: False reads also trials that do not approach the floor, for `audit` and `correct`.
+        drop_incomplete: leave out rows in which a number is missing.
 
     Raises:
         DataError: naming the rule, the row, the column, the value as written and a fix.
@@ -137,7 +139,7 @@ def load(
     """
     table = read(
         path, shape=shape, columns=columns, units=units, mass=mass, inertia=inertia, covariates=covariates,
-        validate=validate,
+        validate=validate, drop_incomplete=drop_incomplete,
     )  # fmt: skip
     return table.impacts
 

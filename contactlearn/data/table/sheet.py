@@ -17,7 +17,7 @@ from jaxtyping import Float
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.dialect import Numerals, is_missing, is_numeric
 
-_LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does"
+_LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
 Cells = list[Any] | np.ndarray
 """One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
 

@@ -61,7 +61,7 @@ def write_recordings_page(path: Path, tracked: Tracked) -> Path:
     try:
         return save(path, text)
     except OSError as error:
-        raise DataError(f"{path}: cannot be written: {error}") from error
+        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def of_recordings(tracked: Tracked) -> dict[str, Any]:
