@@ -613,6 +613,22 @@ def test_bodies_of_an_export_are_asked(tmp_path):
     np.testing.assert_allclose(found.position, 1000 * whole().position, atol=1e-5)
 
 
+@pytest.mark.parametrize("plate", [5, 100])
+def test_the_section_of_markers_stands_behind_that_of_a_force_plate(plate, tmp_path):
+    """However long the other section is, frames have the rate of their own one."""
+    path = exported("vicon", tmp_path)
+    head = "Devices,,,,\n1000,,,,\n,,Force Plate - Force,,\nFrame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n"
+    forces = "".join(f"{k // 5 + 1},{k % 5},0.1,0.2,{k}\n" for k in range(plate))
+    path.write_text(head + forces + "\n" + path.read_text())
+    (found,), wanted = read(path, Layout()), whole()
+    np.testing.assert_allclose(np.diff(found.time), np.diff(wanted.time), atol=1e-9)
+    assert len(found) == len(wanted)
+    assert len(found.markers) == len(NAMES)
+    path.write_text(head + forces)
+    with refused(["has the sections Devices, and none of", "export Trajectories as well"]):
+        propose(path)
+
+
 def test_subjects_of_an_export_are_asked(tmp_path):
     """Markers of a racket and of a ball: those of one subject are one body, and a single one has no orientation."""
     path = exported("vicon", tmp_path)
