@@ -18,7 +18,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
-from contactlearn.data.headers import OPEN, propose
+from contactlearn.data.headers import OPEN, propose, stated_by_header
 from contactlearn.data.recordings.readers import Layout, read
 from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import recordings, synthetic
@@ -194,8 +194,48 @@ def test_counted_frames_stay_the_clock(tmp_path):
     """Where frames are numbered, the numbers show which were dropped: only the rate is asked."""
     settings = proposed(tmp_path / "a.csv", "frame", "x", "y", "theta")
     assert settings["rate"] == OPEN
-    assert "columns.angle" not in proposed(tmp_path / "ball.csv", "Frame", "x_cm", "y_cm")
+    assert proposed(tmp_path / "ball.csv", "Frame", "x_cm", "y_cm")["columns.angle"] is None
     assert "columns.time" not in settings
+
+
+def clips(path: Path, *remarks: str, name: str = "clip") -> Path:
+    """A ball in three clips, in pixels with y down; the numbers of frames begin anew."""
+    lines = [f"{one},{first + k},{100 + k},{0.05 * k**2}" for one, first in (("a", 20), ("b", 5), ("c", 9))
+             for k in range(40)]  # fmt: skip
+    path.write_text("\n".join([*remarks, f"{name},frame,x_px,y_px", *lines]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("remarks", "rate", "unit"),
+    [
+        (("# GoPro 119.88 fps, 1920 x 1680", "# scale: 0.91 mm/px"), 119.88, 0.00091),
+        (("# frame rate = 240",), 240, OPEN),
+        (("# 240 fps, played at 30 fps",), OPEN, OPEN),
+        ((), OPEN, OPEN),
+    ],
+)
+def test_clips_of_a_ball_in_pixels(tmp_path, remarks, rate, unit):
+    """Comments may state the rate and the size of a pixel; a clip is a recording, and a ball has no angle."""
+    path = clips(tmp_path / "ball.csv", *remarks)
+    settings = {one.name: one.value for one in propose(path).settings}
+    assert {name: settings[name] for name in ("rate", "unit")} == {"rate": rate, "unit": unit}
+    columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
+    assert columns == {"recording": "clip", "position": ["x_px", "y_px"], "angle": None}
+    stated = stated_by_header(path)
+    assert stated.get("rate", OPEN) == rate
+    found = [*read(path, tracks.track_options(**{"rate": 100} | stated).layout)]
+    assert [(one.name, len(one)) for one in found] == [("a", 40), ("b", 40), ("c", 40)]
+    found = [*read(path, Layout(rate=100, position=("x_px", "y_px"), angle=None))]
+    assert [one.name for one in found] == ["a", "b", "c"]
+
+
+def test_a_column_that_no_header_explains_is_asked_for(tmp_path):
+    path = header(tmp_path / "a.csv", "t", "x [mm]", "y [mm]", "score")
+    with pytest.raises(
+        DataError, match=r"a\.csv: which column is which\? .*angle: .*if it is among score; null: nobody"
+    ):
+        tracks.find(path, mass=1, shape={"kind": "disc", "radius": 1})
 
 
 def test_positions_of_recordings_may_be_called_px(tmp_path):

@@ -40,6 +40,8 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
     for part in _parts(path, export):
+        if names == "recording" not in part.columns and (column := recording_column(part)):
+            layout, names = replace(layout, recording=column), column
         part = _of_body(path, part, layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
@@ -56,6 +58,23 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     if not pending:
         raise DataError(f"{path}: holds no frames")
     yield _whole(path, pending, rows, layout, seen)
+
+
+_RECORDED = frozenset(
+    ("recording", "clip", "take", "toss", "throw", "drop", "trial", "run", "video", "movie", "episode", "experiment")
+) | {"shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
+_COUNTED = {"id", "name", "no", "nr", "number", "index", "idx", "file", ""}
+
+
+def recording_column(table: pd.DataFrame) -> str | None:
+    """Return the column that a word for a recording names, such as clip, and whose values are in one piece each."""
+    for name in map(str, table.columns):
+        words = {*re.split(r"[\W\d_]+", name.lower())} - _COUNTED
+        if len(words) == 1 and words <= _RECORDED:
+            keys = table[name].astype(str)
+            if 1 < keys.nunique() == 1 + int((keys != keys.shift()).iloc[1:].sum()):
+                return name
+    return None
 
 
 def _name(piece: pd.DataFrame, names: str | None) -> str | None:
@@ -87,6 +106,14 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
         path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path, export)
     ) as reader:
         yield from reader if export is None else map(export.cleaned, reader)
+
+
+def comments(path: Path) -> list[str]:
+    """Return the comments above the header of a text file."""
+    if path.suffix.lower() == ".parquet":
+        return []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return [line.strip() for line in takewhile(lambda line: line.startswith(COMMENT), file)]
 
 
 def column_names(path: Path) -> list[str]:
@@ -351,7 +378,7 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
             known = [str(column) for column in table.columns]
             raise DataError(
                 f"{path}: has no column {name!r}{suggest(name, known)}; it has {', '.join(known)} "
-                "('data.columns={time: t, position: [px, py], angle: phi}' says which are which)"
+                "('data.columns={time: t, position: [px, py], angle: phi}' says which are which; angle: null of a ball)"
             )
     if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
         layout.times(0, str(path))
