@@ -230,6 +230,18 @@ def test_clips_of_a_ball_in_pixels(tmp_path, remarks, rate, unit):
     assert [one.name for one in found] == ["a", "b", "c"]
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("Heading_deg_cw", "deg"), ("yaw", None), ("bearing [°]", "deg"), ("rotation (rad)", "rad"), ("angle cw", None)],
+)
+def test_a_heading_is_the_angle(tmp_path, name, unit):
+    """The impacts show its sense, whatever its name says: in an image y may point down."""
+    found = proposed(tmp_path / "a.csv", "Time", "X_cm", "Y_cm", name)
+    assert (found["columns.angle"], found["angle"]) == (name, unit)
+    turns = proposed(tmp_path / "b.csv", "t", "x", "y", "z", "roll", "pitch", "yaw")
+    assert "columns.angle" not in turns  # yaw is one of three
+
+
 def test_a_column_that_no_header_explains_is_asked_for(tmp_path):
     path = header(tmp_path / "a.csv", "t", "x [mm]", "y [mm]", "score")
     with pytest.raises(

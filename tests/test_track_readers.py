@@ -18,7 +18,7 @@ from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
-from contactlearn.data.recordings.track import Recording
+from contactlearn.data.recordings.track import Recording, on_grid
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
 
@@ -468,6 +468,34 @@ def test_dates_with_times_are_times(tmp_path):
     path.write_text(path.read_text().replace("2024-05-04 00:00:00.020", "noon"))
     with pytest.raises(DataError, match=r"row 31, column time: must be a date with a time, got 'noon'"):
         [*fail(read(path))]
+
+
+@pytest.mark.parametrize(
+    ("form", "start"),
+    [("{h:02d}:{m:02d}:{s:06.3f}", 86399.9), ("{h}:{m:02d}:{s:06.3f}", 34199.9), ("{m:02d}:{s:06.3f}", 1799.9)],
+    ids=["midnight", "an hour of one digit", "minutes"],
+)
+def test_times_of_day_are_times(form, start, tmp_path):
+    """Rounded to ms at 240 Hz, steps are 4 and 5 ms: the even times of the frames are restored."""
+    path, time = tmp_path / "a.txt", np.arange(60) / 240
+    clock = [divmod(round(start + t, 3) % 86400, 60) for t in time]
+    stamps = [form.format(h=int(m // 60), m=int(m % 60), s=s) for m, s in clock]
+    pd.DataFrame({"time": stamps, "x": time, "y": 0.0, "theta": 0.1}).to_csv(path, index=False, sep="\t")
+    (found,) = fail(read(path, Layout(rate=240.0)))
+    np.testing.assert_allclose(found.time - found.time[0], time, atol=2e-4)
+    np.testing.assert_allclose(np.diff(found.time), 1 / 240, rtol=2e-3)
+    path.write_text(path.read_text().replace(stamps[30], "noon"))
+    with pytest.raises(DataError, match=r"row 31, column time: must be a time of day as '.*' is, got 'noon'"):
+        [*fail(read(path))]
+
+
+def test_stamps_off_the_even_times_by_more_than_rounding_stay():
+    even = np.arange(60) / 240
+    late = even + np.where(np.arange(60) % 7 == 3, 0.002, 0.0)
+    for time in (np.round(late, 3), even, np.round(even, 9)):
+        np.testing.assert_array_equal(on_grid(time), time)
+    dropped = np.delete(even, [10, 11, 12])
+    np.testing.assert_allclose(np.diff(on_grid(np.round(dropped, 3))), np.diff(dropped), atol=2e-5)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("t [ms]", 1e3), ("t_us", 1e6), ("time (min)", 1 / 60)])

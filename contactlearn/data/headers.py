@@ -55,6 +55,9 @@ _MEANINGS = {
     "rx": "contact point minus centre of mass, to the right", "ry": "contact point minus centre of mass, up",
 }  # fmt: skip
 _FIRST = 3  # files of a folder whose headers are looked at, until one can be read
+_HEADINGS = ("heading", "yaw", "bearing", "azimuth", "rotation", "rot", "theta", "angle", "phi", "orientation")
+_TURNS = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad"}
+_SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwise")
 _PIXEL = "px"
 _RATE = re.compile(
     r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)", re.I
@@ -129,6 +132,7 @@ def propose(path: Path) -> FileContents:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
             frames = replace(frames, names={**frames.names, "recording": recording}, others=others)
+        frames = frames if "theta" in frames.names or "z" in frames.names else _with_heading(frames)
         column, named = ("", []) if bodies else _bodies_in_rows(first, frames)
         where = f"in column {column!r}" if named else "in names of columns"
         body = _body(path, markers, bodies or named, where)
@@ -388,6 +392,21 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
             value = float(f"{size[0]:.6g}") if len({*size}) == 1 else OPEN
             about = "size of a pixel in m" + (", as the comment above the header says" if value != OPEN else "")
         yield Setting(name=name, value=value, comment=about)
+
+
+def _with_heading(known: Recognised) -> Recognised:
+    """Columns of which one is an angle by another name, such as Heading_deg_cw; impacts show its sense."""
+    words = {name: [word for word in name_words(name) if word not in _SENSES] for name in known.others}
+    names = [name for name, one in words.items() if one[:1] and one[0] in _HEADINGS and {*one[1:]} <= {*_TURNS}]
+    if len(names) != 1:
+        return known
+    units = {_TURNS[word] for word in words[names[0]][1:]}
+    return replace(
+        known,
+        names={**known.names, "theta": names[0]},
+        units={**known.units, **({"theta": {"angle": units.pop()}} if len(units) == 1 else {})},
+        others=tuple(name for name in known.others if name != names[0]),
+    )
 
 
 def _only_number(pattern: re.Pattern[str], text: str) -> float | None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.track import Recording, mean_step
+from contactlearn.data.recordings.track import Recording, mean_step, on_grid
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
@@ -101,6 +101,7 @@ class Layout:
             if self.rate is None:
                 raise DataError(f"{source}: frames are numbered, and have no times; state data.rate, frames a second")
             return stamps / self.rate
+        stamps = on_grid(stamps)
         if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
             return stamps
         if abs(mean_step(stamps) * self.rate - 1) > _RATE_TOLERANCE:

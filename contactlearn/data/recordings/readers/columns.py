@@ -313,7 +313,7 @@ def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array
 
 
 def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
-    """A column of times, in the unit that its name states; dates with times are counted in s from the first of them.
+    """A column of times, in the unit that its name states; times of day and dates are counted in s from the first.
 
     Beside whole seconds, such as header.stamp.sec, a column of nanoseconds counts too.
     """
@@ -324,6 +324,8 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     if pd.api.types.is_numeric_dtype(table[name]):
         times = _column(place, table, name)
         return times * _SECONDS[stated[1]] if stated else _in_seconds(times)
+    if (clock := _of_clock(place, table[name])) is not None:
+        return clock
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
     if pd.to_numeric(table[name], errors="coerce").notna().any() or stamps.isna().all():
         return _column(place, table, name)  # numbers, with some text
@@ -333,6 +335,31 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
             f"{place}: row {row + 1}, column {name}: must be a date with a time, got {table[name].iloc[row]!r}"
         )
     return ((stamps - stamps.iloc[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=np.float64)
+
+
+_CLOCK = re.compile(r"\s*(?:(?P<h>\d{1,2}):(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+)?)|(\d{1,3}):(\d{1,2}[.,]\d+))\s*")
+_DAY, _HOUR = 86400.0, 3600.0  # s
+
+
+def _of_clock(place: str, cells: pd.Series) -> Array | None:
+    """Times of day hh:mm:ss(.sss), or mm:ss.sss, in s, across midnight or the full hour; None if the first is none.
+
+    Raises:
+        DataError: another one is none.
+    """
+    parts = [_CLOCK.fullmatch(str(cell)) for cell in cells]
+    if not parts or (first := parts[0]) is None:
+        return None
+    row = next((k for k, part in enumerate(parts) if part is None or bool(part["h"]) != bool(first["h"])), None)
+    if row is not None:
+        raise DataError(
+            f"{place}: row {row + 1}, column {cells.name}: must be a time of day as {cells.iloc[0]!r} is, "
+            f"got {cells.iloc[row]!r}"
+        )
+    numbers = [[float(one.replace(",", ".")) for one in part.groups() if one] for part in parts if part]
+    seconds = np.array([sum(one * 60**k for k, one in enumerate(reversed(row))) for row in numbers])
+    period = _DAY if len(numbers[0]) == 3 else _HOUR
+    return seconds - seconds[0] + period * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -period / 2)
 
 
 def _in_seconds(times: Array) -> Array:
