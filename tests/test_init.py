@@ -242,6 +242,35 @@ def test_a_heading_is_the_angle(tmp_path, name, unit):
     assert "columns.angle" not in turns  # yaw is one of three
 
 
+@pytest.mark.parametrize(
+    ("file", "names"),
+    [
+        ("raw.csv", ["Time (s)", *(f"Acceleration {axis} (m/s^2)" for axis in "xyz"), "Absolute acceleration (m/s^2)"]),
+        ("raw.csv", ["Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")]),
+        ("imu.csv", ["timestamp", *(f"{kind}{axis}" for kind in "ag" for axis in "xyz")]),
+        ("imu.csv", ["t", "acc_x", "acc_y", "acc_z", "gyro_x [°/s]", "gyro_y [°/s]", "gyro_z [°/s]"]),
+        ("log.csv", ["time", "X (m/s²)", "Y (m/s²)", "Z (m/s²)"]),
+        ("log.csv", ["time", "x [g]", "y [g]", "z [g]", "a_total [g]"]),
+        ("Accelerometer.csv", ["time", "seconds_elapsed", "z", "y", "x"]),
+    ],
+)
+def test_readings_of_a_sensor_are_no_positions(tmp_path, file, names):
+    path = header(tmp_path / file, *names)
+    for use in (propose, lambda path: tracks.find(path, mass=1, shape={"kind": "disc", "radius": 1})):
+        with pytest.raises(DataError, match="these are accelerations and rates of a sensor on the body; positions and"):
+            use(path)
+    if file != "Accelerometer.csv":
+        stated = Layout(time=names[0], position=names[1:3], angle=None)
+        with pytest.raises(DataError, match="is no position and no angle: these are accelerations"):
+            list(read(path, stated))
+
+
+def test_readings_of_a_sensor_beside_positions_are_not_asked_for(tmp_path):
+    settings = proposed(tmp_path / "a.csv", "time_s", "x_mm", "y_mm", "acc_x (m/s^2)", "gyro_z (deg/s)")
+    assert settings["columns.angle"] is None
+    assert settings["columns.position"] == ["x_mm", "y_mm"]
+
+
 def test_a_column_that_no_header_explains_is_asked_for(tmp_path):
     path = header(tmp_path / "a.csv", "t", "x [mm]", "y [mm]", "score")
     with pytest.raises(

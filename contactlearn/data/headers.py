@@ -16,13 +16,16 @@ from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
 from contactlearn.data.recordings.readers.columns import (
     FRAME_NUMBERS,
+    SENSED,
     bodies_in_names,
     bodies_in_rows,
     column_names,
     comments,
     first_rows,
+    of_sensor,
     orientation_columns,
     recording_column,
+    sensed,
 )
 from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.recordings.readers.motive import bodies_of
@@ -119,6 +122,7 @@ def propose(path: Path) -> FileContents:
     cells = table.preview(first)
     space, impacts = recognised_columns(cells.header)
     frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
+    _refuse_sensors(first, cells.header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(cells.header, _POSE)
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
@@ -151,6 +155,19 @@ def propose(path: Path) -> FileContents:
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def _refuse_sensors(first: Path, header: Sequence[str], known: Recognised) -> None:
+    """Refuse a file in which all that is measured are accelerations and rates.
+
+    Raises:
+        DataError: naming its columns.
+    """
+    measured = [name for name in header if name not in (known.names.get("time"), known.names.get("recording"))]
+    measured = [name for name in measured if name not in FRAME_NUMBERS]
+    app = of_sensor(first) and not {"theta", "qw"} & {*known.names}
+    if measured and (app or all(map(sensed, measured))):
+        raise DataError(f"{first}: has {', '.join(map(repr, measured))}: {SENSED}")
 
 
 def _computable(header: Sequence[str]) -> str:
@@ -203,7 +220,7 @@ def stated_by_header(path: Path) -> dict[str, Any]:
 
 def _has_our_names(file: Path) -> bool:
     try:
-        return {"x", "y"} <= {*first_rows(file).columns}
+        return {"x", "y"} <= {*first_rows(file).columns} and not of_sensor(file)
     except Exception:  # a damaged file can break a library anywhere
         return False
 
@@ -215,7 +232,7 @@ def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
             yield Setting(
                 name=f"columns.{name}", value=known.names[name], comment="s" if name == "time" else "its name"
             )
-    others = ", ".join(name for name in names if name not in known.names.values())
+    others = ", ".join(name for name in names if name not in known.names.values() and not sensed(name))
     yield Setting(name="columns.position", value=OPEN, comment=f"[x, y] or [x, y, z] among {others}")
     yield Setting(name="columns.quaternion", value=None, comment="four columns, for positions in space")
     yield Setting(name="columns.angle", value=None, comment="in the plane of motion; null of a ball without it")
@@ -350,7 +367,7 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
     """The settings of the columns of a recording; columns with our names need none."""
     remarks = " ".join(comments(first))
     names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
-    others = [name for name in known.others if name not in FRAME_NUMBERS]
+    others = [name for name in known.others if name not in FRAME_NUMBERS and not sensed(name)]
     if "time" not in names:
         rate = _only_number(_RATE, remarks)
         source = "for no column is a time in s" if rate is None else "as the comment above the header says"

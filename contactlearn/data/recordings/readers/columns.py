@@ -401,6 +401,8 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     turned = layout.quaternion if measured else ()
     poses = (*layout.position, *turned) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
+        if sensed(name):
+            raise DataError(f"{path}: column {name!r} is no position and no angle: {SENSED}")
         if name not in table.columns:
             known = [str(column) for column in table.columns]
             raise DataError(
@@ -409,6 +411,29 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
             )
     if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
         layout.times(0, str(path))
+
+
+_SENSOR = re.compile(  # words, and units of accelerations, g among them, and of rates
+    r"(?:(?:raw|linear|lin|total|absolute|user|uncalibrated|angular)[\W_]*)*"
+    r"(?:acc(?![a-z])|accel|gyro|beschleunigung|accélération|aceleraci[oó]n|accelerazione|[agw][xyz](?![a-z]))"
+    r"|.*(?:m\s*/\s*s\s*(?:\^|\*\*)?\s*[2²]|m\s*/\s*s\s*/\s*s|m\s*s\^?[-⁻−][2²]|_m_?p?_?s2|[\[(]\s*g\s*[\])]|_g$"
+    r"|(?:°|deg|rad|degrees|radians)(?:\s*/\s*|_per_|_)s(?![a-z])|dps\b)",
+    re.IGNORECASE,
+)
+SENSED = (
+    "these are accelerations and rates of a sensor on the body; positions and orientation, or velocities before and "
+    "after contact, are needed"
+)
+
+
+def sensed(name: str) -> bool:
+    """Whether a name is that of a sensor's acceleration or rate, by its words or unit: no position and no angle."""
+    return _SENSOR.match(name) is not None
+
+
+def of_sensor(path: Path) -> bool:
+    """Whether the name of a file is that which an app gives the readings of a sensor."""
+    return re.fullmatch(r"(?:[a-z]*[\W_]*)(?:accelerometer|acceleration|gyroscope)\w*", path.stem, re.I) is not None
 
 
 def _with_orientation(table: pd.DataFrame, layout: Layout) -> Layout:
