@@ -11,14 +11,16 @@ import pytest
 import torch
 from refusals import refused
 from scipy.io import savemat
+from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data.headers import propose
+from contactlearn.data.headers import propose, stated_by_header
 from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
 from contactlearn.data.recordings.track import Recording, on_grid
+from contactlearn.data.tracks import track_options
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
 
@@ -734,8 +736,6 @@ def test_nine_numbers_that_are_no_turn_are_refused():
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "zxy"])
 def test_the_order_of_turns_is_among_the_steady_ones(order, tmp_path):
-    from scipy.spatial.transform import Rotation
-
     one = whole()
     spin, q0 = np.array((3.0, -7.0, 5.0)), Rotation.from_rotvec((0.3, 0.2, -0.5))
     turned = Rotation.from_rotvec(one.time[:, None] * spin) * q0
@@ -753,6 +753,41 @@ def test_the_order_of_turns_is_among_the_steady_ones(order, tmp_path):
     (found,) = read(tmp_path / "matrix.csv", Layout())
     assert found.quaternion is not None
     np.testing.assert_allclose(matrices(found.quaternion, "rows"), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "names", [("rvec_x", "rvec_y", "rvec_z"), ("rotvec0", "rotvec1", "rotvec2"), ("rx", "ry", "rz")]
+)
+@pytest.mark.parametrize("place", ["tvec_{}", "t{}", "{}"])
+def test_vectors_of_rotation(names, place, tmp_path):
+    """As OpenCV finds them; rx, ry and rz may also be turns, of which the steadier reading is taken."""
+    one, spin = whole(), np.array((3.0, -7.0, 5.0))
+    turned = Rotation.from_rotvec(one.time[:, None] * spin) * Rotation.from_rotvec((0.3, 0.2, -0.5))
+    columns = dict(zip(names, turned.as_rotvec().T, strict=True))
+    columns |= {place.format(axis): one.position[:, k] for k, axis in enumerate("xyz")}
+    pd.DataFrame({"time": one.time, **columns}).to_csv(tmp_path / "box.csv", index=False)
+    stated = stated_by_header(tmp_path / "box.csv")
+    (found,) = read(tmp_path / "box.csv", track_options(**stated).layout)
+    np.testing.assert_allclose(found.position, one.position)
+    order = found.order or orders_of([found])[0]
+    assert order == "rotvec"
+    np.testing.assert_allclose(matrices(found.quaternion, order), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["tosses.pkl", "tosses.pickle", "tosses.joblib"])
+def test_a_pickle_is_never_opened(name, tmp_path):
+    (tmp_path / name).write_bytes(b"cos\nsystem\n(S'exit 1'\ntR.")
+    for use in (propose, recording_files, lambda file: list(read(file))):
+        with refused(["is a pickle, which runs code when it is opened", "numpy.savez", "CSV"]):
+            use(tmp_path / name)
+
+
+def test_images_of_two_cameras_are_to_be_triangulated(tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text("frame,cam1_x,cam1_y,cam2_x,cam2_y\n" + "".join(f"{k},1,2,3,4\n" for k in range(30)))
+    for use in (propose, stated_by_header):
+        with refused(["has images of cameras cam1, cam2", "triangulate x, y and z first", "data.body=cam1"]):
+            use(path)
 
 
 @pytest.mark.parametrize("kind", ["npz", "npy", "pt", "mat", "h5", "iam.h5"])

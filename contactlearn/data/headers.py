@@ -124,6 +124,12 @@ def propose(path: Path) -> FileContents:
     frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
     _refuse_sensors(first, cells.header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(cells.header, _POSE)
+    cameras = [name for name in bodies if re.match(r"(?:cam|kamera|view|left|right|links|rechts)", name, re.IGNORECASE)]
+    if len(cameras) > 1 and not {"z", "qw"} & {one for names in bodies.values() for one in names.values()}:
+        raise DataError(
+            f"{first}: has images of cameras {', '.join(cameras)}: calibrate them and triangulate x, y and z first; "
+            f"or, of motion across the view, use one, data.body={cameras[0]} data.unit=…, the size of a pixel in m"
+        )
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in cells.header)], _frame_units())
@@ -384,7 +390,7 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
         columns["quaternion"] = ([names[turn] for turn in turns], turns, "w first")
     elif len(axes) == 3 and len(turned := orientation_columns(known.others)) in (3, 9):
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
-        about = "turns about x, y and z" if len(turned) == 3 else "row by row"
+        about = "turns about x, y and z, or a vector of rotation" if len(turned) == 3 else "row by row"
         columns["euler" if len(turned) == 3 else "matrix"] = ([*turned], [], about)
     else:
         among = ", ".join(others)

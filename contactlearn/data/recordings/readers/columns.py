@@ -21,7 +21,7 @@ from pyarrow import parquet
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import Layout
+from contactlearn.data.recordings.readers import VECTOR, Layout
 from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
 from contactlearn.data.recordings.track import Recording
 
@@ -459,6 +459,9 @@ def orientation_columns(header: Sequence[str]) -> tuple[str, ...]:
     for names in _TURNS:
         if {*names} <= {*bare}:
             return tuple(bare[name] for name in names)
+    vector = {match[1]: name for word, name in bare.items() if (match := re.fullmatch(f"{VECTOR}([xyz012])", word))}
+    if len(vector) == 3:
+        return tuple(vector[key] for key in sorted(vector))
     entries = sorted((match.groups(), name) for word, name in bare.items() if (match := _ENTRY.fullmatch(word)))
     return tuple(name for _, name in entries) if len(entries) == 9 else ()
 
