@@ -18,7 +18,7 @@ from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
-from contactlearn.data.headers import OPEN, propose
+from contactlearn.data.headers import OPEN, propose, stated_by_header
 from contactlearn.data.recordings.readers import Layout, read
 from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import recordings, synthetic
@@ -194,8 +194,89 @@ def test_counted_frames_stay_the_clock(tmp_path):
     """Where frames are numbered, the numbers show which were dropped: only the rate is asked."""
     settings = proposed(tmp_path / "a.csv", "frame", "x", "y", "theta")
     assert settings["rate"] == OPEN
-    assert "columns.angle" not in proposed(tmp_path / "ball.csv", "Frame", "x_cm", "y_cm")
+    assert proposed(tmp_path / "ball.csv", "Frame", "x_cm", "y_cm")["columns.angle"] is None
     assert "columns.time" not in settings
+
+
+def clips(path: Path, *remarks: str, name: str = "clip") -> Path:
+    """A ball in three clips, in pixels with y down; the numbers of frames begin anew."""
+    lines = [f"{one},{first + k},{100 + k},{0.05 * k**2}" for one, first in (("a", 20), ("b", 5), ("c", 9))
+             for k in range(40)]  # fmt: skip
+    path.write_text("\n".join([*remarks, f"{name},frame,x_px,y_px", *lines]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("remarks", "rate", "unit"),
+    [
+        (("# GoPro 119.88 fps, 1920 x 1680", "# scale: 0.91 mm/px"), 119.88, 0.00091),
+        (("# frame rate = 240",), 240, OPEN),
+        (("# 240 fps, played at 30 fps",), OPEN, OPEN),
+        ((), OPEN, OPEN),
+    ],
+)
+def test_clips_of_a_ball_in_pixels(tmp_path, remarks, rate, unit):
+    """Comments may state the rate and the size of a pixel; a clip is a recording, and a ball has no angle."""
+    path = clips(tmp_path / "ball.csv", *remarks)
+    settings = {one.name: one.value for one in propose(path).settings}
+    assert {name: settings[name] for name in ("rate", "unit")} == {"rate": rate, "unit": unit}
+    columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
+    assert columns == {"recording": "clip", "position": ["x_px", "y_px"], "angle": None}
+    stated = stated_by_header(path)
+    assert stated.get("rate", OPEN) == rate
+    found = [*read(path, tracks.track_options(**{"rate": 100} | stated).layout)]
+    assert [(one.name, len(one)) for one in found] == [("a", 40), ("b", 40), ("c", 40)]
+    found = [*read(path, Layout(rate=100, position=("x_px", "y_px"), angle=None))]
+    assert [one.name for one in found] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("Heading_deg_cw", "deg"), ("yaw", None), ("bearing [°]", "deg"), ("rotation (rad)", "rad"), ("angle cw", None)],
+)
+def test_a_heading_is_the_angle(tmp_path, name, unit):
+    """The impacts show its sense, whatever its name says: in an image y may point down."""
+    found = proposed(tmp_path / "a.csv", "Time", "X_cm", "Y_cm", name)
+    assert (found["columns.angle"], found["angle"]) == (name, unit)
+    turns = proposed(tmp_path / "b.csv", "t", "x", "y", "z", "roll", "pitch", "yaw")
+    assert "columns.angle" not in turns  # yaw is one of three
+
+
+@pytest.mark.parametrize(
+    ("file", "names"),
+    [
+        ("raw.csv", ["Time (s)", *(f"Acceleration {axis} (m/s^2)" for axis in "xyz"), "Absolute acceleration (m/s^2)"]),
+        ("raw.csv", ["Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")]),
+        ("imu.csv", ["timestamp", *(f"{kind}{axis}" for kind in "ag" for axis in "xyz")]),
+        ("imu.csv", ["t", "acc_x", "acc_y", "acc_z", "gyro_x [°/s]", "gyro_y [°/s]", "gyro_z [°/s]"]),
+        ("log.csv", ["time", "X (m/s²)", "Y (m/s²)", "Z (m/s²)"]),
+        ("log.csv", ["time", "x [g]", "y [g]", "z [g]", "a_total [g]"]),
+        ("Accelerometer.csv", ["time", "seconds_elapsed", "z", "y", "x"]),
+    ],
+)
+def test_readings_of_a_sensor_are_no_positions(tmp_path, file, names):
+    path = header(tmp_path / file, *names)
+    for use in (propose, lambda path: tracks.find(path, mass=1, shape={"kind": "disc", "radius": 1})):
+        with pytest.raises(DataError, match="these are accelerations and rates of a sensor on the body; positions and"):
+            use(path)
+    if file != "Accelerometer.csv":
+        stated = Layout(time=names[0], position=names[1:3], angle=None)
+        with pytest.raises(DataError, match="is no position and no angle: these are accelerations"):
+            list(read(path, stated))
+
+
+def test_readings_of_a_sensor_beside_positions_are_not_asked_for(tmp_path):
+    settings = proposed(tmp_path / "a.csv", "time_s", "x_mm", "y_mm", "acc_x (m/s^2)", "gyro_z (deg/s)")
+    assert settings["columns.angle"] is None
+    assert settings["columns.position"] == ["x_mm", "y_mm"]
+
+
+def test_a_column_that_no_header_explains_is_asked_for(tmp_path):
+    path = header(tmp_path / "a.csv", "t", "x [mm]", "y [mm]", "score")
+    with pytest.raises(
+        DataError, match=r"a\.csv: which column is which\? .*angle: .*if it is among score; null: nobody"
+    ):
+        tracks.find(path, mass=1, shape={"kind": "disc", "radius": 1})
 
 
 def test_positions_of_recordings_may_be_called_px(tmp_path):

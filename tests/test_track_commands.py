@@ -93,7 +93,7 @@ def test_conventions_are_found(tmp_path, plain, camera, settings):
         (PLAIN, {"sense": "mirrored"}, ["contradict data.sense=mirrored:", "with data.angle=rad and data.sense=as"]),
         (DEGREES, {"angle": "rad", "sense": "mirrored"}, ["contradict data.angle=rad and data.sense=mirrored:"]),
         (DEGREES, {"angle": "rad"}, ["contradict data.angle=rad:", "with data.angle=deg and data.sense=as_read"]),
-        (replace(PLAIN, frames=30), {}, ["data.unit|no contact|angles are measured"]),
+        (replace(PLAIN, frames=30), {}, ["data.unit|no impact in|angles are measured"]),
     ],
     ids=["rate", "rate and unit", "unit", "up", "axis", "order", "sense", "both", "angle", "none"],
 )  # fmt: skip
@@ -273,3 +273,24 @@ def test_pixels_have_a_size_in_metres(tmp_path):
     found = found_in(tmp_path, unit=pixel)
     assert found.survey.frame.scale == pytest.approx(pixel)
     assert (found.impacts.q[:, 1] + found.impacts.r[:, 1]).abs().max() < 1e-3  # on the floor
+
+
+@pytest.mark.parametrize(("ends", "message"), [(True, "ends before the contact"), (False, "begins at the contact")])
+def test_recordings_with_one_flight_each_say_how_they_must_go_on(tmp_path, ends, message):
+    """As a trigger cuts them: at the first contact, or from there to shortly before the next one."""
+    rng, (a, b) = np.random.default_rng(4), SEMI_AXES
+    for k in range(10):
+        t = np.arange(50 if ends else 40) / 250
+        v, height = (0.0, 0.4) if ends else (1.8, 0.03)
+        pose = (rng.uniform(-1, 1) * t, height + v * t - 4.905 * t**2, 1 + rng.uniform(-9, 9) * t)
+        x, y, theta = (
+            one + scale * rng.normal(size=len(t)) for one, scale in zip(pose, (1e-4, 1e-4, 2e-3), strict=True)
+        )
+        table = pd.DataFrame({"time": t, "x": x, "y": y, "theta": theta})
+        table.to_csv(tmp_path / f"{k}.csv", index=False)
+    words = ["impacts", str(tmp_path), "-o", str(tmp_path / "a.parquet"), f"data.mass={MASS}", "data.angle=rad"]
+    said = run("contactlearn", *words, f"data.shape={{kind: ellipse, semi_axes: [{a}, {b}]}}", status=2)
+    assert said.startswith("error: ")  # and no empty line
+    assert said.count("\n") == 1
+    assert f"no impact in 10 recordings: each has one free flight, and {message}" in said
+    assert f"8 frames or more {'after' if ends else 'before'} contact" in said

@@ -11,14 +11,16 @@ import pytest
 import torch
 from refusals import refused
 from scipy.io import savemat
+from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.data.headers import propose
+from contactlearn.data.headers import propose, stated_by_header
 from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
-from contactlearn.data.recordings.track import Recording
+from contactlearn.data.recordings.track import Recording, on_grid
+from contactlearn.data.tracks import track_options
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
 
@@ -470,6 +472,34 @@ def test_dates_with_times_are_times(tmp_path):
         [*fail(read(path))]
 
 
+@pytest.mark.parametrize(
+    ("form", "start"),
+    [("{h:02d}:{m:02d}:{s:06.3f}", 86399.9), ("{h}:{m:02d}:{s:06.3f}", 34199.9), ("{m:02d}:{s:06.3f}", 1799.9)],
+    ids=["midnight", "an hour of one digit", "minutes"],
+)
+def test_times_of_day_are_times(form, start, tmp_path):
+    """Rounded to ms at 240 Hz, steps are 4 and 5 ms: the even times of the frames are restored."""
+    path, time = tmp_path / "a.txt", np.arange(60) / 240
+    clock = [divmod(round(start + t, 3) % 86400, 60) for t in time]
+    stamps = [form.format(h=int(m // 60), m=int(m % 60), s=s) for m, s in clock]
+    pd.DataFrame({"time": stamps, "x": time, "y": 0.0, "theta": 0.1}).to_csv(path, index=False, sep="\t")
+    (found,) = fail(read(path, Layout(rate=240.0)))
+    np.testing.assert_allclose(found.time - found.time[0], time, atol=2e-4)
+    np.testing.assert_allclose(np.diff(found.time), 1 / 240, rtol=2e-3)
+    path.write_text(path.read_text().replace(stamps[30], "noon"))
+    with pytest.raises(DataError, match=r"row 31, column time: must be a time of day as '.*' is, got 'noon'"):
+        [*fail(read(path))]
+
+
+def test_stamps_off_the_even_times_by_more_than_rounding_stay():
+    even = np.arange(60) / 240
+    late = even + np.where(np.arange(60) % 7 == 3, 0.002, 0.0)
+    for time in (np.round(late, 3), even, np.round(even, 9)):
+        np.testing.assert_array_equal(on_grid(time), time)
+    dropped = np.delete(even, [10, 11, 12])
+    np.testing.assert_allclose(np.diff(on_grid(np.round(dropped, 3))), np.diff(dropped), atol=2e-5)
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("t [ms]", 1e3), ("t_us", 1e6), ("time (min)", 1 / 60)])
 def test_recordings_of_a_spreadsheet(tmp_path, unit, factor):
     """Semicolons, decimal commas, and times in the unit of their name."""
@@ -613,6 +643,22 @@ def test_bodies_of_an_export_are_asked(tmp_path):
     np.testing.assert_allclose(found.position, 1000 * whole().position, atol=1e-5)
 
 
+@pytest.mark.parametrize("plate", [5, 100])
+def test_the_section_of_markers_stands_behind_that_of_a_force_plate(plate, tmp_path):
+    """However long the other section is, frames have the rate of their own one."""
+    path = exported("vicon", tmp_path)
+    head = "Devices,,,,\n1000,,,,\n,,Force Plate - Force,,\nFrame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n"
+    forces = "".join(f"{k // 5 + 1},{k % 5},0.1,0.2,{k}\n" for k in range(plate))
+    path.write_text(head + forces + "\n" + path.read_text())
+    (found,), wanted = read(path, Layout()), whole()
+    np.testing.assert_allclose(np.diff(found.time), np.diff(wanted.time), atol=1e-9)
+    assert len(found) == len(wanted)
+    assert len(found.markers) == len(NAMES)
+    path.write_text(head + forces)
+    with refused(["has the sections Devices, and none of", "export Trajectories as well"]):
+        propose(path)
+
+
 def test_subjects_of_an_export_are_asked(tmp_path):
     """Markers of a racket and of a ball: those of one subject are one body, and a single one has no orientation."""
     path = exported("vicon", tmp_path)
@@ -690,8 +736,6 @@ def test_nine_numbers_that_are_no_turn_are_refused():
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "zxy"])
 def test_the_order_of_turns_is_among_the_steady_ones(order, tmp_path):
-    from scipy.spatial.transform import Rotation
-
     one = whole()
     spin, q0 = np.array((3.0, -7.0, 5.0)), Rotation.from_rotvec((0.3, 0.2, -0.5))
     turned = Rotation.from_rotvec(one.time[:, None] * spin) * q0
@@ -709,6 +753,41 @@ def test_the_order_of_turns_is_among_the_steady_ones(order, tmp_path):
     (found,) = read(tmp_path / "matrix.csv", Layout())
     assert found.quaternion is not None
     np.testing.assert_allclose(matrices(found.quaternion, "rows"), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "names", [("rvec_x", "rvec_y", "rvec_z"), ("rotvec0", "rotvec1", "rotvec2"), ("rx", "ry", "rz")]
+)
+@pytest.mark.parametrize("place", ["tvec_{}", "t{}", "{}"])
+def test_vectors_of_rotation(names, place, tmp_path):
+    """As OpenCV finds them; rx, ry and rz may also be turns, of which the steadier reading is taken."""
+    one, spin = whole(), np.array((3.0, -7.0, 5.0))
+    turned = Rotation.from_rotvec(one.time[:, None] * spin) * Rotation.from_rotvec((0.3, 0.2, -0.5))
+    columns = dict(zip(names, turned.as_rotvec().T, strict=True))
+    columns |= {place.format(axis): one.position[:, k] for k, axis in enumerate("xyz")}
+    pd.DataFrame({"time": one.time, **columns}).to_csv(tmp_path / "box.csv", index=False)
+    stated = stated_by_header(tmp_path / "box.csv")
+    (found,) = read(tmp_path / "box.csv", track_options(**stated).layout)
+    np.testing.assert_allclose(found.position, one.position)
+    order = found.order or orders_of([found])[0]
+    assert order == "rotvec"
+    np.testing.assert_allclose(matrices(found.quaternion, order), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["tosses.pkl", "tosses.pickle", "tosses.joblib"])
+def test_a_pickle_is_never_opened(name, tmp_path):
+    (tmp_path / name).write_bytes(b"cos\nsystem\n(S'exit 1'\ntR.")
+    for use in (propose, recording_files, lambda file: list(read(file))):
+        with refused(["is a pickle, which runs code when it is opened", "numpy.savez", "CSV"]):
+            use(tmp_path / name)
+
+
+def test_images_of_two_cameras_are_to_be_triangulated(tmp_path):
+    path = tmp_path / "two.csv"
+    path.write_text("frame,cam1_x,cam1_y,cam2_x,cam2_y\n" + "".join(f"{k},1,2,3,4\n" for k in range(30)))
+    for use in (propose, stated_by_header):
+        with refused(["has images of cameras cam1, cam2", "triangulate x, y and z first", "data.body=cam1"]):
+            use(path)
 
 
 @pytest.mark.parametrize("kind", ["npz", "npy", "pt", "mat", "h5", "iam.h5"])

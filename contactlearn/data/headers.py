@@ -6,7 +6,7 @@ required setting that the names do not state is left open.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,16 @@ from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
 from contactlearn.data.recordings.readers.columns import (
     FRAME_NUMBERS,
+    SENSED,
     bodies_in_names,
     bodies_in_rows,
     column_names,
+    comments,
     first_rows,
+    of_sensor,
     orientation_columns,
+    recording_column,
+    sensed,
 )
 from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.recordings.readers.motive import bodies_of
@@ -52,6 +57,15 @@ _MEANINGS = {
     "theta": "of the body, counter-clockwise", "vx": "to the right", "vy": "up", "omega": "counter-clockwise",
     "rx": "contact point minus centre of mass, to the right", "ry": "contact point minus centre of mass, up",
 }  # fmt: skip
+_FIRST = 3  # files of a folder whose headers are looked at, until one can be read
+_HEADINGS = ("heading", "yaw", "bearing", "azimuth", "rotation", "rot", "theta", "angle", "phi", "orientation")
+_TURNS = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad"}
+_SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwise")
+_PIXEL = "px"
+_RATE = re.compile(
+    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)", re.I
+)
+_SCALE = re.compile(r"(\d+(?:\.\d+)?)\s*(mm|cm|m|in)\s*(?:/|per|a)\s*(?:px|pixel)", re.I)
 _POSE = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 _FRAME = ("time", *_POSE, "recording")
 
@@ -108,7 +122,14 @@ def propose(path: Path) -> FileContents:
     cells = table.preview(first)
     space, impacts = recognised_columns(cells.header)
     frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
+    _refuse_sensors(first, cells.header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(cells.header, _POSE)
+    cameras = [name for name in bodies if re.match(r"(?:cam|kamera|view|left|right|links|rechts)", name, re.IGNORECASE)]
+    if len(cameras) > 1 and not {"z", "qw"} & {one for names in bodies.values() for one in names.values()}:
+        raise DataError(
+            f"{first}: has images of cameras {', '.join(cameras)}: calibrate them and triangulate x, y and z first; "
+            f"or, of motion across the view, use one, data.body={cameras[0]} data.unit=…, the size of a pixel in m"
+        )
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in cells.header)], _frame_units())
@@ -118,10 +139,14 @@ def propose(path: Path) -> FileContents:
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
+        if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
+            others = tuple(name for name in frames.others if name != recording)
+            frames = replace(frames, names={**frames.names, "recording": recording}, others=others)
+        frames = frames if "theta" in frames.names or "z" in frames.names else _with_heading(frames)
         column, named = ("", []) if bodies else _bodies_in_rows(first, frames)
         where = f"in column {column!r}" if named else "in names of columns"
         body = _body(path, markers, bodies or named, where)
-        return FileContents(source="tracks", settings=(*body, *_layout(frames, markers)))
+        return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else cells.header
     if frames.names.keys() & {"time", "recording"} and frames.others:
         return FileContents(
@@ -136,6 +161,19 @@ def propose(path: Path) -> FileContents:
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def _refuse_sensors(first: Path, header: Sequence[str], known: Recognised) -> None:
+    """Refuse a file in which all that is measured are accelerations and rates.
+
+    Raises:
+        DataError: naming its columns.
+    """
+    measured = [name for name in header if name not in (known.names.get("time"), known.names.get("recording"))]
+    measured = [name for name in measured if name not in FRAME_NUMBERS]
+    app = of_sensor(first) and not {"theta", "qw"} & {*known.names}
+    if measured and (app or all(map(sensed, measured))):
+        raise DataError(f"{first}: has {', '.join(map(repr, measured))}: {SENSED}")
 
 
 def _computable(header: Sequence[str]) -> str:
@@ -156,20 +194,41 @@ def _computable(header: Sequence[str]) -> str:
 
 
 def stated_by_header(path: Path) -> dict[str, Any]:
-    """Return columns and units that the header of a recording, or of the first of a folder, states in other words.
+    """Return columns, units and the rate that the header of a recording, or of the first of a folder, states.
 
-    Nothing of a file with our names, of a format that has its own reader, or in which a column is left open.
+    Nothing of a file with our names, or of a format that has its own reader.
+
+    Raises:
+        DataError: the header leaves a column open, or is none of a recording.
     """
-    try:
-        contents = propose(path)
-    except ContactLearnError:
-        return {}  # the reader says what is wrong
-    values = {one.name: one.value for one in contents.settings if one.value not in (None, OPEN)}
-    columns = {name.removeprefix("columns."): one for name, one in values.items() if name.startswith("columns.")}
-    left = [one.name for one in contents.settings if one.value == OPEN and one.name.startswith("columns.")]
-    if contents.source != "tracks" or not columns or left:
+    reasons = list[ContactLearnError]()
+    for file in recording_files(path)[:_FIRST]:
+        try:
+            contents = propose(file)
+            break
+        except ContactLearnError as error:
+            reasons.append(error)
+    else:
+        if any(map(_has_our_names, recording_files(path)[:_FIRST])):
+            return {}  # the reader says what is wrong
+        raise reasons[0]
+    if contents.source != "tracks":
         return {}
-    return {"columns": columns, **{name: values[name] for name in ("unit", "angle") if name in values}}
+    values = {one.name: one.value for one in contents.settings if one.value != OPEN}
+    left = [one for one in contents.settings if one.value == OPEN and one.name.startswith("columns.")]
+    if left:
+        asked = "; ".join(f"{one.name.removeprefix('columns.')}: {one.comment}" for one in left)
+        raise DataError(f"{file}: which column is which? state data.columns={{…}}, {asked}")
+    columns = {name.removeprefix("columns."): value for name, value in values.items() if name.startswith("columns.")}
+    stated = {name: values[name] for name in ("unit", "angle", "rate") if values.get(name) is not None}
+    return stated | ({"columns": columns} if columns else {})
+
+
+def _has_our_names(file: Path) -> bool:
+    try:
+        return {"x", "y"} <= {*first_rows(file).columns} and not of_sensor(file)
+    except Exception:  # a damaged file can break a library anywhere
+        return False
 
 
 def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
@@ -179,7 +238,7 @@ def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
             yield Setting(
                 name=f"columns.{name}", value=known.names[name], comment="s" if name == "time" else "its name"
             )
-    others = ", ".join(name for name in names if name not in known.names.values())
+    others = ", ".join(name for name in names if name not in known.names.values() and not sensed(name))
     yield Setting(name="columns.position", value=OPEN, comment=f"[x, y] or [x, y, z] among {others}")
     yield Setting(name="columns.quaternion", value=None, comment="four columns, for positions in space")
     yield Setting(name="columns.angle", value=None, comment="in the plane of motion; null of a ball without it")
@@ -211,6 +270,7 @@ def _frame_units() -> Vocabulary:
     units["theta"] |= {name: {"angle": name} for name in ANGLES}
     for column in "xyz":
         units[column] |= {name: {"unit": name} for name in UNITS}
+        units[column] |= {name: {"unit": _PIXEL} for name in (_PIXEL, "pixel", "pixels")}
     return units
 
 
@@ -309,12 +369,15 @@ def _body(
     yield Setting(name="inertia", value=None, comment="about the centre of mass, kg m²; null: of uniform density")
 
 
-def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
+def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     """The settings of the columns of a recording; columns with our names need none."""
+    remarks = " ".join(comments(first))
     names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
-    others = [name for name in known.others if name not in FRAME_NUMBERS]
+    others = [name for name in known.others if name not in FRAME_NUMBERS and not sensed(name)]
     if "time" not in names:
-        yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
+        rate = _only_number(_RATE, remarks)
+        source = "for no column is a time in s" if rate is None else "as the comment above the header says"
+        yield Setting(name="rate", value=rate or OPEN, comment=f"frames a second, {source}")
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))
     columns: dict[str, tuple[Any, Any, str]] = {
         "time": (names.get("time", "time" if counted else None), "time", "s"),
@@ -327,17 +390,49 @@ def _layout(known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
         columns["quaternion"] = ([names[turn] for turn in turns], turns, "w first")
     elif len(axes) == 3 and len(turned := orientation_columns(known.others)) in (3, 9):
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
-        about = "turns about x, y and z" if len(turned) == 3 else "row by row"
+        about = "turns about x, y and z, or a vector of rotation" if len(turned) == 3 else "row by row"
         columns["euler" if len(turned) == 3 else "matrix"] = ([*turned], [], about)
     else:
-        position = [names[axis] for axis in axes] if len(axes) == 2 else OPEN
-        columns["position"] = (position, ["x", "y"], "the two in the plane of motion, in the unit of length")
-        angle = OPEN if others else "theta"  # nobody measured that of a ball where no column may be it
-        columns["angle"] = (names.get("theta", angle), "theta", "in the plane of motion")
+        among = ", ".join(others)
+        about = f"in the plane of motion, if it is among {among}; null: nobody measured it, as of a ball"
+        if len(axes) == 2 or "theta" in names:
+            position = [names[axis] for axis in axes] if len(axes) == 2 else OPEN
+            columns["position"] = (position, ["x", "y"], "the two in the plane of motion, in the unit of length")
+        else:
+            columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
+            about = f"null: no orientation was measured, as of a ball; else quaternion: four columns among {among}"
+        angle = names.get("theta", OPEN if others else None)
+        columns["angle"] = (angle, "theta", about if angle == OPEN else "in the plane of motion; null: not measured")
     for name, (value, usual, about) in columns.items():
         if value != usual:
             yield Setting(name=f"columns.{name}", value=value, comment=about)
     for name, choices, evidence in (("unit", UNITS, "gravity"), ("angle", ANGLES, "the impacts")):
         units = known.stated(name)
         value = None if not units else OPEN if len(units) > 1 else next(iter(units))
-        yield Setting(name=name, value=value, comment=f"{', '.join(choices)}; null: found from {evidence}")
+        about = f"{', '.join(choices)}; null: found from {evidence}"
+        if value == _PIXEL:
+            size = [float(number) * UNITS["m"] / UNITS[unit] for number, unit in _SCALE.findall(remarks)]
+            value = float(f"{size[0]:.6g}") if len({*size}) == 1 else OPEN
+            about = "size of a pixel in m" + (", as the comment above the header says" if value != OPEN else "")
+        yield Setting(name=name, value=value, comment=about)
+
+
+def _with_heading(known: Recognised) -> Recognised:
+    """Columns of which one is an angle by another name, such as Heading_deg_cw; impacts show its sense."""
+    words = {name: [word for word in name_words(name) if word not in _SENSES] for name in known.others}
+    names = [name for name, one in words.items() if one[:1] and one[0] in _HEADINGS and {*one[1:]} <= {*_TURNS}]
+    if len(names) != 1:
+        return known
+    units = {_TURNS[word] for word in words[names[0]][1:]}
+    return replace(
+        known,
+        names={**known.names, "theta": names[0]},
+        units={**known.units, **({"theta": {"angle": units.pop()}} if len(units) == 1 else {})},
+        others=tuple(name for name in known.others if name != names[0]),
+    )
+
+
+def _only_number(pattern: re.Pattern[str], text: str) -> float | None:
+    """The number that all matches of a pattern state; None if there is none, or two."""
+    numbers = {float(number) for groups in pattern.findall(text) for number in groups if number}
+    return numbers.pop() if len(numbers) == 1 else None

@@ -263,13 +263,13 @@ def find_impacts(
     find = find_angles if turning else without_angles
     frame, model, searched = find(recordings, options, known, gyration)
     surveyed = survey(files, frame, model, options, searched=searched, progress=progress)
-    _check_contacts(path, surveyed)
+    _check_contacts(path, surveyed, searched.values(), options)
     limits = options.thresholds
     floor = find_floor(surveyed.contacts, known, surveyed.rests, lean=model.lean, limits=limits)
     _check_still(path, surveyed.contacts, known)
     contacts, refusals = off_the_floor(surveyed.contacts, known, floor, limits, longest=options.flight.contact_time)
     surveyed = replace(surveyed, contacts=tuple(contacts), refusals=(*surveyed.refusals, *refusals))
-    _check_contacts(path, surveyed)
+    _check_contacts(path, surveyed, searched.values(), options)
     if isinstance(known, Solid):
         refuse_left_handed_axes(path, contacts, known, gyration, limits.reading)
     name = options.layout.body or type(known).__name__.lower()
@@ -301,13 +301,32 @@ def _gyration(shape: Shape, mass: float, inertia: float | Sequence[float] | None
     return principal_moments(inertia) / mass
 
 
-def _check_contacts(path: Path, surveyed: Survey) -> None:
-    if not surveyed.contacts:
-        counter = Counter(REASONS[refusal.reason] for refusal in surveyed.refusals)
-        counts = ", ".join(f"{reason} ({count})" for reason, count in counter.items()) or "nothing"
+def _check_contacts(path: Path, surveyed: Survey, searched: Collection[SearchedTrack], options: TrackOptions) -> None:
+    """Refuse recordings without an impact, and say how they begin or end where each has one flight.
+
+    Raises:
+        DataError: there is no contact.
+    """
+    if surveyed.contacts:
+        return
+    counter = Counter(REASONS[refusal.reason] for refusal in surveyed.refusals)
+    counts = ", ".join(f"{reason} {count}" for reason, count in counter.most_common())
+    refused = f"; refused parts: {counts}" if counts else ""
+    fewest, count = options.flight.narrowest(surveyed.model.air), surveyed.recordings
+    flights = [(one.track, one.flights[0]) for one in searched if len(one.flights) == 1]
+    single = bool(flights) and all(len(one.flights) < 2 for one in searched)
+    falling = [track.height[flight.last] < track.height[flight.first] for track, flight in flights]
+    if single and all(falling):
+        why = f"each has one free flight, and ends before the contact or at it; let recordings run on for {fewest}"
+    elif single and not any(falling):
+        why = f"each has one free flight, and begins at the contact or after it; let recordings begin {fewest}"
+    else:
         raise DataError(
-            f"{path}: no contact between two free flights in {surveyed.recordings} recordings; refused: {counts}"
+            f"{path}: no impact in {count} recordings: none has a contact with a free flight of {fewest} frames or "
+            f"more before it and after it{refused}"
         )
+    when = "after contact" if all(falling) else "before contact"
+    raise DataError(f"{path}: no impact in {count} recordings: {why} frames or more {when}{refused}")
 
 
 def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape | None:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -67,7 +67,8 @@ def progress(folder: Path | None = None, tracker: OnEvent = ignore, *, verbose: 
         verbose: whether results among the events are printed, or only logged.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as display:
+    display = Progress(*columns, console=console, transient=True)
+    with display if console.is_interactive else nullcontext():  # which writes an empty line where no bar is seen
         show = TerminalObserver(display, verbose=verbose)
 
         def on_event(event: Event) -> None:

@@ -511,7 +511,7 @@ def _spatial(
         off[name] = float(np.arccos(np.clip(against, 0, 1)))
     turned = max(total for _, total in axes_of.values())
     fits = [name for name in axes_of if off[name] <= limits.aligned]
-    if orders not in (ORDERS[4], ()):
+    if order is None and orders not in (ORDERS[4], ()):
         fits = fits[:1]  # turns about one axis are the same in several orders
     if order is not None and order not in fits and fits and turned > limits.aligned:
         raise DataError(

@@ -1,7 +1,8 @@
 """The way from a recording in a file's units and axes to a track, with the evidence for it: conventions of the file.
 
 An orientation turns the body's axes into the file's, whatever their sense: a quaternion, whose `order` says where the
-scalar is; turns in rad about the file's x, y and z, whose `order` says which comes first; or a matrix, row by row.
+scalar is; turns in rad about the file's x, y and z, whose `order` says which comes first; a rotation vector in rad; or
+a matrix, row by row.
 """
 
 from collections.abc import Sequence
@@ -23,10 +24,11 @@ _FRAME_STRIDE = 8  # frames between two orientations that are compared
 
 ORDERS: dict[int, tuple[str, ...]] = {
     4: ("wxyz", "xyzw"),
-    3: ("xyz", "zyx", "xzy", "yxz", "yzx", "zxy"),
+    3: ("xyz", "zyx", "xzy", "yxz", "yzx", "zxy", "rotvec"),
     9: ("rows",),
 }
-"""Readings of an orientation by the number of its columns: a quaternion, turns about x, y and z, a matrix."""
+"""Readings of an orientation by the number of its columns: a quaternion; turns about x, y and z, or a vector of
+rotation; a matrix."""
 _REGULAR = 2.0  # times the least change of the spin, up to which turns are read in an order
 
 
@@ -39,6 +41,8 @@ def scalar_first(columns: Float[Array, "t c"], order: str) -> Float[Array, "t 4"
         seen &= rotations(columns)
         R = columns[seen].reshape(-1, 3, 3)
         turned = Rotation.from_matrix(R) if len(R) else Rotation.identity(0)
+    elif order == "rotvec":
+        turned = Rotation.from_rotvec(columns[seen])
     else:
         turned = Rotation.from_euler(order, columns[seen][:, ["xyz".index(axis) for axis in order]])
     quaternions = np.full((len(columns), 4), np.nan)
@@ -47,7 +51,7 @@ def scalar_first(columns: Float[Array, "t c"], order: str) -> Float[Array, "t 4"
 
 
 def orders_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """The readings of orientations; of turns about x, y and z those in which bodies spin most steadily."""
+    """The readings of orientations; of three numbers those in which bodies spin most steadily."""
     first = recordings[0].quaternion
     orders = ORDERS[4 if first is None else first.shape[1]]
     if len(orders) < 3:

@@ -19,6 +19,10 @@ from contactlearn.data.recordings.poses import Array, arms, orientation, turn
 from contactlearn.data.recordings.sufficiency import NEEDED
 
 Mask = np.ndarray
+_DIGITS = (1e-2, 1e-3, 1e-4)  # s, to which time stamps are rounded
+_ROUNDED = 20  # steps that show it
+_EXACT = 1e-3  # of a digit, by which a rounded stamp may differ from a multiple of it
+_OF_ROUNDING = 0.75  # of a digit, up to which stamps are off an even grid by rounding: half of one, and its fit
 _NO_TURN = 0.02  # of an entry of Rᵀ R − 1, above which a matrix is no rotation
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
 
@@ -199,3 +203,19 @@ def mean_step(time: Float[Array, " t"]) -> float:
     """Mean time between two frames, as time stamps are: rounded ones do no harm, nor do frames that are skipped."""
     step = np.diff(time)
     return float(np.mean(step[step <= 1.5 * np.median(step)]))
+
+
+def on_grid(time: Float[Array, " t"]) -> Float[Array, " t"]:
+    """Even times of frames whose stamps are rounded, such as 4 and 5 ms apart at 240 Hz; others are as they are."""
+    step = np.diff(time)
+    if len(step) < _ROUNDED or not np.isfinite(time).all() or (step <= 0).any():
+        return time
+    for digit in _DIGITS:
+        if np.abs(time / digit - np.round(time / digit)).max() < _EXACT:
+            break
+    else:
+        return time
+    number = np.concatenate(([0.0], np.cumsum(np.round(step / mean_step(time)))))
+    even = np.polyval(np.polyfit(number, time, 1), number)
+    uneven = np.ptp(step[np.diff(number) == 1]) > digit / 2 if (np.diff(number) == 1).any() else False
+    return even if uneven and np.abs(even - time).max() <= digit * _OF_ROUNDING else time

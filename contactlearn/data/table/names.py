@@ -66,6 +66,7 @@ _ALIASES = {
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
+_PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
 _SPELLED = {
     "per": "", "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s",
@@ -210,7 +211,7 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
         words = words[1:]
     for split in range(len(words), 0, -1):
         name, unit = "".join(words[:split]), _unit(words[split:])
-        place = name.removeprefix("p") if len(name) == 2 and not of_impacts else ""  # px; of impacts it is an impulse
+        place = "" if of_impacts else _PLACE.sub("", name)  # px; of impacts it is an impulse
         for ours, end in product((name, _ALIASES.get(name, ""), place, _QUATERNION.sub(r"q\1", name)), ends):
             if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
                 return ours + end, vocabulary[ours + end][unit]

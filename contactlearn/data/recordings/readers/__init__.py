@@ -23,13 +23,15 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.track import Recording, mean_step
+from contactlearn.data.recordings.track import Recording, mean_step, on_grid
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
 LIKELY = 0.6
 """Likelihood below which DeepLabCut takes a point for lost by default."""
 _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
+VECTOR = r"(?:rvec|rot(?:ation)?[\W_]*vec(?:tor)?|axis[\W_]*angle|helical)"
+"""Names of a vector of rotation begin so."""
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
@@ -47,7 +49,7 @@ class Layout:
         position: of x and y, or of x, y and z; of arrays one may hold all, and of a quaternion likewise.
         angle: of the angle in the plane; None if none was measured, as of a ball.
         quaternion: of its four components; the order is read off names that end in w, x, y and z.  Three are turns
-            about x, y and z, nine a matrix, row by row.
+            about x, y and z, or a vector of rotation; nine a matrix, row by row.
         recording: of the recording's name, in a file with several; None if there is one a file.
         markers: of each marker's x and y, or x, y and z, from which the pose is found; none if the file has poses.
         body: of the rigid body, topic or group, where a file has several.
@@ -101,6 +103,7 @@ class Layout:
             if self.rate is None:
                 raise DataError(f"{source}: frames are numbered, and have no times; state data.rate, frames a second")
             return stamps / self.rate
+        stamps = on_grid(stamps)
         if self.rate is None or len(stamps) < 2 or not (np.diff(stamps) > 0).all():  # the last is `Recording`'s error
             return stamps
         if abs(mean_step(stamps) * self.rate - 1) > _RATE_TOLERANCE:
@@ -127,7 +130,9 @@ class Layout:
 
     @property
     def order(self) -> str | None:
-        """Order of the quaternion's components by the last letters of its names."""
+        """Order of the quaternion's components by the last letters of their names, or that they are another vector."""
+        if len(self.quaternion) == 3 and all(re.match(VECTOR, name, re.IGNORECASE) for name in self.quaternion):
+            return "rotvec"
         letters = "".join(name[-1:].lower() for name in self.quaternion)
         return letters if letters in ("wxyz", "xyzw") else None
 
@@ -189,6 +194,11 @@ def _check_suffix(path: Path) -> None:
     """Refuse a file that is no recording by its name."""
     if path.suffix.lower() in (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar"):
         raise DataError(f"{path}: is compressed; unpack it first, and give the file or folder that comes out")
+    if path.suffix.lower() in (".pkl", ".pickle", ".p", ".joblib"):
+        raise DataError(
+            f"{path}: is a pickle, which runs code when it is opened; write the frames with numpy.savez("
+            "'tosses.npz', time=…, position=…, quaternion=…), or as CSV"
+        )
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}")
 
@@ -205,6 +215,8 @@ def recording_files(path: Path) -> list[Path]:
     if not path.is_dir():
         raise DataError(f"{path}: no such file or folder; check the path (relative to {Path.cwd()})")
     files = sorted(file for file in path.rglob("*") if file.is_file() and file.suffix.lower() in SUFFIXES)
+    if not files and (other := next((file for file in sorted(path.rglob("*.p*kl*")) if file.is_file()), None)):
+        _check_suffix(other)
     files = [file for file in files if not file.name.lower().startswith(("readme", "license"))]
     files = [file for file in files if not any(part.startswith(".") for part in file.relative_to(path).parts)]
     if not files:

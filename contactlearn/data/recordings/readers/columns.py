@@ -21,7 +21,7 @@ from pyarrow import parquet
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import Layout
+from contactlearn.data.recordings.readers import VECTOR, Layout
 from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
 from contactlearn.data.recordings.track import Recording
 
@@ -40,6 +40,8 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
     for part in _parts(path, export):
+        if names == "recording" not in part.columns and (column := recording_column(part)):
+            layout, names = replace(layout, recording=column), column
         part = _of_body(path, part, layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
@@ -56,6 +58,23 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     if not pending:
         raise DataError(f"{path}: holds no frames")
     yield _whole(path, pending, rows, layout, seen)
+
+
+_RECORDED = frozenset(
+    ("recording", "clip", "take", "toss", "throw", "drop", "trial", "run", "video", "movie", "episode", "experiment")
+) | {"shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
+_COUNTED = {"id", "name", "no", "nr", "number", "index", "idx", "file", ""}
+
+
+def recording_column(table: pd.DataFrame) -> str | None:
+    """Return the column that a word for a recording names, such as clip, and whose values are in one piece each."""
+    for name in map(str, table.columns):
+        words = {*re.split(r"[\W\d_]+", name.lower())} - _COUNTED
+        if len(words) == 1 and words <= _RECORDED:
+            keys = table[name].astype(str)
+            if 1 < keys.nunique() == 1 + int((keys != keys.shift()).iloc[1:].sum()):
+                return name
+    return None
 
 
 def _name(piece: pd.DataFrame, names: str | None) -> str | None:
@@ -87,6 +106,14 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
         path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path, export)
     ) as reader:
         yield from reader if export is None else map(export.cleaned, reader)
+
+
+def comments(path: Path) -> list[str]:
+    """Return the comments above the header of a text file."""
+    if path.suffix.lower() == ".parquet":
+        return []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return [line.strip() for line in takewhile(lambda line: line.startswith(COMMENT), file)]
 
 
 def column_names(path: Path) -> list[str]:
@@ -286,7 +313,7 @@ def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array
 
 
 def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
-    """A column of times, in the unit that its name states; dates with times are counted in s from the first of them.
+    """A column of times, in the unit that its name states; times of day and dates are counted in s from the first.
 
     Beside whole seconds, such as header.stamp.sec, a column of nanoseconds counts too.
     """
@@ -297,6 +324,8 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     if pd.api.types.is_numeric_dtype(table[name]):
         times = _column(place, table, name)
         return times * _SECONDS[stated[1]] if stated else _in_seconds(times)
+    if (clock := _of_clock(place, table[name])) is not None:
+        return clock
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
     if pd.to_numeric(table[name], errors="coerce").notna().any() or stamps.isna().all():
         return _column(place, table, name)  # numbers, with some text
@@ -306,6 +335,31 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
             f"{place}: row {row + 1}, column {name}: must be a date with a time, got {table[name].iloc[row]!r}"
         )
     return ((stamps - stamps.iloc[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=np.float64)
+
+
+_CLOCK = re.compile(r"\s*(?:(?P<h>\d{1,2}):(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+)?)|(\d{1,3}):(\d{1,2}[.,]\d+))\s*")
+_DAY, _HOUR = 86400.0, 3600.0  # s
+
+
+def _of_clock(place: str, cells: pd.Series) -> Array | None:
+    """Times of day hh:mm:ss(.sss), or mm:ss.sss, in s, across midnight or the full hour; None if the first is none.
+
+    Raises:
+        DataError: another one is none.
+    """
+    parts = [_CLOCK.fullmatch(str(cell)) for cell in cells]
+    if not parts or (first := parts[0]) is None:
+        return None
+    row = next((k for k, part in enumerate(parts) if part is None or bool(part["h"]) != bool(first["h"])), None)
+    if row is not None:
+        raise DataError(
+            f"{place}: row {row + 1}, column {cells.name}: must be a time of day as {cells.iloc[0]!r} is, "
+            f"got {cells.iloc[row]!r}"
+        )
+    numbers = [[float(one.replace(",", ".")) for one in part.groups() if one] for part in parts if part]
+    seconds = np.array([sum(one * 60**k for k, one in enumerate(reversed(row))) for row in numbers])
+    period = _DAY if len(numbers[0]) == 3 else _HOUR
+    return seconds - seconds[0] + period * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -period / 2)
 
 
 def _in_seconds(times: Array) -> Array:
@@ -347,14 +401,39 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     turned = layout.quaternion if measured else ()
     poses = (*layout.position, *turned) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
+        if sensed(name):
+            raise DataError(f"{path}: column {name!r} is no position and no angle: {SENSED}")
         if name not in table.columns:
             known = [str(column) for column in table.columns]
             raise DataError(
                 f"{path}: has no column {name!r}{suggest(name, known)}; it has {', '.join(known)} "
-                "('data.columns={time: t, position: [px, py], angle: phi}' says which are which)"
+                "('data.columns={time: t, position: [px, py], angle: phi}' says which are which; angle: null of a ball)"
             )
     if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
         layout.times(0, str(path))
+
+
+_SENSOR = re.compile(  # words, and units of accelerations, g among them, and of rates
+    r"(?:(?:raw|linear|lin|total|absolute|user|uncalibrated|angular)[\W_]*)*"
+    r"(?:acc(?![a-z])|accel|gyro|beschleunigung|accélération|aceleraci[oó]n|accelerazione|[agw][xyz](?![a-z]))"
+    r"|.*(?:m\s*/\s*s\s*(?:\^|\*\*)?\s*[2²]|m\s*/\s*s\s*/\s*s|m\s*s\^?[-⁻−][2²]|_m_?p?_?s2|[\[(]\s*g\s*[\])]|_g$"
+    r"|(?:°|deg|rad|degrees|radians)(?:\s*/\s*|_per_|_)s(?![a-z])|dps\b)",
+    re.IGNORECASE,
+)
+SENSED = (
+    "these are accelerations and rates of a sensor on the body; positions and orientation, or velocities before and "
+    "after contact, are needed"
+)
+
+
+def sensed(name: str) -> bool:
+    """Whether a name is that of a sensor's acceleration or rate, by its words or unit: no position and no angle."""
+    return _SENSOR.match(name) is not None
+
+
+def of_sensor(path: Path) -> bool:
+    """Whether the name of a file is that which an app gives the readings of a sensor."""
+    return re.fullmatch(r"(?:[a-z]*[\W_]*)(?:accelerometer|acceleration|gyroscope)\w*", path.stem, re.I) is not None
 
 
 def _with_orientation(table: pd.DataFrame, layout: Layout) -> Layout:
@@ -380,6 +459,9 @@ def orientation_columns(header: Sequence[str]) -> tuple[str, ...]:
     for names in _TURNS:
         if {*names} <= {*bare}:
             return tuple(bare[name] for name in names)
+    vector = {match[1]: name for word, name in bare.items() if (match := re.fullmatch(f"{VECTOR}([xyz012])", word))}
+    if len(vector) == 3:
+        return tuple(vector[key] for key in sorted(vector))
     entries = sorted((match.groups(), name) for word, name in bare.items() if (match := _ENTRY.fullmatch(word)))
     return tuple(name for _, name in entries) if len(entries) == 9 else ()
 

@@ -1,7 +1,7 @@
 """Text of trackers that begins with lines of its own: where the frames begin, and what their columns are.
 
     Qualisys TSV     keys with values, then MARKER_NAMES, or BODY_NAMES with position and matrix; mm, FREQUENCY
-    Vicon CSV        Trajectories or Objects, a rate, names, axes and units; a section of several ends with a blank line
+    Vicon CSV        sections such as Devices and Trajectories: a rate, names, axes, units, frames and a blank line each
     Tracker (OSP)    names of tracks, t, x, y; with decimal points or commas
     DeepLabCut       scorer, bodyparts, coords: pixels
     Logger Pro       Video Analysis: Time (s), X (cm), Y (cm), and X 2, Y 2 of the next object
@@ -31,6 +31,13 @@ _HEADER = 60  # lines among which the frames begin
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _AXES = ("x", "y", "z")
 _BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
+_TRACKED = (
+    "Objects",
+    "Segments",
+    "Trajectories",
+    "Joints",
+)  # sections of Vicon that are read, the first that a file has
+_SECTIONS = (*_TRACKED, "Devices", "Model Outputs", "Events", "Gaze Vectors")
 Rows = list[list[str]]
 
 
@@ -108,15 +115,43 @@ class Export:
 
 def export_of(path: Path) -> Export | None:
     """Return how an export stands in a text file, or nothing if its first line names its columns."""
+    start = _section(path)
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        lines = [line.rstrip("\r\n") for line in islice(file, _HEADER)]
+        lines = [line.rstrip("\r\n") for line in islice(file, start, start + _HEADER)]
     separator = next((mark for mark in "\t;" if any(mark in line for line in lines)), ",")
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
     rows = [row or [""] for row in rows]
     for read in _LAYOUTS:
         if len(rows) > 3 and (found := read(rows)):
-            return replace(found, separator=separator)
+            return replace(found, separator=separator, above=start + found.above)
     return None
+
+
+def _section(path: Path) -> int:
+    """Lines above the section of Vicon's CSV that has poses or markers; 0 of a file without sections.
+
+    Raises:
+        DataError: the file has only other sections, such as the forces of a plate.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        if _title(file.readline()) not in _SECTIONS:
+            return 0
+        file.seek(0)
+        starts: dict[str, int] = {}
+        blank = True
+        for number, line in enumerate(file):
+            if blank and (title := _title(line)) in _SECTIONS:
+                starts.setdefault(title, number)
+            blank = not line.strip(", ;\t\r\n")
+    if known := [starts[title] for title in _TRACKED if title in starts]:
+        return known[0]
+    raise DataError(
+        f"{path}: has the sections {', '.join(starts)}, and none of {', '.join(_TRACKED)}; export Trajectories as well"
+    )
+
+
+def _title(line: str) -> str:
+    return line.strip(', ;\t\r\n"')
 
 
 def _qualisys(rows: Rows) -> Export | None:
@@ -147,12 +182,8 @@ def _qualisys(rows: Rows) -> Export | None:
 
 
 def _vicon(rows: Rows) -> Export | None:
-    titles = [k for k, row in enumerate(rows) if row[0] in ("Trajectories", "Objects")]
-    start = next((k for k in titles if rows[k][0] == "Objects"), titles[0] if titles else None)
-    if start is None:
-        return None
-    header = next((k for k, row in enumerate(rows) if k > start and row[0] == "Frame"), None)
-    if header is None:
+    header = next((k for k, row in enumerate(rows) if row[0] == "Frame"), None)
+    if rows[0][0] not in _TRACKED or header is None:
         return None
     axes, units = rows[header], rows[header + 1]
     names, group = list[str](), ""
@@ -171,7 +202,7 @@ def _vicon(rows: Rows) -> Export | None:
             points[one if several else short] = plain
     if not points and not bodies:
         return None
-    rate = next((float(row[0]) for row in rows[start + 1 : header] if _numeric(row[:1])), None)
+    rate = next((float(row[0]) for row in rows[1:header] if _numeric(row[:1])), None)
     above = header + (1 if _numeric(units[:1]) else 2)
     unit = next((unit for unit in units if unit in ("mm", "m", "cm")), None)
     names = _padded(names, rows[above])
