@@ -232,6 +232,20 @@ def test_a_shape_in_another_unit(unit):
     torch.testing.assert_close(correct(wrong, [name]).r, clean.r)
 
 
+@pytest.mark.parametrize("unit", ["millimetres", "centimetres", "inches", "feet"])
+def test_positions_in_another_unit_where_contact_points_are_computed(unit):
+    clean = drops(seed=1)
+    clean = clean.replace(r=contact_points(clean.shape, clean.body, clean.q[:, 2]), validate=False)
+    clean = clean.replace(q=torch.cat((clean.q[:, :1], -clean.r[:, 1:], clean.q[:, 2:]), -1), q_post=None)
+    factor = {"millimetres": 1e3, "centimetres": 1e2, "inches": 1 / 0.0254, "feet": 1 / 0.3048}[unit]
+    wrong = clean.replace(q=clean.q * torch.tensor((factor, factor, 1)))
+    (finding,) = mistakes(audit(wrong))
+    assert finding.correction == unit
+    assert "times what the shape gives" in finding.sentence
+    corrected = correct(wrong, [unit])
+    torch.testing.assert_close((corrected.q, corrected.r), (clean.q, clean.r))
+
+
 def inclined(impacts: Impacts, degrees: float, *, seen: bool) -> Impacts:
     """The impacts in level axes of a floor that is inclined; contact points as seen, or computed on a level floor."""
     angle = torch.full((len(impacts),), math.radians(degrees), dtype=torch.float64)

@@ -149,7 +149,8 @@ def _written(unit: Miswritten) -> Correction:
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
     if "theta" in unit.columns:
         return _with_contact(Correction(unit.words, _converted(unit), _forget("orientation"), spaces=(PLANE,)))
-    return Correction(unit.words, _converted(unit), apparatus)
+    written = Correction(unit.words, _converted(unit), apparatus)
+    return _with_contact(written) if "place" in unit.columns else written
 
 
 def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -303,7 +304,7 @@ def _turned_theta(quarters: int) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _with_contact(one: Correction) -> Correction:
-    """A correction of axes or of θ; contact points that were computed from the shape are so again after it."""
+    """A correction of axes, of θ or of positions; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
         after = one.function(impacts, thresholds)
