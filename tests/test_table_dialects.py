@@ -555,3 +555,50 @@ def test_a_file_of_tum_poses_is_a_recording(tmp_path):
     path.write_text("".join(f"{k / 100};0;0\n" for k in range(20)))
     with pytest.raises(DataError, match="its first line must name the columns"):
         propose(path)
+
+
+COMMENTS = {
+    "sentences": ("lengths in mm, velocities in mm/s, angles in deg, angular rates in deg/s, mass 36.4 g",),
+    "a list of units": ("units: mm, mm/s, deg and deg/s",),
+    "columns by name": ("x and y in mm; vx, vy, vx_post, vy_post: mm/s", "theta (deg), omega, omega_post [deg/s]"),
+}
+
+
+@pytest.mark.parametrize("comments", COMMENTS.values(), ids=COMMENTS)
+def test_comments_above_the_header_state_units(tmp_path, frame, comments):
+    factors = {"x": 1e3, "y": 1e3, "vx": 1e3, "vy": 1e3, "theta": 180 / math.pi, "omega": 180 / math.pi}
+    written = frame.assign(**{name: frame[name] * factors[name.removesuffix("_post")] for name in COLUMNS})
+    path = tmp_path / "drops.csv"
+    path.write_text("# camera 2, 1000 fps\n" + "".join(f"# {line}\n" for line in comments) + text(written))
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=1e-9)
+    assert "units as the comments above the header state them" in found.read_as
+    mapped = table.read(path, **BODY, columns={"vx": "vx"})  # by its name in the file
+    np.testing.assert_allclose(numbers(mapped.impacts), frame, rtol=1e-9)
+
+
+@pytest.mark.parametrize("comment", ["lengths in mm, lengths in cm", "everything was measured in mm by hand"])
+def test_comments_with_units_that_are_not_read_are_said(tmp_path, frame, comment):
+    path = tmp_path / "drops.csv"
+    path.write_text(f"# {comment}\n" + text(frame))
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING)
+    assert f"comments mention units, and are not read: {comment!r}" in found.read_as
+
+
+@pytest.mark.parametrize("comment", ["all in SI: m, s", "ellipse 70 mm x 50 mm, 36 g", "3 May, run 2"])
+def test_other_comments_are_passed_over(tmp_path, frame, comment):
+    path = tmp_path / "drops.csv"
+    path.write_text(f"# {comment}\n" + text(frame))
+    assert [*table.read(path, **BODY).read_as] == ["1 comment line above the header"]
+
+
+@pytest.mark.parametrize("name", ["drop", "Shot", "run nr", "#", "test_id", "No."])
+def test_a_column_of_numbers_of_trials_names_them(tmp_path, frame, name):
+    named = frame.assign(**{name: range(61, 91)}).iloc[::-1]
+    assert table.read(named, **BODY).impacts.trial[0] == "90"
+    grouped = frame.assign(**{name: [k // 10 for k in range(30)]})
+    assert table.read(grouped, **BODY).impacts.trial[0] == "1"
+    path = tmp_path / "drops.csv"
+    named.to_csv(path, index=False)
+    assert {one.name: one.value for one in propose(path).settings}["columns.trial"] == name

@@ -6,7 +6,7 @@ required setting that the names do not state is left open.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from contactlearn.data.table.columns import (
     computed_fields,
     recognised_columns,
     required_in,
+    trial_column,
 )
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -115,6 +116,9 @@ def propose(path: Path) -> FileContents:
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
+        if "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
+            others = tuple(name for name in impacts.others if name != trial)
+            impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):

@@ -304,7 +304,7 @@ def _turned_theta(quarters: int) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _with_contact(one: Correction) -> Correction:
-    """A correction of axes, of θ or of positions; contact points that were computed from the shape are so again after it."""
+    """A correction of axes, θ or positions; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
         after = one.function(impacts, thresholds)

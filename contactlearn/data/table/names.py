@@ -156,6 +156,11 @@ def is_unit(text: str) -> bool:
     return text.strip() == "-" or any(word in units for units in impact_vocabulary(PLANE).values() if word)
 
 
+def unit_as_written(text: str, column: str) -> Stated:
+    """Return the unit that a text is of one of our columns in the plane, by quantity; none if it is none of it."""
+    return impact_vocabulary(PLANE).get(column, {}).get(_unit(name_words(f"[{text}]")), {}) if text.strip() else {}
+
+
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
     """Match each of our columns with the file's column of that name, or with the only other that names it."""
     opposite = any("out" in name_words(name) for name in header)
