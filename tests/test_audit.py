@@ -7,7 +7,7 @@ import re
 import pandas as pd
 import pytest
 import torch
-from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, UNITS, corrupt, exchanged
+from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, MEANINGS, UNITS, corrupt, exchanged
 from pairings import paired
 from spatial import in_space
 
@@ -107,6 +107,22 @@ def test_every_mistake_is_named(body, seed, known):
         same = name if known or name != "mirrored_omega" else "mirrored_theta"  # no shape shows θ
         expected = [] if (body, name) in BLIND else [SAME.get((body, name), same)]
         assert corrections(audit(corrupt(clean, name))) == expected, name
+
+
+@pytest.mark.parametrize("beside", [(), ("degrees_omega",), ("mirrored_x",), ("swapped_axes",)], ids=" + ".join)
+@pytest.mark.parametrize("meaning", MEANINGS)
+def test_velocities_that_mean_something_else(meaning, beside):
+    """Changes in place of velocities after impact; speeds towards the floor and away from it, all positive."""
+    for body in ("ellipse", "disc"):
+        clean = drops(body, seed=1)
+        wrong = corrupt(clean, meaning, *beside)
+        found = corrections(audit(wrong))
+        assert meaning in found
+        assert len(found) == 1 + len(beside)
+        corrected = correct(wrong, found)
+        assert mistakes(audit(corrected)) == []
+        for one, other in ((corrected.v_pre, clean.v_pre), (corrected.v_post, clean.v_post)):
+            torch.testing.assert_close(one.abs(), other.abs())
 
 
 TURNS = {"quarter_turn", "quarter_turn_back", "half_turn"}

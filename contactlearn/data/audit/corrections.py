@@ -218,6 +218,11 @@ def _swapped_pre_post(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
 
 
+def _turned_approach(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    d, D = impacts.space.d, impacts.space.D
+    return _multiplied(impacts, [-1.0 if k == d - 1 else 1.0 for k in range(D)], ("v_pre",))
+
+
 def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
     factor = torque(impacts).inertia_factor.item()
     if not 0 < factor < math.inf:
@@ -438,6 +443,13 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 CORRECTIONS = {
     "swapped_pre_post": _with_contact(
         Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post)
+    ),
+    "changes_post": Correction(
+        "velocities after impact are changes, after minus before: those before impact are added to them",
+        lambda impacts, _: impacts.replace(v_post=impacts.v_pre + impacts.v_post),
+    ),
+    "approach_speed": Correction(
+        "the normal velocity before impact is a speed towards the floor: its sign is turned", _turned_approach
     ),
     **{name: replace(_with_contact(one), spaces=(PLANE,)) for name, one in _IN_PLANE.items()},
     **{
