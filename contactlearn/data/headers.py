@@ -282,6 +282,8 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
         return OPEN, f"{source}; {', '.join(map(repr, silent))} state none"
     if not telling and stated and not silent and SI[quantity] not in stated:
         return None, f"null: as each column states it; {source}"
+    if quantity == "angle" and not stated and not silent:
+        return None, f"null: as columns state it, or {SI[quantity]}; no column is of it"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")
