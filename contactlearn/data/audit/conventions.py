@@ -497,8 +497,8 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     judged = bool(fit.judged.terms)
     unbalanced = judged and at_least > thresholds.impossible and share < thresholds.impossible
     reasons = {
-        f"the residual of the moment balance is {means['moment']:.0%} of its terms, and the balance explains "
-        f"{share:.0%} of Δω (it gives {fit})": unbalanced,
+        f"the residual of the moment balance is {means['moment']:.0%} of its terms: with the coefficients +1 and +1 "
+        f"it explains {share:.0%} of Δω, and fitted to it {fit}": unbalanced,
         f"the floor pulls in {means['push']:.0%} of trials": means["push"] > _REVERSED,
         f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > _REVERSED,
     }
@@ -514,12 +514,29 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     sentence = (
         f"no {'planar ' if space is PLANE else ''}impact of a rigid body can have produced these data: under the best "
         f"of {comparison.tried} hypotheses about units and axes ({best}) {'; '.join(reasons)}. Tried were the units of "
-        f"every column and of {tried}. Do before and after belong to the same trials?"
+        f"every column and of {tried}. {_lead(best)}"
     )
     evidence = evidence_of(
         ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()
     )
     return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]
+
+
+def _lead(best: Hypothesis) -> str:
+    """The likeliest causes of impossible data, by what is seen most under the best hypothesis."""
+    means, normal = best.means(), "y" if best.impacts.space is PLANE else "z"
+    if max(means["approach"], means["push"]) > _REVERSED:
+        seen = "do not approach the floor" if means["approach"] >= means["push"] else "are pulled by it"
+        return (
+            f"That bodies {seen} has two likely causes: the normal of the surface is not {normal}, as of a wall or a "
+            "racket that leans, or the surface moves, and its velocity was not taken off"
+        )
+    if best.balance.r_squared > EXPLAINED:
+        return (
+            f"Spins follow the impulses (R² = {best.balance.r_squared:.2f}), but not as they should: is the shape that "
+            "of this body, with θ about its axes, or are columns after impact something else than velocities?"
+        )
+    return "Do before and after belong to the same trials, and ω to the same body?"
 
 
 def exchanged_findings(comparison: ConventionComparison) -> list[Finding]:
