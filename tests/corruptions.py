@@ -16,7 +16,7 @@ def corrupt(impacts: Impacts, *names: str) -> Impacts:
         old = {}
         for field, columns in fields.items():
             old |= zip(columns, getattr(impacts, field).reshape(len(impacts), -1).unbind(-1), strict=True)
-        changes = CORRUPTIONS_AND_UNITS[name].items()
+        changes = (CORRUPTIONS_AND_UNITS | MEANINGS)[name].items()
         new = old | {column: change(old) for column, change in changes if column in old}
         values = {
             field: new[columns[0]] if len(columns) == 1 else torch.stack([new[column] for column in columns], -1)
@@ -81,3 +81,10 @@ UNITS |= {
 UNITS = {name: change for name, change in UNITS.items() if name not in CORRUPTIONS}
 CORRUPTIONS_AND_UNITS = CORRUPTIONS | UNITS
 """The same, with all other units in which columns may be written."""
+MEANINGS: dict[str, dict[str, Callable]] = {
+    "changes_post": {
+        f"{name}_post": (lambda old, name=name: old[f"{name}_post"] - old[name]) for name in ("vx", "vy", "omega")
+    },
+    "approach_speed": scaled(-1, "vy"),
+}
+"""The same where velocities mean something else."""

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, corrupt
+from corruptions import CORRUPTIONS, CORRUPTIONS_AND_UNITS, MEANINGS, corrupt
 
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.settings import SourceSettings
@@ -63,7 +63,7 @@ def test_corrections_are_pure_and_complete(drops):
     others |= {"averaged_vx", "averaged_vy", "averaged_omega", "rig", "traced_shape"}  # test_spread.py, test_rig.py, …
     others |= {"inclined_floor", "moving_floor", "spin_from_moments"}  # test_audit.py
     others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet")}
-    assert planar == set(CORRUPTIONS_AND_UNITS) | others
+    assert planar == {*CORRUPTIONS_AND_UNITS, *MEANINGS} | others
     assert all(correction.description for correction in CORRECTIONS.values())
     for name in planar - {"ordered_by_time", "inclined_floor"}:
         assert correct(drops.replace(q_post=None, validate=False), [name]).q_post is None

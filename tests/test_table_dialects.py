@@ -235,7 +235,8 @@ def test_a_unit_without_signs_has_one_meaning(space):
     """All products have a text of their own, such as m/ms and mm/s, and are read as it says."""
     for column, units in impact_vocabulary(space).items():
         quantities = {*powers_of(column)}
-        assert len(units) == (math.prod(len(UNIT_FACTORS[name]) for name in quantities) + 1 if quantities else 1), (
+        meanings = {tuple(stated.items()) for stated in units.values()}  # m.s of m/s is also ms
+        assert len(meanings) == (math.prod(len(UNIT_FACTORS[name]) for name in quantities) + 1 if quantities else 1), (
             column
         )
     for length in UNIT_FACTORS["length"]:
@@ -555,3 +556,184 @@ def test_a_file_of_tum_poses_is_a_recording(tmp_path):
     path.write_text("".join(f"{k / 100};0;0\n" for k in range(20)))
     with pytest.raises(DataError, match="its first line must name the columns"):
         propose(path)
+
+
+COMMENTS = {
+    "sentences": ("lengths in mm, velocities in mm/s, angles in deg, angular rates in deg/s, mass 36.4 g",),
+    "a list of units": ("units: mm, mm/s, deg and deg/s",),
+    "columns by name": ("x and y in mm; vx, vy, vx_post, vy_post: mm/s", "theta (deg), omega, omega_post [deg/s]"),
+}
+
+
+@pytest.mark.parametrize("comments", COMMENTS.values(), ids=COMMENTS)
+def test_comments_above_the_header_state_units(tmp_path, frame, comments):
+    factors = {"x": 1e3, "y": 1e3, "vx": 1e3, "vy": 1e3, "theta": 180 / math.pi, "omega": 180 / math.pi}
+    written = frame.assign(**{name: frame[name] * factors[name.removesuffix("_post")] for name in COLUMNS})
+    path = tmp_path / "drops.csv"
+    path.write_text("# camera 2, 1000 fps\n" + "".join(f"# {line}\n" for line in comments) + text(written))
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=1e-9)
+    assert "units as the comments above the header state them" in found.read_as
+    mapped = table.read(path, **BODY, columns={"vx": "vx"})  # by its name in the file
+    np.testing.assert_allclose(numbers(mapped.impacts), frame, rtol=1e-9)
+
+
+@pytest.mark.parametrize("comment", ["lengths in mm, lengths in cm", "everything was measured in mm by hand"])
+def test_comments_with_units_that_are_not_read_are_said(tmp_path, frame, comment):
+    path = tmp_path / "drops.csv"
+    path.write_text(f"# {comment}\n" + text(frame))
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING)
+    assert f"comments mention units, and are not read: {comment!r}" in found.read_as
+
+
+@pytest.mark.parametrize("comment", ["all in SI: m, s", "ellipse 70 mm x 50 mm, 36 g", "3 May, run 2"])
+def test_other_comments_are_passed_over(tmp_path, frame, comment):
+    path = tmp_path / "drops.csv"
+    path.write_text(f"# {comment}\n" + text(frame))
+    assert [*table.read(path, **BODY).read_as] == ["1 comment line above the header"]
+
+
+@pytest.mark.parametrize("name", ["drop", "Shot", "run nr", "#", "test_id", "No."])
+def test_a_column_of_numbers_of_trials_names_them(tmp_path, frame, name):
+    named = frame.assign(**{name: range(61, 91)}).iloc[::-1]
+    assert table.read(named, **BODY).impacts.trial[0] == "90"
+    grouped = frame.assign(**{name: [k // 10 for k in range(30)]})
+    assert table.read(grouped, **BODY).impacts.trial[0] == "1"
+    path = tmp_path / "drops.csv"
+    named.to_csv(path, index=False)
+    assert {one.name: one.value for one in propose(path).settings}["columns.trial"] == name
+
+
+CHANGES = {
+    "suffixes": ("dvx_ms", "dvy_ms", "dw_rads"),
+    "Greek": ("Δvx [mm/s]", "Δvy [mm/s]", "Δω (deg/s)"),
+    "words": ("change of vx", "vy change", "delta_omega [rpm]"),
+    "underscores": ("dv_x", "delta_v_y", "d_omega"),
+}
+
+
+@pytest.mark.parametrize("names", CHANGES.values(), ids=CHANGES)
+def test_changes_of_velocities(tmp_path, frame, names):
+    changes = frame.drop(columns=["vx_post", "vy_post", "omega_post"])
+    units = {"mm/s": 1e-3, "deg/s": math.pi / 180, "rpm": math.pi / 30}
+    for column, name in zip(("vx", "vy", "omega"), names, strict=True):
+        factor = next((factor for unit, factor in units.items() if unit in name), 1.0)
+        changes[name] = (frame[f"{column}_post"] - frame[column]) / factor
+    path = tmp_path / "drops.csv"
+    changes.to_csv(path, index=False)
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=0, atol=1e-9)
+    assert any("those before it and the changes" in part for part in found.read_as)
+    settings = {one.name: one.value for one in propose(path).settings}  # with what init writes, it is the same table
+    columns = {name.removeprefix("columns."): one for name, one in settings.items() if name.startswith("columns.")}
+    np.testing.assert_allclose(numbers(table.read(path, **BODY, columns=columns).impacts), frame, rtol=0, atol=1e-9)
+    with_errors = frame.assign(**{names[0]: 0.01})  # beside all velocities, these are something else
+    assert table.read(with_errors, **BODY).unused == (names[0],)
+    backwards = changes.drop(columns=["vx", "vy", "omega"]).assign(**frame[["vx_post", "vy_post", "omega_post"]])
+    np.testing.assert_allclose(numbers(table.read(backwards, **BODY).impacts), frame, rtol=0, atol=1e-9)
+
+
+def test_units_written_as_one_word():
+    known = recognise(["vx_ms", "w_rads", "I_kgm2", "vy_mms", "m_kg"], impact_vocabulary(PLANE))
+    assert {*known.names} == {"vx", "omega", "inertia", "vy", "mass"}
+    assert known.units["vy"] == {"length": "mm", "time": "s"}
+    assert known.units["inertia"] == {"mass": "kg", "length": "m"}
+
+
+MOMENTA = {
+    "letters": ("p_x", "p_y", "L", "p_x_post", "p_y_post", "L_post"),
+    "words": (
+        *("momentum x before [kg m/s]", "momentum y before [kg m/s]", "angular momentum before [kg m²/s]"),
+        *("momentum x after [kg m/s]", "momentum y after [kg m/s]", "angular momentum after [kg m²/s]"),
+    ),
+    "units": ("px- (g mm/s)", "py- (g mm/s)", "L- (N m s)", "px+ (g mm/s)", "py+ (g mm/s)", "L+ (N m s)"),
+}
+
+
+@pytest.mark.parametrize("names", MOMENTA.values(), ids=MOMENTA)
+def test_momenta_in_place_of_velocities(tmp_path, frame, names):
+    inertia = 1.7e-5
+    momenta = frame[["x", "y", "theta"]].copy()
+    for column, name in zip(COLUMNS[3:], names, strict=True):
+        turning = column.startswith("omega")
+        momenta[name] = frame[column] * (inertia if turning else BODY["mass"] * (1e6 if "(g mm/s)" in name else 1))
+    path = tmp_path / "drops.csv"
+    momenta.to_csv(path, index=False)
+    found = table.read(path, **BODY, inertia=inertia)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=0, atol=1e-9)
+    assert any("velocities by the momenta" in part for part in found.read_as)
+    table.read(path, **BODY)  # with the moment of inertia of the shape
+    with refused([f"{path}: {names[0]!r} looks like a momentum", "data.mass=…"]):
+        table.read(path, shape=SHAPE)
+    assert propose(path).source == "table"
+
+
+@pytest.mark.parametrize(
+    ("perpendicular", "parallel"),
+    [
+        ("v_perp", "v_par"), ("vn", "vt"), ("v_n", "v_t"), ("normal velocity", "tangential velocity"),
+        ("velocity perpendicular to the wall", "velocity along the wall"), ("v_norm", "v_tan"),
+        ("speed towards the plate", "speed parallel to the plate"), ("v (normal)", "v (parallel)"),
+    ],
+)  # fmt: skip
+def test_components_along_the_normal_and_the_surface(frame, perpendicular, parallel):
+    names = {
+        "vx": f"{parallel} in",
+        "vy": f"{perpendicular} in",
+        "vx_post": f"{parallel} out",
+        "vy_post": f"{perpendicular} out",
+    }
+    found = table.read(frame.rename(columns=names), **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING)
+
+
+BALL = {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.0027}
+
+
+def leaning(frame: pd.DataFrame, tilt: np.ndarray, face: float) -> pd.DataFrame:
+    """Velocities in room axes of a surface whose normal is at so many rad, row by row, and a name for its tilt."""
+    turn, there = face + tilt - math.pi / 2, frame[["omega", "omega_post"]].copy()
+    for time in ("", "_post"):
+        vx, vy = frame[f"vx{time}"], frame[f"vy{time}"]
+        there[f"vx{time}"], there[f"vy{time}"] = (
+            vx * np.cos(turn) - vy * np.sin(turn), vx * np.sin(turn) + vy * np.cos(turn)
+        )  # fmt: skip
+    return there
+
+
+@pytest.mark.parametrize("name", ["paddle tilt (deg)", "face angle [deg]", "tilt_deg", "incline of the floor (deg)"])
+@pytest.mark.parametrize(("face", "said"), [(0.0, "+x"), (math.pi / 2, "+y"), (-math.pi, "−x")])
+def test_a_surface_that_leans_differently_in_each_row(frame, name, face, said):
+    tilt = np.random.default_rng(0).uniform(-0.2, 0.3, len(frame))
+    there = leaning(frame, tilt, face).assign(**{name: np.degrees(tilt)})
+    found = table.read(there, **BALL)
+    np.testing.assert_allclose(numbers(found.impacts)[:, 3:], frame[[*COLUMNS[3:]]], rtol=0, atol=1e-9)
+    assert any(repr(name) in part and part.endswith(f"its normal at 0 is {said}") for part in found.read_as)
+    turned = there.assign(theta=tilt + face - math.pi / 2)
+    np.testing.assert_allclose(table.read(turned, **BALL).impacts.q[:, 2].cos().numpy(), 1, rtol=ROUNDING)
+    assert table.read(turned.assign(**{name: 5.0}), **BALL, validate=False).unused == (
+        name,
+    )  # one angle is the audit's
+    across = turned.rename(columns={"vx": "v_t", "vy": "v_n", "vx_post": "v_t after", "vy_post": "v_n after"})
+    assert table.read(across, **BALL, validate=False).unused == (name,)  # in axes of the surface already
+    for wrong in (there.assign(x=0.1), there.assign(vx=0.0, vy=0.0)):
+        with refused([repr(name), "differs from row to row", "data.covariates"]):
+            table.read(wrong, **BALL)
+
+
+def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
+    names = ["topspin in (rev/s)", "spin rate (rpm)", "rotation before (deg/s)", "rotation speed"]
+    for name in names:
+        assert {*recognise([name], impact_vocabulary(PLANE)).names} <= {"omega"}
+    spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(backspin=frame.omega, backspin2=0.0)
+    path = tmp_path / "drops.csv"
+    spun.to_csv(path, index=False)
+    with refused(["missing column omega", "backspin"]):
+        table.read(path, **BALL)
+    settings = {one.name: one for one in propose(path).settings}
+    assert settings["units.angle"].value is None  # no column is an angle yet: the one to be named may say its unit
+    spun = spun.rename(columns={"backspin": "side in (rev/s)"}).drop(columns="backspin2")
+    columns = {"omega": "side in (rev/s)", "omega_post": "side in (rev/s) "}
+    found = table.read(spun.assign(**{columns["omega_post"]: 1.0}), columns=columns, units={"angle": None}, **BALL)
+    assert found.impacts.v_pre[0, 2].item() == pytest.approx(2 * math.pi * frame.omega[0])

@@ -35,6 +35,7 @@ from contactlearn.data.table.columns import (
     computed_fields,
     recognised_columns,
     required_in,
+    trial_column,
 )
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -136,6 +137,9 @@ def propose(path: Path) -> FileContents:
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
+        if "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
+            others = tuple(name for name in impacts.others if name != trial)
+            impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
@@ -338,6 +342,8 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
         return OPEN, f"{source}; {', '.join(map(repr, silent))} state none"
     if not telling and stated and not silent and SI[quantity] not in stated:
         return None, f"null: as each column states it; {source}"
+    if quantity == "angle" and not stated and not silent:
+        return None, f"null: as columns state it, or {SI[quantity]}; no column is of it"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")

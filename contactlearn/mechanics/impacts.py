@@ -218,7 +218,7 @@ class Impacts:
         """Refuse contact points that leave the floor before contact, as in axes that are not ours."""
         v_n = self.v_c[:, -1]
         if self.space is PLANE:
-            rule = "v_n = vy + rx ω < 0 before contact (columns swapped, y down, or ω in degrees?"
+            rule = "v_n = vy + rx ω < 0 before contact (columns swapped, y down, a speed towards it, or ω in degrees?"
             rule += " python -m contactlearn audit FILE tells)"
         else:
             low = self.r.mean(0)

@@ -92,7 +92,10 @@ def unmeasured_findings(impacts: Impacts) -> list[Finding]:
 
 
 def shape_unit_findings(impacts: Impacts) -> list[Finding]:
-    """Find a stated shape whose size differs from |r|, or from the height above the floor, by a constant of units."""
+    """Find a stated shape whose size differs from |r|, or from the height above the floor, by a constant of units.
+
+    Where contact points are computed from the shape, a greater height is one of positions in another unit.
+    """
     if impacts.shape is None:
         return []
     expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
@@ -106,11 +109,15 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
     if not middle > 0 or spread > _UNIT_AGREES * middle:
         return []
     for name, unit in MISWRITTEN.items():
-        if "shape" not in unit.columns or abs(math.log(middle / unit.factor)) > _UNIT_AGREES:
+        if unit.columns not in {("shape",), ("place",) if computed else ()}:
+            continue
+        expected_ratio = unit.factor if unit.columns == ("shape",) else 1 / unit.factor
+        if abs(math.log(middle / expected_ratio)) > _UNIT_AGREES:
             continue
         before, after = (_contradictory(one) for one in (impacts, correct(impacts, [name])))
         if after <= before + _WORSE:
-            sentence = f"{unit.words}: {of} is {number(middle, 3)} times what the shape gives"
+            words = unit.words.replace(" and the contact point", "") if computed else unit.words
+            sentence = f"{words}: {of} is {number(middle, 3)} times what the shape gives"
             evidence = evidence_of(
                 ("ratio", middle), ("contradictions_before", before), ("contradictions_after", after)
             )

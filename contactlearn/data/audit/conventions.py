@@ -57,7 +57,13 @@ AXES_IN_SPACE = (
 )
 """Arrows in the axes of the body are taken to those of the world by the recorded quaternion, before the world turns."""
 _INERTIA = ("inertia_xzy", "inertia_yxz", "inertia_yzx", "inertia_zxy", "inertia_zyx")
-_EXCLUSIVE = ("swapped_axes", *_TURNS), _UPWARDS, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA
+_MEANINGS = ("changes_post", "approach_speed")
+"""What velocities mean: few other mistakes come with it, and only where nearly all trials have such numbers."""
+_EXCLUSIVE = (
+    *(("swapped_axes", *_TURNS), _UPWARDS, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA),
+    ("swapped_pre_post", *_MEANINGS),
+    ("approach_speed", "mirrored_y", "z_down", "z_down_in_body", "mirrored_z_in_space"),
+)
 """Of which a hypothesis has one: two are a third, or a floor that is inclined by 90°."""
 _AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", *_INERTIA}
 """Corrections that the moments alone may show, by the axes of the inertia."""
@@ -75,8 +81,8 @@ EXPLAINED = 0.5  # share of Δω that the balance explains under other units, wh
 _SHARPER = 0.5  # of the residual of the moment balance
 _REVERSED = 0.4  # share of trials with a pulling floor, or without approach, from which on no impact made the data
 _STEPS = {
-    "plane": (*AXES[:3], "mirrored_y", *AXES[3:], *UNITS[:-1], *_RARE, "inertia_scaled"),
-    "space": (*AXES_IN_SPACE, "degrees_omega", *UNITS[3:-1], *_RARE, *_INERTIA, "inertia_scaled"),
+    "plane": (*AXES[:3], *_MEANINGS, "mirrored_y", *AXES[3:], *UNITS[:-1], *_RARE, "inertia_scaled"),
+    "space": (*_MEANINGS, *AXES_IN_SPACE, "degrees_omega", *UNITS[3:-1], *_RARE, *_INERTIA, "inertia_scaled"),
 }
 """Corrections by the name of the space, in the order in which they are applied.
 
@@ -96,7 +102,8 @@ _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name 
 # brought had more than three. 150 impacts in the plane are 1, 44, 249, 1244, and 818 hypotheses (0.3 s for the last).
 _DEPTH = {"plane": 4, "space": 3}
 _MIN_CHANGE = 0.005  # change of a mean contradiction from which on it is part of the evidence
-_MAX_BESIDE_RARE = 2  # other corrections that a rare unit may come with
+_MAX_BESIDE_RARE = 2  # other corrections that a rare unit, or another meaning of velocities, may come with
+_NEARLY_ALL = 0.9  # share of trials whose numbers may be changes, or speeds towards the floor, before either is tried
 _UNIT_MARGIN = 0.1  # contradictions by which an inertia may explain more than a unit before it is preferred to it
 _FITS = 4.0  # standard errors of the moment balance within which a unit explains it
 _UNIT_ERROR = 0.5  # of the logarithm of a unit: imbalance that may be left of a mistake that it explains
@@ -381,6 +388,8 @@ def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:
     columns += ["mass"] * ("inertia_scaled" in names)
     if len(columns) > len(set(columns)) or len(names.intersection(DEGREES)) > 1:
         return False
+    if names.intersection(_MEANINGS) and len(names) > 1 + _MAX_BESIDE_RARE:
+        return False
     rare = names.intersection(_RARE)
     beside = 0 if any(one.endswith(("_pre", "_post")) for one in rare) else _MAX_BESIDE_RARE
     if rare and (len(names) > 1 + beside or len(rare) > 1 or "inertia_scaled" in names):
@@ -392,8 +401,13 @@ def _changed(columns: Columns, name: str, thresholds: AuditThresholds) -> tuple[
     """Columns [B] after a correction, and the hypotheses [B] for which it is plausible.
 
     Another inertia is not where the balance requires a negative one, an impossible one, or one that is only a little
-    different.
+    different; another meaning of velocities is where nearly all trials move away from the floor before contact, or
+    faster after it.
     """
+    if name in _MEANINGS:
+        before, after = columns.v_pre[..., columns.space.d - 1], columns.v_post[..., columns.space.d - 1]
+        meant = before > 0 if name == "approach_speed" else (before < 0) & (after > -before)
+        return units_and_axes(columns, name), meant.double().mean(-1) > _NEARLY_ALL
     if name != "inertia_scaled":
         return units_and_axes(columns, name), torch.ones(len(columns.mass), dtype=torch.bool)
     factor = needed_inertia(columns, thresholds)
@@ -483,8 +497,8 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     judged = bool(fit.judged.terms)
     unbalanced = judged and at_least > thresholds.impossible and share < thresholds.impossible
     reasons = {
-        f"the residual of the moment balance is {means['moment']:.0%} of its terms, and the balance explains "
-        f"{share:.0%} of Δω (it gives {fit})": unbalanced,
+        f"the residual of the moment balance is {means['moment']:.0%} of its terms: with the coefficients +1 and +1 "
+        f"it explains {share:.0%} of Δω, and fitted to it {fit}": unbalanced,
         f"the floor pulls in {means['push']:.0%} of trials": means["push"] > _REVERSED,
         f"{means['approach']:.0%} of trials do not approach the floor": means["approach"] > _REVERSED,
     }
@@ -500,12 +514,29 @@ def impossible_findings(comparison: ConventionComparison, thresholds: AuditThres
     sentence = (
         f"no {'planar ' if space is PLANE else ''}impact of a rigid body can have produced these data: under the best "
         f"of {comparison.tried} hypotheses about units and axes ({best}) {'; '.join(reasons)}. Tried were the units of "
-        f"every column and of {tried}. Do before and after belong to the same trials?"
+        f"every column and of {tried}. {_lead(best)}"
     )
     evidence = evidence_of(
         ("hypotheses", float(comparison.tried)), ("explained", share), *fit.coefficients("best").items(), *means.items()
     )
     return [Finding(name="impossible", sentence=sentence, evidence=evidence, fatal=True, hypothesis=best.names)]
+
+
+def _lead(best: Hypothesis) -> str:
+    """The likeliest causes of impossible data, by what is seen most under the best hypothesis."""
+    means, normal = best.means(), "y" if best.impacts.space is PLANE else "z"
+    if max(means["approach"], means["push"]) > _REVERSED:
+        seen = "do not approach the floor" if means["approach"] >= means["push"] else "are pulled by it"
+        return (
+            f"That bodies {seen} has two likely causes: the normal of the surface is not {normal}, as of a wall or a "
+            "racket that leans, or the surface moves, and its velocity was not taken off"
+        )
+    if best.balance.r_squared > EXPLAINED:
+        return (
+            f"Spins follow the impulses (R² = {best.balance.r_squared:.2f}), but not as they should: is the shape that "
+            "of this body, with θ about its axes, or are columns after impact something else than velocities?"
+        )
+    return "Do before and after belong to the same trials, and ω to the same body?"
 
 
 def exchanged_findings(comparison: ConventionComparison) -> list[Finding]:

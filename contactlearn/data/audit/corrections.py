@@ -149,7 +149,8 @@ def _written(unit: Miswritten) -> Correction:
     apparatus = lambda rig: rig.from_length(unit.factor) if "place" in unit.columns else rig  # noqa: E731
     if "theta" in unit.columns:
         return _with_contact(Correction(unit.words, _converted(unit), _forget("orientation"), spaces=(PLANE,)))
-    return Correction(unit.words, _converted(unit), apparatus)
+    written = Correction(unit.words, _converted(unit), apparatus)
+    return _with_contact(written) if "place" in unit.columns else written
 
 
 def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -215,6 +216,11 @@ def _swapped_pre_post(impacts: Impacts, _: AuditThresholds) -> Impacts:
     errors = {"v_pre_cov": known.get("v_post"), "v_post_cov": known.get("v_pre")} if known else {}
     swapped = impacts.replace(v_pre=impacts.v_post, v_post=impacts.v_pre, **errors)
     return swapped if impacts.q_post is None else swapped.replace(q=impacts.q_post, q_post=impacts.q)
+
+
+def _turned_approach(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    d, D = impacts.space.d, impacts.space.D
+    return _multiplied(impacts, [-1.0 if k == d - 1 else 1.0 for k in range(D)], ("v_pre",))
 
 
 def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
@@ -303,7 +309,7 @@ def _turned_theta(quarters: int) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _with_contact(one: Correction) -> Correction:
-    """A correction of axes or of θ; contact points that were computed from the shape are so again after it."""
+    """A correction of axes, θ or positions; contact points that were computed from the shape are so again after it."""
 
     def corrected(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
         after = one.function(impacts, thresholds)
@@ -437,6 +443,13 @@ def _forget(*names: str) -> Callable[[Apparatus], Apparatus]:
 CORRECTIONS = {
     "swapped_pre_post": _with_contact(
         Correction("before and after contact are exchanged: velocities and poses", _swapped_pre_post)
+    ),
+    "changes_post": Correction(
+        "velocities after impact are changes, after minus before: those before impact are added to them",
+        lambda impacts, _: impacts.replace(v_post=impacts.v_pre + impacts.v_post),
+    ),
+    "approach_speed": Correction(
+        "the normal velocity before impact is a speed towards the floor: its sign is turned", _turned_approach
     ),
     **{name: replace(_with_contact(one), spaces=(PLANE,)) for name, one in _IN_PLANE.items()},
     **{

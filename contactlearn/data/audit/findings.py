@@ -1,6 +1,7 @@
 """The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
 
     …_shape                   the stated shape differs by a constant of units from |r| or from the height at contact
+    millimetres, inches, …    positions are in another unit than the shape, from which contact points are computed
     spin_not_measured         spins are 0, though impulses turn the body: a note
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
     inertia_scaled            the moments balance up to one factor on I, of more than 2.5

@@ -51,7 +51,7 @@ from contactlearn.data.table.columns import (
     name_columns,
 )
 from contactlearn.data.table.descriptions import phase_column, restated
-from contactlearn.data.table.names import NAMES
+from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
 from contactlearn.mechanics.bodies import (
@@ -214,7 +214,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells = restated(cells, known_units, columns, known_shape, gaps=drop_incomplete)
+        cells = restated(cells, known_units, columns, known_shape, stated=stated, gaps=drop_incomplete)
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
@@ -280,7 +280,9 @@ def _read_as(named: NamedColumns) -> tuple[str, ...]:
     renamed = {column: name for column, name in named.cells.written.items() if name != column}
     ours = {column: column.replace(COVARIATE, "covariate ") for column in renamed}
     words = (f"{ours[column]} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
-    return (*named.cells.read_as, *(word.removesuffix(" in ") for word in words))
+    senses = (", positive counter-clockwise" if "topspin" in name_words(name) else "" for name in renamed.values())
+    said = (word.removesuffix(" in ") + sense for word, sense in zip(words, senses, strict=True))
+    return (*named.cells.read_as, *said)
 
 
 def preview(path: Path) -> Sheet:

@@ -96,6 +96,22 @@ that was not measured of the moments, and bounces along the normal alone have no
 """
 
 
+def trial_column(cells: Sheet, names: Collection[str]) -> str | None:
+    """Return the first of some columns that names trials, such as shot or run: nearly all of its cells differ."""
+    for name in cells.header:
+        words = {*name_words(name)} if name.strip() not in ("#", "№") else {"nr"}
+        if name in names and words and words <= _TRIALS:
+            there = cells.names(name)
+            if all(there) and len({*there}) >= _DISTINCT * len(there):
+                return name
+    return None
+
+
+_TRIALS = {"drop", "shot", "run", "stroke", "throw", "test", "hit", "toss", "trial", "bounce", "experiment"}
+_TRIALS |= {"nr", "no", "num", "number", "id", "index"}
+_DISTINCT = 0.9  # share of cells of names of trials: rows may be pasted twice
+
+
 def covariate_columns(cells: Sheet, covariates: Sequence[str]) -> dict[str, str]:
     """Return the columns that fill covariates, by our names, such as {"covariate_temperature": "temperature [°C]"}.
 
@@ -171,7 +187,7 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
     """
     fields = [field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking}]
     words = {word for name in unused for word in name_words(name)}
-    if {"vy", "vy_post"} & {*lacking} or words & _SPINS:
+    if {"vy", "vy_post"} & {*lacking} or any(word in _SPINS or "spin" in word for word in words):
         fields = [field for field in fields if field not in ("spin", "slip")]
     if "spin" not in fields or words & {"x", *_SPEEDS}:
         fields = [field for field in fields if field != "slip"]
@@ -214,6 +230,8 @@ def name_columns(
     ours = {name: name for name in cells.header if name in every and name not in names and name not in taken}
     ours |= {column: name for column, name in known.names.items() if column in every and column not in names}
     ours |= {column: name for column, name in names.items() if name is not None}
+    if "trial" not in {**ours, **names} and (trial := trial_column(cells, {*cells.header} - {*ours.values()})):
+        ours["trial"] = trial
     _refuse_repeated(cells, [*ours.values()])
     of_all_axes: tuple[str, ...] = ()
     if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
@@ -299,6 +317,8 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
     if not isinstance(mapped, Mapping):
         raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
     names = {str(column): None if name is None else str(name) for column, name in mapped.items()}
+    plain = {name: [one for one in cells.header if _without_unit(one) == name] for name in names.values() if name}
+    names = {column: plain[name][0] if name and len(plain[name]) == 1 else name for column, name in names.items()}
     for column, name in names.items():
         if column not in known:
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""

@@ -5,6 +5,9 @@ speed and direction           speed, angle from floor [deg]    in place of vx an
 quaternion by numbers         q0, q1, q2, q3                   the scalar first or last, as signs or heights tell
 roll, pitch, yaw              roll [deg], pitch [deg], …       turns about the fixed axes x, y, z, in this order
 a racket, club or floor       vx, vy, racket_vx, racket_vy     velocities are made relative to it
+momenta                       px, py, L, px_post, …        velocities, by the mass and the moment of inertia
+changes of velocities         vx, vy, omega, dvx, dvy, dw   after contact they are those before it and the changes
+a surface that leans          vx, vy, paddle tilt (deg)     velocities are turned into its axes, row by row
 bounces along the normal      drop height, rebound height      or v_in, v_out: without slip and spin
 
 Heights are those of falls in vacuum.
@@ -20,6 +23,7 @@ import torch
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
 from contactlearn.data.table.names import (
+    MOMENTA,
     OTHERS,
     SURFACES,
     Recognised,
@@ -40,6 +44,20 @@ _MIN_HEIGHT_SHARE = 0.02  # of the height, that heights must differ: those of a 
 _MIN_NEGATIVE = 8  # negative values of one end of a quaternion, and none of the other: 1 in 2⁸ by chance
 _POSES = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 _SURFACE = re.compile(rf"[_ .:-]*(?:{'|'.join(sorted(SURFACES))})[_ .:-]*", re.IGNORECASE)
+_DIRECTED = {
+    "along",
+    "parallel",
+    "perpendicular",
+    "normal",
+    "to",
+    "towards",
+    "toward",
+    "into",
+    "from",
+    "off",
+    "against",
+}
+"""Words between a velocity of the body and the surface that says its direction: v along the wall."""
 _ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
@@ -50,6 +68,7 @@ def restated(
     mapped: Mapping[str, str | None] | None = None,
     shape: AnyShape | None = None,
     *,
+    stated: Mapping[str, torch.Tensor] | None = None,
     asked: bool = True,
     gaps: bool = False,
 ) -> Sheet:
@@ -60,7 +79,8 @@ def restated(
         units: of settings.
         mapped: names that settings map, which are left as they are.
         shape: of the body, where it is known.
-        asked: whether a quaternion that may begin or end with its scalar is refused, or left open.
+        stated: mass and inertia of settings, in SI.
+        asked: whether what the table leaves open, such as which end of a quaternion is its scalar, is refused.
         gaps: whether numbers may be missing, with which those made of them are, or are refused.
 
     Raises:
@@ -71,8 +91,11 @@ def restated(
     cells = replace(cells, gaps=gaps)
     cells = cells if phase is None else _paired(cells, phase)
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
-    cells = _by_components(cells, units, chosen)
-    return replace(_relative_to_surface(cells, units, mapped if isinstance(mapped, Mapping) else {}), gaps=False)
+    mapped = mapped if isinstance(mapped, Mapping) else {}
+    cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
+    cells = _by_components(_with_changes(cells, units, mapped), units, chosen)
+    cells = _relative_to_surface(cells, units, mapped)
+    return replace(_level(cells, units, mapped), gaps=False)
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -239,6 +262,97 @@ _QUATERNIONS = ("q", "quat", "quaternion")
 _ORDERS = {"first": ("qw", "qx", "qy", "qz"), "last": ("qx", "qy", "qz", "qw")}
 
 
+def _without_momenta(
+    cells: Sheet,
+    units: Units,
+    mapped: Mapping[str, str | None],
+    shape: AnyShape | None,
+    stated: Mapping[str, torch.Tensor],
+    *,
+    asked: bool,
+) -> Sheet:
+    """The table with velocities in place of momenta that stand in it before and after contact."""
+    known = recognised_columns([name for name in cells.header if name not in mapped.values()], mapped)[1]
+    own = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    ends = ("", "_post")
+    momenta = {
+        f"{momentum}{end}": f"{velocity}{end}"
+        for momentum, velocity in MOMENTA.items()
+        for end in ends
+        if all(f"{momentum}{one}" in known.names and f"{velocity}{one}" not in own for one in ends)
+    }
+    if not momenta:
+        return cells
+    sheet_units = Units(units.stated, known.units)
+
+    def of_body(column: str) -> np.ndarray | None:
+        if name := own.get(column):
+            return cells.numbers(name, sheet_units.text(column), sheet_units.factor(column))
+        return stated[column].numpy() if column in stated and not stated[column].ndim else None
+
+    mass, inertia = of_body("mass"), of_body("inertia")
+    if inertia is None and mass is not None and shape is not None and not isinstance(shape, Mapping):
+        require_dimension(str(cells.path), shape, PLANE)
+        inertia = mass * float(shape.gyration_squared())
+    header, columns = [*cells.header], [*cells.columns]
+    for momentum, velocity in momenta.items():
+        name, turning = known.names[momentum], momentum.startswith("angular")
+        divisor = inertia if turning else mass
+        if divisor is None and asked:
+            needed = (
+                "moment of inertia in kg m², data.inertia=…, or its mass and shape" if turning else "mass, data.mass=…"
+            )
+            raise DataError(f"{cells.path}: {name!r} looks like a momentum, whose velocity needs the body's {needed}")
+        values = cells.numbers(name, sheet_units.text(momentum), sheet_units.factor(momentum))
+        place = header.index(name)
+        header[place] = f"{velocity} [{'rad/s' if turning else 'm/s'}]"
+        columns[place] = values / (1.0 if divisor is None else divisor)
+    said = f"velocities by the momenta {', '.join(repr(known.names[one]) for one in momenta)} over the mass"
+    said += " or the moment of inertia" if any(one.startswith("angular") for one in momenta) else ""
+    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+
+
+def _with_changes(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+    """The table with velocities after contact, or before it, in place of their changes, after minus before."""
+    bare = {
+        name: match["of"] or f"{match['before']}{match['end']}" if (match := _CHANGE.fullmatch(name)) else ""
+        for name in cells.header
+        if name not in mapped.values()
+    }
+    changes = recognised_columns([one for one in bare.values() if one])[1]
+    changed = {column: name for column, one in changes.names.items() for name in bare if bare[name] == one}
+    changed = {column: name for column, name in changed.items() if column in _VELOCITIES and column not in OTHERS}
+    space, own = recognised_columns([name for name in cells.header if name not in changed.values()], mapped)
+    names = {**own.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    outcomes = [column for column in space.components["v_post"] if column in names]
+    if outcomes and any(column in names for column in space.components["v_pre"]):
+        return cells  # they may be errors of the velocities
+    known, of_change = Units(units.stated, own.units), Units(units.stated, changes.units)
+    header, columns, used = [*cells.header], [*cells.columns], list[str]()
+    for column, name in changed.items():
+        given, made, sign = (f"{column}_post", column, -1) if outcomes else (column, f"{column}_post", 1)
+        if given not in names:
+            continue
+        there = cells.numbers(names[given], known.text(given))
+        change = cells.numbers(name, of_change.text(column), of_change.factor(column) / known.factor(given))
+        place = header.index(name)
+        header[place] = made + (f" [{known.text(given)}]" if given in own.units else "")
+        columns[place] = there + sign * change
+        used.append(name)
+    if not used:
+        return cells
+    rule = "before contact are those after it less" if outcomes else "after contact are those before it and"
+    read_as = (*cells.read_as, f"velocities {rule} the changes {', '.join(map(repr, used))}")
+    return replace(cells, header=header, columns=columns, read_as=read_as)
+
+
+_CHANGE = re.compile(
+    r"(?:(?:change|jump|diff(?:erence)?|delta|[dδ∆])(?:[ _]*(?:of|in))?[ _]*(?P<of>\S.*))"
+    r"|(?:(?P<before>\S+?)[ _]+(?:change|jump|diff(?:erence)?|delta)(?P<end>\b.*))",
+    re.IGNORECASE,
+)
+
+
 def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     """The table with vx and vy in place of speeds and directions."""
     known = recognised_columns([name for name in cells.header if name not in chosen])[1]
@@ -299,7 +413,11 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
 
 def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
     """The table with velocities relative to a racket, club or floor whose own velocity stands in it."""
-    moving = {name: _SURFACE.sub("", name) for name in cells.header if SURFACES.intersection(name_words(name))}
+    moving = {
+        name: _SURFACE.sub("", name)
+        for name in cells.header
+        if SURFACES.intersection(words := name_words(name)) and not _DIRECTED.intersection(words)
+    }
     for name in mapped.values():
         moving.pop(str(name), None)
     surface = recognised_columns([*moving.values()])[1]
@@ -325,6 +443,82 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     kept = [k for k, name in enumerate(cells.header) if name not in used]
     header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+
+
+def _level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+    """The table in axes along the surface and its normal, where the surface leans differently in each row.
+
+    Raises:
+        DataError: the bodies approach no face of it, or positions would have to be turned as well.
+    """
+    free = [name for name in cells.header if name not in mapped.values()]
+    tilt = next((name for name in free if _is_tilt(name)), None)
+    space, known = recognised_columns([name for name in cells.header if name != tilt], mapped)
+    names = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    velocities = ("vx", "vy", "vx_post", "vy_post")
+    if tilt is None or space is SPACE or not {*velocities} <= {*names}:
+        return cells
+    if _OF_SURFACE.intersection(name_words(names["vy"])):  # in its axes already
+        return cells
+    stated = unit_in(tilt, "theta", impact_vocabulary(PLANE))
+    of_tilt, own = Units(units.stated, {"theta": stated} if stated else {}), Units(units.stated, known.units)
+    angle = cells.numbers(tilt, of_tilt.text("theta"), of_tilt.factor("theta"))
+    whole = np.isfinite(angle)
+    if not whole.any() or np.ptp(angle[whole]) < _MIN_LEAN:
+        return cells
+    leans = f"{cells.path}: the surface leans by {tilt!r}, which differs from row to row, and"
+    otherwise = "where velocities are along it and across it already, say so by 'data.covariates=[…]' with its name"
+    if beside := [names[column] for column in ("x", "y", "rx", "ry") if column in names]:
+        raise DataError(
+            f"{leans} {', '.join(beside)} are in axes of the room: turn all into axes "
+            f"along the surface and its normal; {otherwise}"
+        )
+    numbers = {column: cells.numbers(names[column], own.text(column), own.factor(column)) for column in velocities}
+
+    def across(time: str, normal: np.ndarray) -> np.ndarray:
+        return numbers[f"vx{time}"] * np.cos(normal) + numbers[f"vy{time}"] * np.sin(normal)
+
+    faces = {face: angle + turn for face, turn in zip(("+x", "+y", "-x", "-y"), np.arange(4) * np.pi / 2, strict=True)}
+    hit = [
+        face
+        for face, normal in faces.items()
+        if min(np.mean(across("", normal)[whole] < 0), np.mean(across("_post", normal)[whole] > 0)) > _FACING
+    ]
+    if len(hit) != 1:
+        raise DataError(
+            f"{leans} the velocities do not tell the face that is hit at 0: turn them into "
+            f"axes along the surface and its normal; {otherwise}"
+        )
+    normal, columns = faces[hit[0]], [*cells.columns]
+    for time in ("", "_post"):
+        along = numbers[f"vx{time}"] * np.sin(normal) - numbers[f"vy{time}"] * np.cos(normal)
+        for column, values in ((f"vx{time}", along), (f"vy{time}", across(time, normal))):
+            columns[cells.header.index(names[column])] = values / own.factor(column)
+    for column in ("theta", "theta_post"):
+        if column in names:
+            turned = cells.numbers(names[column], own.text(column)) - (normal - np.pi / 2) / own.factor(column)
+            columns[cells.header.index(names[column])] = turned
+    place = cells.header.index(tilt)
+    said = (
+        f"velocities turned into the axes of the surface by {tilt!r}, positive counter-clockwise; its normal at 0 is "
+    )
+    read_as = (*cells.read_as, said + hit[0].replace("-", "−"))
+    header = [*cells.header[:place], *cells.header[place + 1 :]]
+    return replace(cells, header=header, columns=[*columns[:place], *columns[place + 1 :]], read_as=read_as)
+
+
+_TILTS = {"tilt", "incline", "inclination", "lean", "loft", "neigung"}
+_OF_SURFACE = {"n", "vn", "normal", "norm", "perp", "perpendicular"}
+_MIN_LEAN = 0.002  # rad, range of a tilt that differs from row to row
+_FACING = 0.9  # share of rows that approach a face, and leave it
+
+
+def _is_tilt(name: str) -> bool:
+    """Whether a column is the angle by which the surface leans."""
+    words = {*name_words(name)}
+    faces = {"face"} <= words and "angle" in words
+    others = words - _TILTS - SURFACES - {"face", "angle", "of", "the", "deg", "rad", "degrees", "°"}
+    return bool(words & _TILTS or faces) and not others
 
 
 def _directed(known: Recognised, end: str = "") -> str | None:

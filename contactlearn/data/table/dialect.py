@@ -9,12 +9,13 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.table.comments import with_units
 from contactlearn.data.table.names import is_unit, time_of
 
 COMMENT = ("#", "%", "//")
@@ -152,6 +153,9 @@ def sniffed(path: Path) -> Dialect:
         header = Header(names=names, rows=0, read_as=("names in the last comment",))
     else:
         header = header_of(rows, str(path))
+    if comments:
+        named, said = with_units(header.names, comments)
+        header = replace(header, names=named, read_as=(*header.read_as, *said))
     return Dialect(
         encoding=encoding, separator=separator, above=above, comments=len(comments),
         numerals=_numerals(path, rows[header.rows :]), header=header,

@@ -18,6 +18,8 @@ NAMES = ("trial", "object")
 """Columns of names, not numbers."""
 OTHERS = ("speed", "height", "direction", "direction_normal", "direction_floor")
 """Other descriptions of a velocity, each also with _post: `descriptions` turns them into components or refuses them."""
+MOMENTA = {"px": "vx", "py": "vy", "pz": "vz", "momentum": "speed", "angular_momentum": "omega"}
+"""Momenta, each also with _post, and the velocities that follow of them and the mass or the moment of inertia."""
 
 _BEFORE = (
     *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release"),
@@ -45,10 +47,14 @@ SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "pla
 """Words for what a body hits, in names of columns."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
 """Words before the name of a column, where it has one body: ball_vx."""
+_NORMAL = ("perp", "perpendicular", "normal", "norm", "n")
+_ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along")
+_ACROSS = ("toward", "towards", "into", "against", "off", "from", "awayfrom", "to", "perpendicularto", "normalto")
 _ALIASES = {
     "xv": "vx", "xdot": "vx", "yv": "vy", "ydot": "vy", "zv": "vz", "zdot": "vz",
     "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
     "spin": "omega", "ω": "omega", "w": "omega",
+    **dict.fromkeys(("topspin", "spinrate", "rotationv", "rotationalv", "angularrate", "rateofspin"), "omega"),
     **dict.fromkeys(("angularv", "vangular", "vangulaire"), "omega"), "thetadot": "omega",
     "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time",
     **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts"), "time"),
@@ -56,8 +62,15 @@ _ALIASES = {
     **{name: f"w{axis}" for axis in "xyz" for name in (
         f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"
     )},
-    "v": "speed", "vn": "vy", "vt": "vx", "h": "height", "dropheight": "height", "bounceheight": "height_post",
+    **{name: column for column, words in (("vy", _NORMAL), ("vx", _ALONG)) for word in words
+       for name in (f"v{word}", f"{word}v", f"v{word}component", f"{word}component", f"{word}componentv")},
+    **{f"v{link}{surface}": column for surface in SURFACES for column, links in (
+        ("vy", _ACROSS), ("vx", ("along", "parallelto", "alongside", "on"))) for link in links},
+    "v": "speed", "h": "height", "dropheight": "height", "bounceheight": "height_post",
     "hdrop": "height", "fallhöhe": "height", "sprunghöhe": "height_post", "rücksprunghöhe": "height_post",
+    **dict.fromkeys(("l", "lz", "angularmomentum", "momentumangular"), "angular_momentum"),
+    **dict.fromkeys(("p", "linearmomentum"), "momentum"),
+    **{name: f"p{axis}" for axis in "xyz" for name in (f"momentum{axis}", f"{axis}momentum", f"linearmomentum{axis}")},
     **dict.fromkeys(("impactv", "vimpact"), "speed"), "impactangle": "direction",
     "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
     **{f"{angle}{link}{reference}": f"direction_{kind}"
@@ -65,6 +78,8 @@ _ALIASES = {
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
+_WITH_UNIT = {"i": "inertia", **dict.fromkeys(("rotation", "rotationrate", "rot"), "omega")}
+"""Words that are no other thing only where the unit says so."""
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
@@ -124,13 +139,19 @@ class Recognised:
 def impact_vocabulary(space: Space) -> Vocabulary:
     """Return the columns of a table of impacts and their units."""
     columns = (*NAMES, *(column for group in space.components.values() for column in group))
-    columns += tuple(f"{column}{end}" for column in OTHERS for end in ("", "_post"))
+    columns += tuple(f"{column}{end}" for column in (*OTHERS, *MOMENTA) for end in ("", "_post"))
     units: dict[str, dict[str, Stated]] = {column: {"": {}} for column in columns}
     for column in (column for column in columns if column.removesuffix("_post") in POWERS):
         quantities = POWERS[column.removesuffix("_post")]
         for choice in product(*(UNIT_FACTORS[quantity] for quantity in quantities)):
             stated = dict(zip(quantities, choice, strict=True))
-            units[column][_unit(name_words(f"[{Units(stated).text(column)}]"))] = stated
+            unit = _unit(name_words(f"[{Units(stated).text(column)}]"))
+            units[column][unit] = stated
+            if stated.get("time", "s") == "s":  # vx_ms, w_rads, I_kgm2
+                units[column].setdefault(re.sub(r"\.(?=[^\W\d])", "", unit), stated)
+    for column in (f"{momentum}{end}" for momentum in MOMENTA for end in ("", "_post")):
+        written = ("n.m.s", "nms", "j.s", "js") if column.startswith("angular") else ("n.s", "ns")
+        units[column] |= {unit: {"mass": "kg", "length": "m", "time": "s"} for unit in written}
     return units
 
 
@@ -155,6 +176,11 @@ def is_unit(text: str) -> bool:
     """Return whether a cell is a unit, such as [mm/s]; "-" is that of a name or a number."""
     word = _unit(name_words(f"[{text.strip().strip('[]()')}]"))
     return text.strip() == "-" or any(word in units for units in impact_vocabulary(PLANE).values() if word)
+
+
+def unit_as_written(text: str, column: str) -> Stated:
+    """Return the unit that a text is of one of our columns in the plane, by quantity; none if it is none of it."""
+    return impact_vocabulary(PLANE).get(column, {}).get(_unit(name_words(f"[{text}]")), {}) if text.strip() else {}
 
 
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
@@ -212,7 +238,8 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     for split in range(len(words), 0, -1):
         name, unit = "".join(words[:split]), _unit(words[split:])
         place = "" if of_impacts else _PLACE.sub("", name)  # px; of impacts it is an impulse
-        for ours, end in product((name, _ALIASES.get(name, ""), place, _QUATERNION.sub(r"q\1", name)), ends):
+        other = _WITH_UNIT.get(name, "") if unit else ""
+        for ours, end in product((name, _ALIASES.get(name, ""), other, place, _QUATERNION.sub(r"q\1", name)), ends):
             if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
                 return ours + end, vocabulary[ours + end][unit]
     return "", {}

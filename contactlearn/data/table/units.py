@@ -31,7 +31,7 @@ UNIT_FACTORS: dict[str, dict[str, float]] = {
 """Factors to SI by quantity and unit."""
 
 _LENGTH, _VELOCITY, _SPIN = {"length": 1}, {"length": 1, "time": -1}, {"angle": 1, "time": -1}
-_ANGLE, _INERTIA = {"angle": 1}, {"mass": 1, "length": 2}
+_ANGLE, _INERTIA, _MOMENTUM = {"angle": 1}, {"mass": 1, "length": 2}, {"mass": 1, "length": 1, "time": -1}
 POWERS: dict[str, dict[str, int]] = {
     "mass": {"mass": 1},
     **dict.fromkeys(("rx", "ry", "rz", "x", "y", "z"), _LENGTH),
@@ -41,6 +41,8 @@ POWERS: dict[str, dict[str, int]] = {
     "time": {"time": 1},
     **dict.fromkeys(("inertia", *SPACE.inertia), _INERTIA),
     "speed": _VELOCITY,
+    **dict.fromkeys(("momentum", "px", "py", "pz"), _MOMENTUM),
+    "angular_momentum": {"mass": 1, "length": 2, "time": -1},
     "height": _LENGTH,
     **dict.fromkeys(("direction", "direction_normal", "direction_floor"), _ANGLE),
 }
