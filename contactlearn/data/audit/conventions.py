@@ -208,7 +208,7 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         if given.score > thresholds.sound and (accepted or depth == 1):
             axes = [name for name in min(accepted, key=lambda h: h.score).names if name in AXES] if accepted else []
             pairs = _pairs_of_units(given, axes)
-            accepted += [h for h in pairs if h.fits and _better(h, given)]
+            accepted += [h for h in pairs if _better(h, given) and h.fits]
             tried += len(pairs)
         if doubtful is not None:
             accepted = [h for h in accepted if _settles(h, doubtful.best)]

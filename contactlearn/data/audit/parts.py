@@ -34,17 +34,16 @@ _FINALISTS = 8  # hypotheses of the largest gain whose parts are looked for
 _COMPARED = 400  # trials on which hypotheses are compared, spread evenly over the order
 _MIN_TRIALS, _MIN_SHARE = 8, 0.04  # of a part, and of the rest
 _GAIN, _SIGMAS = 0.15, 5.0  # fall of the contradictions in the part, and rise in the rest, and their standard errors
+_EXPLAINED = 0.1  # contradictions up to which one hypothesis explains all trials, but for a few
 _LEFT, _LEFT_SHARE = 0.15, 0.5  # contradictions that both parts may leave together, and of those that they had
 
 
 def mixed_findings(comparison: ConventionComparison) -> list[Finding]:
     """Find a part of the trials with other units or axes than the rest; fatal."""
-    for base in dict.fromkeys((comparison.given.names, comparison.best.names)):
-        hypothesis = comparison.best if base else comparison.given
-        found = _mixed(hypothesis)
-        if found:
-            return found
-    return []
+    given, best = comparison.given, comparison.best
+    explained = best.names and best.score < _EXPLAINED  # what is left of all trials can be in a part only
+    bases = [best] if explained or not best.names else [given, best]
+    return next((found for base in bases if (found := _mixed(base))), [])
 
 
 def _mixed(base: Hypothesis) -> list[Finding]:
