@@ -426,10 +426,13 @@ def decompose_error(
         with_candidates=search.error_with_candidates,
     )
     judged = budget = divided(floor=floor)
-    if scatter is not None and scatter.result.seen:
-        if scatter.floor.mean > floor.error.mean:
+    if scatter is not None:
+        # What follows something differs between similar trials as well, which an estimated floor takes for noise.
+        follows = bool(scatter.result.dependences) and floor.source is NoiseSource.ESTIMATED
+        if follows or (scatter.result.seen and scatter.floor.mean > floor.error.mean):
             floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
-        budget = divided(floor=floor, instrument=scatter.instrument)
+        if follows or scatter.result.seen:
+            budget = divided(floor=floor, instrument=scatter.instrument)
         judged = budget if scatter.result.random else judged
     return ErrorDecomposition(learned=learned, formulas=described, scatter=scatter, budget=budget, judged=judged)
 

@@ -131,12 +131,14 @@ def show_verdict(diagnosis: Diagnosis, command: str, *, verbose: bool = False) -
     for line in _verdict_lines(diagnosis):
         print_line(line)
     if diagnosis.missing:
-        print_line(f"use it: {command}")
+        print_line(f"use it: {command}", copied=True)
 
 
 def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
     """The verdict and what it rests on, a line each."""
-    lines = [f"verdict: {headline(diagnosis)}", *(f"  {one}" for one in phrases("qualifications", diagnosis))]
+    verdict = headline(diagnosis)
+    more = [one for one in phrases("qualifications", diagnosis) if one.rstrip(".").lower() not in verdict.lower()]
+    lines = [f"verdict: {verdict}", *(f"  {one}" for one in more)]
     if diagnosis.ladder and diagnosis.budget is not None:
         lines.append(f"error: {phrase('size', diagnosis)}")
     if diagnosis.coefficients:

@@ -5,8 +5,10 @@ import math
 import shlex
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from itertools import chain
 from pathlib import Path
+from textwrap import fill
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -54,11 +56,17 @@ _MAX_RUNS = 20  # runs in the table of a sweep
 _MAX_SETTINGS = 5  # settings in it
 
 
-def print_line(line: str, *, shown: bool = True) -> None:
-    """Log a line, and print it if it is shown: no markup, no folding, plain spaces, nothing that steers a terminal."""
+def print_line(line: str, *, shown: bool = True, copied: bool = False) -> None:
+    """Log a line, and print it if it is shown: no markup, plain spaces, nothing that steers a terminal.
+
+    It is folded to the width of a terminal, but for paths and commands that are to be `copied`.
+    """
     text = terminal_safe(line.replace("\u00a0", " "))
     if shown:
-        console.print(Text(text), soft_wrap=True)
+        folds = not copied and console.is_terminal
+        indent = " " * (len(text) - len(text.lstrip()) + 2)
+        whole = partial(fill, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+        console.print(Text(whole(text, console.width) if folds else text), soft_wrap=True)
     _log.info("%s", text)
 
 
@@ -230,20 +238,20 @@ def show_end(folder: Path, learnt: str) -> None:
     shown = relative(folder)
     if learnt:
         print_line(f"learnt   {learnt}")
-    print_line(f"results  {shown}")
+    print_line(f"results  {shown}", copied=True)
     if (folder / "report.html").exists():
-        print_line(f"open     {shlex.quote(str(shown / 'report.html'))}")
-    print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}")
+        print_line(f"open     {shlex.quote(str(shown / 'report.html'))}", copied=True)
+    print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}", copied=True)
 
 
 def show_report(folder: Path) -> None:
     """Print the page of a run."""
-    print_line(f"report: {shlex.quote(str(relative(folder / 'report.html')))}")
+    print_line(f"report: {shlex.quote(str(relative(folder / 'report.html')))}", copied=True)
 
 
 def show_next(command: Sequence[str], ending: str = "") -> None:
     """Print the next command by its words."""
-    print_line(f"next     {shlex.join(command)}{ending}")
+    print_line(f"next     {shlex.join(command)}{ending}", copied=True)
 
 
 def relative(path: Path) -> Path:
@@ -325,7 +333,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         cells.append((*(values[k] or "" for values in settings.values()), *names, *shown))
     print_table(f"Held-out errors of the sweep{few}", (*settings, *found, METRICS[metric].name, "95 %"), cells)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
-        print_line(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}")
+        print_line(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}", copied=True)
 
 
 def _spread(mean: float, std: float | None) -> str:
