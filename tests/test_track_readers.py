@@ -845,6 +845,23 @@ def test_json(kind, tmp_path):
         np.testing.assert_allclose(one.angle[one.seen], wanted.angle[wanted.seen])
 
 
+def test_json_of_poses_in_space(tmp_path):
+    """Four numbers of a list are a quaternion, whose order impacts show."""
+    one, path = whole(), tmp_path / "box.json"
+    rows = zip(one.time.tolist(), one.position.tolist(), one.quaternion.tolist(), strict=True)
+    path.write_text(json.dumps([{"time": t, "position": p, "quaternion": q} for t, p, q in rows]))
+    (found,) = read(path, track_options(**stated_by_header(path)).layout)
+    np.testing.assert_allclose(found.position, one.position)
+    np.testing.assert_allclose(found.quaternion, one.quaternion)
+    assert found.order is None
+
+
+def test_markers_may_be_called_as_accelerations_are(tmp_path):
+    pd.DataFrame({"time": np.arange(9) / 9, "ax": 0.0, "ay": 1.0, "bx": 1.0, "by": 1.0}).to_csv(tmp_path / "a.csv")
+    (found,) = read(tmp_path / "a.csv", Layout(markers=[["ax", "ay"], ["bx", "by"]]))
+    assert len(found.markers) == 2
+
+
 def test_settings_beside_recordings_are_no_recordings(tmp_path):
     for name in ("a.json", "b.csv"):
         (tmp_path / name).touch()

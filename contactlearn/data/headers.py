@@ -62,6 +62,7 @@ _FIRST = 3  # files of a folder whose headers are looked at, until one can be re
 _HEADINGS = ("heading", "yaw", "bearing", "azimuth", "rotation", "rot", "theta", "angle", "phi", "orientation")
 _TURNS = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad"}
 _SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwise")
+_NUMBERED = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)[\W_]*[0-4]", re.I)
 _PIXEL = "px"
 _RATE = re.compile(
     r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)", re.I
@@ -390,6 +391,9 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
     elif len(turns) == 4 and len(axes) == 3:
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         columns["quaternion"] = ([names[turn] for turn in turns], turns, "w first")
+    elif len(axes) == 3 and len(numbered := [name for name in others if _NUMBERED.fullmatch(name)]) == 4:
+        columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
+        columns["quaternion"] = (sorted(numbered), [], "whether w is first or last: order=wxyz or xyzw, or found")
     elif len(axes) == 3 and len(turned := orientation_columns(known.others)) in (3, 9):
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         about = "turns about x, y and z, or a vector of rotation" if len(turned) == 3 else "row by row"

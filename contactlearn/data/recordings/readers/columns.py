@@ -410,7 +410,7 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     turned = layout.quaternion if measured else ()
     poses = (*layout.position, *turned) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
-        if sensed(name):
+        if sensed(name) and not layout.markers:  # of which one may be called ax
             raise DataError(f"{path}: column {name!r} is no position and no angle: {SENSED}")
         if name not in table.columns:
             known = [str(column) for column in table.columns]
