@@ -1,6 +1,7 @@
 """From a folder of recordings to impacts: conventions found or asked for, refusals, the command and the sources."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.report.text.tracks import tracks_facts
 from contactlearn.simulation import recordings
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
@@ -172,6 +174,8 @@ def test_the_command_writes_impacts_and_refusals(tmp_path, plain):
     assert impacts.trial == found.impacts.trial
     for fragment in (
         "impacts from 6 recordings",
+        "rad, as_read (turning as the axes do), found: impacts close their moment balance better than with",
+        "ms, assumed 0 ms, from contacts",
         "unit",
         "gravity",
         "were refused",
@@ -209,6 +213,16 @@ def test_the_command_says_what_is_wrong(tmp_path, words, message):
     said = run("contactlearn", "impacts", str(tmp_path / "a.csv"), *words, cwd=tmp_path, status=2)
     assert message in said
     assert (tmp_path / "there.csv").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("rate", "warned"), [(50.0, True), (250.0, False)])
+def test_few_frames_a_second_are_warned_of(tmp_path, rate, warned):
+    folder(tmp_path, Camera(frames=round(0.9 * rate), rate=rate), size=16)
+    found = found_in(tmp_path, unit="m", angle="rad", sense="as_read", fewest=5)
+    facts = dict(tracks_facts(found))
+    assert ("frames" in facts) == warned
+    if warned:
+        assert re.match(r"only 50 a second: velocities after contact are uncertain by ± [\d.]+ mm/s", facts["frames"])
 
 
 def test_refusals_name_settings(tmp_path, plain):

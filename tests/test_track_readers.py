@@ -1,5 +1,6 @@
 """Readers of recordings: what is written is read, and what cannot be read is one clear line."""
 
+import json
 import sys
 import tracemalloc
 from io import StringIO
@@ -772,6 +773,107 @@ def test_vectors_of_rotation(names, place, tmp_path):
     order = found.order or orders_of([found])[0]
     assert order == "rotvec"
     np.testing.assert_allclose(matrices(found.quaternion, order), turned.as_matrix(), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("title", "suffix", "header", "mark"),
+    [
+        ("run {}", ".txt", "each", " "),
+        ("# toss {}", ".txt", "top", "\t"),
+        ("=== Trial {} ===", ".csv", "top", ","),
+        ("[drop {}] (red die)", ".csv", "each", ";"),
+        ("# Wurf Nr. {}", ".txt", "comment", " "),
+    ],
+)
+def test_titles_stand_above_recordings(title, suffix, header, mark, tmp_path):
+    path, names = tmp_path / f"all{suffix}", mark.join(("t", "x", "y", "theta"))
+    lines = {"top": [names], "comment": [f"# {names}"], "each": []}[header]
+    for k, one in enumerate(FLAT, 1):
+        lines += [title.format(k), *[names] * (header == "each")]
+        rows = np.column_stack((one.time, one.position, one.angle))[one.seen]
+        lines += [mark.join(f"{value:.9f}" for value in row) for row in rows] + [""]
+    path.write_text("\n".join(lines))
+    found = [*fail(read(path, track_options(**stated_by_header(path)).layout))]
+    assert [one.name for one in found] == ["1", "2"]
+    for one, wanted in zip(found, FLAT, strict=True):
+        np.testing.assert_allclose(one.position, wanted.position[wanted.seen], atol=1e-8)
+        np.testing.assert_allclose(one.angle, wanted.angle[wanted.seen], atol=1e-8)
+
+
+def test_titles_stand_above_the_frames_of_tum_text(tmp_path):
+    one = whole()
+    rows = text(np.column_stack((one.time, one.position, np.roll(one.quaternion, -1, 1))), " ")
+    (tmp_path / "all.txt").write_text(f"# toss 1\n{rows}# toss 2\n{rows}")
+    found = [*fail(read(tmp_path / "all.txt"))]
+    assert [(each.name, len(each)) for each in found] == [("1", len(one)), ("2", len(one))]
+    np.testing.assert_allclose(found[1].position, one.position, atol=1e-8)
+
+
+def jsons(kind: str) -> str:
+    one = FLAT[0]
+    frames = [
+        {"t": t, "pose": {"x": p[0], "y": p[1], "theta": a}}
+        for t, p, a in zip(one.time.tolist(), one.position.tolist(), one.angle.tolist(), strict=True)
+    ]
+    listed = [{"t": t, "position": [*p.values()][:2], "theta": p["theta"]} for t, p in map(dict.values, frames)]
+    columns = {"t": one.time.tolist(), "position": one.position.tolist(), "theta": one.angle.tolist()}
+    if kind == "lines":
+        return "\n".join(map(json.dumps, frames))
+    untimed = {name: values for name, values in columns.items() if name != "t"}
+    return json.dumps(
+        {
+            "frames": frames,
+            "lists": listed,
+            "columns": columns,
+            "episodes": [{"id": name, "frames": listed} for name in "ab"],
+            "by name": {"a": columns, "b": columns},
+            "with a rate": {"fps": 250, "take": {"frames": untimed}},
+        }[kind]
+    )
+
+
+@pytest.mark.parametrize("kind", ["frames", "lines", "lists", "columns", "episodes", "by name", "with a rate"])
+def test_json(kind, tmp_path):
+    path, wanted = tmp_path / ("a.jsonl" if kind == "lines" else "a.json"), FLAT[0]
+    path.write_text(jsons(kind).replace("NaN", "null"))
+    assert propose(path).source == "tracks"
+    found = [*fail(read(path, track_options(**stated_by_header(path)).layout))]
+    assert [one.name for one in found] == (["a", "b"] if kind in ("episodes", "by name") else ["a"])
+    for one in found:
+        np.testing.assert_allclose(one.time - one.time[0], wanted.time - wanted.time[0], atol=1e-9)
+        np.testing.assert_allclose(one.position[one.seen], wanted.position[wanted.seen])
+        np.testing.assert_allclose(one.angle[one.seen], wanted.angle[wanted.seen])
+
+
+def test_json_of_poses_in_space(tmp_path):
+    """Four numbers of a list are a quaternion, whose order impacts show."""
+    one, path = whole(), tmp_path / "box.json"
+    rows = zip(one.time.tolist(), one.position.tolist(), one.quaternion.tolist(), strict=True)
+    path.write_text(json.dumps([{"time": t, "position": p, "quaternion": q} for t, p, q in rows]))
+    (found,) = read(path, track_options(**stated_by_header(path)).layout)
+    np.testing.assert_allclose(found.position, one.position)
+    np.testing.assert_allclose(found.quaternion, one.quaternion)
+    assert found.order is None
+
+
+def test_markers_may_be_called_as_accelerations_are(tmp_path):
+    pd.DataFrame({"time": np.arange(9) / 9, "ax": 0.0, "ay": 1.0, "bx": 1.0, "by": 1.0}).to_csv(tmp_path / "a.csv")
+    (found,) = read(tmp_path / "a.csv", Layout(markers=[["ax", "ay"], ["bx", "by"]]))
+    assert len(found.markers) == 2
+
+
+def test_settings_beside_recordings_are_no_recordings(tmp_path):
+    for name in ("a.json", "b.csv"):
+        (tmp_path / name).touch()
+    assert [file.name for file in recording_files(tmp_path)] == ["b.csv"]
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"a": 1}', "[1, 2, 3]", '{"note": ["a", "b"]}'])
+def test_json_without_frames_is_one_line(content, tmp_path):
+    (tmp_path / "a.json").write_text(content)
+    for use in (propose, lambda path: list(read(path))):
+        with refused(["a.json: is no JSON" if content == "{" else "a.json: holds no frames; of JSON are read"]):
+            use(tmp_path / "a.json")
 
 
 @pytest.mark.parametrize("name", ["tosses.pkl", "tosses.pickle", "tosses.joblib"])

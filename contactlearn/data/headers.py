@@ -22,6 +22,7 @@ from contactlearn.data.recordings.readers.columns import (
     column_names,
     comments,
     first_rows,
+    nested_table,
     of_sensor,
     orientation_columns,
     recording_column,
@@ -62,6 +63,7 @@ _FIRST = 3  # files of a folder whose headers are looked at, until one can be re
 _HEADINGS = ("heading", "yaw", "bearing", "azimuth", "rotation", "rot", "theta", "angle", "phi", "orientation")
 _TURNS = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad"}
 _SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwise")
+_NUMBERED = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)[\W_]*[0-4]", re.I)
 _PIXEL = "px"
 _RATE = re.compile(
     r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)", re.I
@@ -113,18 +115,21 @@ def propose(path: Path) -> FileContents:
         DataError: it cannot be read, or is neither.
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
-    if first.suffix.lower() not in table.SUFFIXES or _is_recording(first):
+    frames = nested_table(first)
+    nested = None if frames is None else [*map(str, frames.columns)]
+    if nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
         body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
         unnamed = [one for one in _UNNAMED if one.name != "body" or len(bodies) < 2]
         return FileContents(source="tracks", settings=(*body, *unnamed))
-    if first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
+    if nested is None and first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
-    cells = table.preview(first)
-    space, impacts = recognised_columns(cells.header)
-    frames, markers = recognise(cells.header, _frame_units()), _markers(cells.header)
-    _refuse_sensors(first, cells.header, frames)
-    bodies = {} if markers or "x" in frames.names else bodies_in_names(cells.header, _POSE)
+    cells = None if nested else table.preview(first)
+    header, read_as = (nested or [], ()) if cells is None else (cells.header, cells.read_as)
+    space, impacts = recognised_columns(header)
+    frames, markers = recognise(header, _frame_units()), _markers(header)
+    _refuse_sensors(first, header, frames)
+    bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
     cameras = [name for name in bodies if re.match(r"(?:cam|kamera|view|left|right|links|rechts)", name, re.IGNORECASE)]
     if len(cameras) > 1 and not {"z", "qw"} & {one for names in bodies.values() for one in names.values()}:
         raise DataError(
@@ -133,7 +138,7 @@ def propose(path: Path) -> FileContents:
         )
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
-        frames = recognise([*dict.fromkeys(ours.get(name, name) for name in cells.header)], _frame_units())
+        frames = recognise([*dict.fromkeys(ours.get(name, name) for name in header)], _frame_units())
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
@@ -141,7 +146,7 @@ def propose(path: Path) -> FileContents:
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
         settings = (*_table(path, space, impacts),)
-        return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
+        return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
     if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
@@ -151,17 +156,15 @@ def propose(path: Path) -> FileContents:
         where = f"in column {column!r}" if named else "in names of columns"
         body = _body(path, markers, bodies or named, where)
         return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
-    names = column_names(first) if first.suffix.lower() == ".parquet" else cells.header
+    names = column_names(first) if first.suffix.lower() == ".parquet" else header
     if frames.names.keys() & {"time", "recording"} and frames.others:
-        return FileContents(
-            source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=cells.read_as
-        )
-    if hint := _computable(cells.header):
+        return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
+    if hint := _computable(header):
         raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
-        f"{', '.join(map(repr, cells.header))}; those of a table are named by data=table data.path={first} "
+        f"{', '.join(map(repr, header))}; those of a table are named by data=table data.path={first} "
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
@@ -394,6 +397,9 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
     elif len(turns) == 4 and len(axes) == 3:
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         columns["quaternion"] = ([names[turn] for turn in turns], turns, "w first")
+    elif len(axes) == 3 and len(numbered := [name for name in others if _NUMBERED.fullmatch(name)]) == 4:
+        columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
+        columns["quaternion"] = (sorted(numbered), [], "whether w is first or last: order=wxyz or xyzw, or found")
     elif len(axes) == 3 and len(turned := orientation_columns(known.others)) in (3, 9):
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         about = "turns about x, y and z, or a vector of rotation" if len(turned) == 3 else "row by row"

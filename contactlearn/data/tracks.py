@@ -312,7 +312,8 @@ def _check_contacts(path: Path, surveyed: Survey, searched: Collection[SearchedT
     counter = Counter(REASONS[refusal.reason] for refusal in surveyed.refusals)
     counts = ", ".join(f"{reason} {count}" for reason, count in counter.most_common())
     refused = f"; refused parts: {counts}" if counts else ""
-    fewest, count = options.flight.narrowest(surveyed.model.air), surveyed.recordings
+    fewest = options.flight.narrowest(surveyed.model.air)
+    searched_in = f"{surveyed.recordings} recording{'s' * (surveyed.recordings != 1)}"
     flights = [(one.track, one.flights[0]) for one in searched if len(one.flights) == 1]
     single = bool(flights) and all(len(one.flights) < 2 for one in searched)
     falling = [track.height[flight.last] < track.height[flight.first] for track, flight in flights]
@@ -322,11 +323,11 @@ def _check_contacts(path: Path, surveyed: Survey, searched: Collection[SearchedT
         why = f"each has one free flight, and begins at the contact or after it; let recordings begin {fewest}"
     else:
         raise DataError(
-            f"{path}: no impact in {count} recordings: none has a contact with a free flight of {fewest} frames or "
+            f"{path}: no impact in {searched_in}: none has a contact with a free flight of {fewest} frames or "
             f"more before it and after it{refused}"
         )
     when = "after contact" if all(falling) else "before contact"
-    raise DataError(f"{path}: no impact in {count} recordings: {why} frames or more {when}{refused}")
+    raise DataError(f"{path}: no impact in {searched_in}: {why} frames or more {when}{refused}")
 
 
 def _shape_of(body: str | None, spec: Mapping[str, Any] | Shape | None) -> Shape | None:

@@ -96,17 +96,21 @@ def find_angles(
                 f"{source}: the impacts contradict {_settings(setting, named, stated.sense)}: {_evidence(shape)} "
                 f"{leaves}, and {every[closing]:.2g} with {_settings(setting, *closing)}"
             )
-    evidence = _evidence(shape)
-    if others and not least <= limit * (second := by_reading[others[0]]):
-        if not least <= options.thresholds.likely * second < math.inf:
-            raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
-        evidence = f"{evidence} not clearly less than {second:.2g} with {', '.join(filter(None, others[0]))},"
+    second = by_reading[others[0]] if others else math.nan
+    if others and not least <= limit * second and not least <= options.thresholds.likely * second < math.inf:
+        raise DataError(_unclear(source, setting, by_reading, best, others[0], shape))
+    sure = "" if least <= limit * second or not others else "not sure: "
+    closes = "impacts close their moment balance"
+    if others:
+        closes += f" better than with {', '.join(filter(None, others[0]))}"
+    elif least > _MAX_RESIDUAL_OF_STATED:
+        closes = "impacts do not confirm it by their moment balance"
     clue = Clue(
         convention="angles",
         value=", ".join(name for name in best if name),
         stated=not others,
-        quantity=evidence,
-        number=least,
+        quantity=f"{sure}{closes}{', by a factor of' * math.isfinite(second)}",
+        number=second / max(least, 1e-12) if math.isfinite(second) else math.nan,
         unit="–",
     )
     unit, sense = best

@@ -1,5 +1,6 @@
 """Findings in recordings: impacts and their errors, conventions with their evidence, refusals by reason."""
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,10 @@ from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import Row
 from contactlearn.report.text.numbers import percent
 
+_OF_THE_BODY = ("inertia", "corner", "oblong")  # rows beside which stands the user's shape or inertia
+_SENSES = {"as_read": "turning as the axes do", "mirrored": "turning against the axes, such as clockwise"}
+_SLOW = 60.0  # frames a second, below which the rate limits velocities
+
 
 def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
     """Describe what was found and where it was written, line by line."""
@@ -23,7 +28,8 @@ def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
 
 def rig_text(row: Row) -> str:
     """Write a row of the rig card in a line; a star marks a difference of three errors."""
-    return f"{row.measured}{row.said and f', stated {row.said}'}{' *' if row.differs else ''}, from {row.known_from}"
+    word = "stated" if row.name in _OF_THE_BODY else "assumed"
+    return f"{row.measured}{row.said and f', {word} {row.said}'}{' *' if row.differs else ''}, from {row.known_from}"
 
 
 def tracks_headline(tracked: Tracked) -> str:
@@ -40,10 +46,30 @@ def tracks_headline(tracked: Tracked) -> str:
 def tracks_facts(tracked: Tracked) -> list[tuple[str, str]]:
     """List conventions with their evidence, the floor, errors and missing frames, by name."""
     facts = [*map(_convention, tracked.survey.frame.clues), *_hull(tracked), *_floor(tracked), *_errors(tracked)]
+    facts = [*_rate(tracked), *facts]
     missing = sum(contact.missing > 0 for contact in tracked.survey.contacts)
     if missing:
         facts.append(("missing", f"frames at contact in {missing} impacts, though their time stamps show no gap"))
     return facts
+
+
+def _rate(tracked: Tracked) -> list[tuple[str, str]]:
+    """Warn of few frames a second, with the errors of velocities that follow."""
+    steps = [one.track.step for one in tracked.searched.values()]
+    if not steps or (rate := 1 / float(np.median(steps))) >= _SLOW or tracked.impacts.v_post_cov is None:
+        return []
+    up = tracked.impacts.space.d - 1
+    error = tracked.impacts.v_post_cov[:, up, up].sqrt().median().item()
+    share = error / max(tracked.impacts.v_post[:, up].abs().median().item(), 1e-12)
+    words = (
+        f"only {number(rate, 2)} a second: velocities after contact are uncertain by ± {number(1e3 * error, 2)} mm/s"
+    )
+    return [
+        (
+            "frames",
+            f"{words} ({percent(share, 1)} of them), and contacts less than {number(16 / rate, 1)} s apart are lost",
+        )
+    ]
 
 
 def refusals_by_reason(refusals: Sequence[Refusal]) -> list[tuple[Reason, int]]:
@@ -58,12 +84,13 @@ def refusal_number(refusal: Refusal) -> str:
 
 def _convention(clue: Clue) -> tuple[str, str]:
     evidence = _with_unit(clue.quantity, clue.number, clue.unit)
-    return clue.convention, f"{clue.value}, {'stated' if clue.stated else 'found'}: {evidence}"
+    turning = ", ".join(f"{one} ({_SENSES[one]})" if one in _SENSES else one for one in clue.value.split(", "))
+    return clue.convention, f"{turning}, {'stated' if clue.stated else 'found'}: {evidence}"
 
 
 def _with_unit(quantity: str, value: float, unit: str) -> str:
     own = "" if unit == "–" or quantity.startswith(unit) else f" {unit}"
-    return f"{quantity} {number(value, 3)}{own}"
+    return f"{quantity} {number(value, 3)}{own}" if math.isfinite(value) else quantity
 
 
 def _hull(tracked: Tracked) -> list[tuple[str, str]]:

@@ -1,6 +1,7 @@
 """Readers of recordings: one small module a format, each with one function `read(path, layout)`.
 
     columns   CSV and Parquet: a column each, or a long file with a column that names the recordings
+    nested    JSON, and text with a title above each recording, which columns reads
     exports   headers of Qualisys, Vicon, Tracker, DeepLabCut and SLEAP, which columns reads
     arrays    arrays of NumPy and PyTorch, never objects
     motive    CSV exports of OptiTrack Motive
@@ -17,6 +18,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,16 @@ LARGEST = 2**30
 LIKELY = 0.6
 """Likelihood below which DeepLabCut takes a point for lost by default."""
 _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
+RECORDED = frozenset(
+    ("recording", "clip", "take", "toss", "throw", "drop", "trial", "run", "video", "movie", "episode", "experiment")
+) | {"shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
+"""Words for a recording."""
+TITLE = re.compile(
+    rf"[#%/;*=\s\[(<-]*(?:{'|'.join(sorted(RECORDED))})(?:[\s_#:=.-]|no|nr)*([\w.-]*\d[\w.-]*?)[\s\])>:=*-]*(?:\(.*\))?",
+    re.IGNORECASE,
+)
+"""A line above the frames of a recording, with its number or name."""
+_TOP = 10  # lines among which the first title is
 VECTOR = r"(?:rvec|rot(?:ation)?[\W_]*vec(?:tor)?|axis[\W_]*angle|helical)"
 """Names of a vector of rotation begin so."""
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
@@ -137,10 +149,13 @@ class Layout:
         return letters if letters in ("wxyz", "xyzw") else None
 
 
+JSON = (".json", ".jsonl", ".ndjson")
+"""Suffixes of JSON."""
 _MODULES = {
     ".csv": "columns",
     ".tsv": "columns",
     ".parquet": "columns",
+    **dict.fromkeys(JSON, "columns"),
     ".txt": "tum",
     ".tum": "tum",
     **dict.fromkeys((".npz", ".npy", ".pt", ".mat"), "arrays"),
@@ -170,7 +185,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
     try:
         if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
-        if path.suffix.lower() == ".txt" and not leading_numbers(path):
+        if path.suffix.lower() == ".txt" and (not leading_numbers(path) or has_titles(path)):
             name = "columns"
         module = import_module(f"contactlearn.data.recordings.readers.{name}")
     except ModuleNotFoundError as error:
@@ -215,6 +230,8 @@ def recording_files(path: Path) -> list[Path]:
     if not path.is_dir():
         raise DataError(f"{path}: no such file or folder; check the path (relative to {Path.cwd()})")
     files = sorted(file for file in path.rglob("*") if file.is_file() and file.suffix.lower() in SUFFIXES)
+    # settings often lie beside recordings
+    files = [file for file in files if file.suffix.lower() not in JSON] or files
     if not files and (other := next((file for file in sorted(path.rglob("*.p*kl*")) if file.is_file()), None)):
         _check_suffix(other)
     files = [file for file in files if not file.name.lower().startswith(("readme", "license"))]
@@ -222,6 +239,16 @@ def recording_files(path: Path) -> list[Path]:
     if not files:
         raise DataError(f"{path}: holds no recordings; a recording is one of {', '.join(SUFFIXES)}")
     return files
+
+
+def has_titles(path: Path) -> bool:
+    """Whether titles such as # toss 3 stand above the first and a second recording of a text."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        if not any(TITLE.fullmatch(line.strip()) for line in islice(file, _TOP)):
+            return False
+        file.seek(0)
+        titles = (line for line in file if TITLE.fullmatch(line.strip()))
+        return len([*islice(titles, 2)]) == 2
 
 
 def leading_numbers(path: Path) -> int:

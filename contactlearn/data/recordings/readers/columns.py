@@ -21,8 +21,9 @@ from pyarrow import parquet
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import VECTOR, Layout
+from contactlearn.data.recordings.readers import JSON, RECORDED, VECTOR, Layout
 from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
+from contactlearn.data.recordings.readers.nested import json_table, titled
 from contactlearn.data.recordings.track import Recording
 
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
@@ -35,11 +36,12 @@ MOST_FRAMES = 2_000_000
 
 def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     """Yield the recordings of a CSV or Parquet file, or the error of one."""
-    export = None if path.suffix.lower() == ".parquet" else export_of(path)
+    nested = nested_table(path)
+    export = None if nested is not None or path.suffix.lower() == ".parquet" else export_of(path)
     layout = layout if export is None else export.layout(path, layout)
     names, seen = layout.recording, set[str]()
     pending, rows = list[pd.DataFrame](), 0
-    for part in _parts(path, export):
+    for part in _parts(path, export) if nested is None else [nested]:
         if names == "recording" not in part.columns and (column := recording_column(part)):
             layout, names = replace(layout, recording=column), column
         part = _of_body(path, part, layout)
@@ -60,9 +62,6 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     yield _whole(path, pending, rows, layout, seen)
 
 
-_RECORDED = frozenset(
-    ("recording", "clip", "take", "toss", "throw", "drop", "trial", "run", "video", "movie", "episode", "experiment")
-) | {"shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
 _COUNTED = {"id", "name", "no", "nr", "number", "index", "idx", "file", ""}
 
 
@@ -70,7 +69,7 @@ def recording_column(table: pd.DataFrame) -> str | None:
     """Return the column that a word for a recording names, such as clip, and whose values are in one piece each."""
     for name in map(str, table.columns):
         words = {*re.split(r"[\W\d_]+", name.lower())} - _COUNTED
-        if len(words) == 1 and words <= _RECORDED:
+        if len(words) == 1 and words <= RECORDED:
             keys = table[name].astype(str)
             if 1 < keys.nunique() == 1 + int((keys != keys.shift()).iloc[1:].sum()):
                 return name
@@ -110,7 +109,7 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
 
 def comments(path: Path) -> list[str]:
     """Return the comments above the header of a text file."""
-    if path.suffix.lower() == ".parquet":
+    if path.suffix.lower() in (".parquet", *JSON):
         return []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         return [line.strip() for line in takewhile(lambda line: line.startswith(COMMENT), file)]
@@ -150,7 +149,9 @@ def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
             header, *frames = [*islice(file, len(above), len(above) + _SNIFFED), "", ""]
             if not header.strip():
                 raise DataError(f"{path}: holds no frames")
-            separator, own = next((mark for mark in ";\t" if mark in header), ","), {"skiprows": len(above)}
+            separator, own = next((mark for mark in ";\t," if mark in header), ","), {"skiprows": len(above)}
+            if separator not in header and len(header.split()) == len(frames[0].split()) > 1:
+                separator = r"\s+"
             names = (
                 [name.strip() for name in above[-1].lstrip("".join(COMMENT) + " ").split(separator)] if above else []
             )
@@ -282,9 +283,17 @@ def bodies_in_rows(
     return "", []
 
 
+def nested_table(path: Path) -> pd.DataFrame | None:
+    """Return the frames of JSON, or of a text with a title above each recording; None of other files."""
+    if path.suffix.lower() in JSON:
+        return json_table(path)
+    return titled(path) if path.suffix.lower() in (".csv", ".tsv", ".txt") else None
+
+
 def first_rows(path: Path) -> pd.DataFrame:
     """Return the first rows of a file that has no lines above its header but comments."""
-    return next(_parts(path, None))
+    nested = nested_table(path)
+    return next(_parts(path, None)) if nested is None else nested
 
 
 def _chosen(place: str, bodies: Sequence[str], layout: Layout, where: str) -> str:
@@ -401,7 +410,7 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
     turned = layout.quaternion if measured else ()
     poses = (*layout.position, *turned) if spatial else (*layout.position[:2], *angle)
     for name in chain.from_iterable(layout.markers) if layout.markers else poses:
-        if sensed(name):
+        if sensed(name) and not layout.markers:  # of which one may be called ax
             raise DataError(f"{path}: column {name!r} is no position and no angle: {SENSED}")
         if name not in table.columns:
             known = [str(column) for column in table.columns]

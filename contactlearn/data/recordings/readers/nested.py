@@ -1,0 +1,150 @@
+"""JSON, and text with a title above each recording: tables with a column `recording`, which `columns` reads.
+
+frames       [{"time": 0, "x": 0.1, "position": [..], "pose": {"x": ..}}, ..], or such a line each (JSON Lines)
+columns      {"time": [..], "x": [..], "position": [[..], ..]}
+recordings   a list of these, or an object of these by name; beside them a rate ("fps")
+titles       run 1, # toss 3, [drop 4]: a line above the frames of each recording, with names of columns or without
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.recordings.readers import RECORDED, TITLE, TUM_COLUMNS, has_titles
+from contactlearn.data.recordings.readers.exports import COMMENT
+
+_LARGEST = 2**28  # bytes of a file that is in memory as a whole
+_MOST = 9  # numbers of a frame's list; a longer one holds a number a frame
+_SNIFFED = 10  # rows in which the decimal mark is looked for
+_PLACES = ("position", "pos", "p", "xyz", "translation", "tvec", "location", "loc", "centre", "center", "com", "point")
+_RATES = ("fps", "rate", "frame_rate", "framerate", "frequency")
+_TIMES = ("time", "t", "timestamp", "stamp")
+_TUM = "time x y z qx qy qz qw"
+
+
+def titled(path: Path) -> pd.DataFrame | None:
+    """Return the frames of a text in which a title stands above each recording; None of another file.
+
+    Raises:
+        DataError: no line names the columns, or the file is too large.
+    """
+    if not has_titles(path):
+        return None
+    _check_size(path)
+    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    header, remark, name, rows, names = "", "", "", list[str](), list[str]()
+    for line in lines:
+        numbers = re.match(r"[-+.]?\d", line) is not None
+        if match := TITLE.fullmatch(line):
+            name = match[1]
+        elif line.startswith(COMMENT):
+            remark = line.lstrip("#%/ ") or remark
+        elif not header and numbers:
+            count = len(line.split())
+            header = remark if len(remark.split()) == count or "," in line else _TUM if count == TUM_COLUMNS else ""
+        if numbers:
+            rows.append(line)
+            names.append(name)
+        elif not match and not line.startswith(COMMENT):
+            header = header or line
+            if line != header:
+                raise DataError(f"{path}: columns of recording {name} are {line!r}, those before {header!r}; split it")
+    mark = next((one for one in ";\t," if one in header), None)
+    if not header or not rows:
+        raise DataError(f"{path}: has titles such as {lines[0]!r}, and no line that names the columns")
+    separator = mark or (r"\s+" if len(header.split()) == len(rows[0].split()) else r"\s{2,}")
+    decimal = "," if mark != "," and any(re.search(r"\d,\d", row) for row in rows[:_SNIFFED]) else "."
+    text = StringIO("\n".join((header, *rows)))
+    table = pd.read_csv(text, sep=separator, decimal=decimal, skipinitialspace=True, index_col=False, engine="python")
+    return table.assign(recording=names)
+
+
+def json_table(path: Path) -> pd.DataFrame:
+    """Return the frames of all recordings of a JSON file.
+
+    Raises:
+        DataError: it is no JSON, or holds no frames.
+    """
+    _check_size(path)
+    text = path.read_text(encoding="utf-8-sig")
+    lines = path.suffix.lower() != ".json"
+    try:
+        content = [json.loads(line) for line in text.splitlines() if line.strip()] if lines else json.loads(text)
+    except ValueError as error:
+        raise DataError(f"{path}: is no JSON: {error}") from None
+    parts = [*_recordings(content, "")]
+    if not parts:
+        raise DataError(
+            f"{path}: holds no frames; of JSON are read a list of frames "
+            '[{"time": 0, "x": 0.1, "y": 0.2, "theta": 0.3}, …], lists by name {"time": […], "x": […], …}, and a list '
+            "or an object of such recordings"
+        )
+    return parts[0][1] if len(parts) == 1 else pd.concat([table.assign(recording=name) for name, table in parts])
+
+
+def _check_size(path: Path) -> None:
+    if path.stat().st_size > _LARGEST:
+        raise DataError(f"{path}: is larger than {_LARGEST >> 20} MiB: split it")
+
+
+def _recordings(content: Any, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Each recording by its name."""
+    if isinstance(content, list) and content and all(map(_is_frame, content)):
+        yield name, pd.DataFrame([_flat(frame) for frame in content])
+    elif isinstance(content, list):
+        for number, part in enumerate(content):
+            own = [part[key] for key in ("name", "id", *RECORDED) if key in part] if isinstance(part, dict) else []
+            plain = [str(one) for one in own if isinstance(one, str | int)]
+            yield from _recordings(part, plain[0] if plain else f"{number:04d}")
+    elif isinstance(content, dict):
+        columns = {key: one for key, one in _flat(content).items() if isinstance(one, list) and len(one) > _MOST}
+        alone = not {*columns}.isdisjoint(content) and not any(
+            isinstance(one, dict) for values in columns.values() for one in values
+        )
+        if alone and len({*map(len, columns.values())}) == 1:
+            frames = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            yield name, _timed(pd.DataFrame([_flat(frame) for frame in frames]), content)
+            return
+        inner = {key: one for key, one in content.items() if isinstance(one, list | dict)}
+        for key, part in inner.items():
+            for own, table in _recordings(part, name if len(inner) == 1 and name else key):
+                yield own, _timed(table, content)
+
+
+def _timed(table: pd.DataFrame, about: Mapping[str, Any]) -> pd.DataFrame:
+    """Frames with times by the rate that is stated beside them."""
+    rate = next((about[key] for key in _RATES if isinstance(about.get(key), int | float) and about[key] > 0), None)
+    timed = {*_TIMES} & {str(name).lower() for name in table.columns}
+    return table if rate is None or timed else table.assign(time=[k / rate for k in range(len(table))])
+
+
+def _is_frame(content: Any) -> bool:
+    """Whether an object holds numbers, text, and lists of a few numbers."""
+    if not isinstance(content, dict) or not content:
+        return False
+    values = _flat(content).values()
+    return not any(isinstance(one, list | dict) for one in values) and any(
+        isinstance(one, int | float) for one in values
+    )
+
+
+def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Values by name, such as pose.x; a list of a few numbers has a name each, such as x, y and z of a position."""
+    flat: dict[str, Any] = {}
+    for key, one in content.items():
+        name = f"{above}{key}"
+        if isinstance(one, dict):
+            flat |= _flat(one, f"{name}.")
+        elif isinstance(one, list) and 1 < len(one) <= _MOST and all(isinstance(n, int | float | None) for n in one):
+            axes = "xyz" if len(one) in (2, 3) else [f".{k}" for k in range(len(one))]
+            start = "" if len(one) < 4 and str(key).lower() in _PLACES else f"{name}_" if len(one) < 4 else name
+            flat |= {f"{start}{axis}": number for axis, number in zip(axes, one, strict=False)}
+        else:
+            flat[name] = one
+    return flat
