@@ -141,7 +141,7 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         assert (
             ("and contacts scatter" in text) == ("Contacts scatter: the normal by 0.647 ± 0.040°" in below) == scatters
         )
-        assert ("is scatter of the contact" in size) == (shares.scatter is not None)
+        assert ("is scatter of the contact" in size) == bool(shares.scatter)
         assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
         named = not better or "does not describe" not in text
         assert all((label(one.effect.name) in text.lower()) == named for one in shown.missing)
