@@ -3,8 +3,8 @@
     vx, vy, vx_post, vy_post, paddle tilt (deg)     v_n = vx cos φ + vy sin φ,  v_t = vx sin φ − vy cos φ
 
 φ is the angle of the normal: that at a tilt of 0, and the tilt.  The face that is hit at 0, +x, +y, −x or −y, is the
-only one that nearly all bodies approach and leave.  A tilt is positive counter-clockwise, unless the spins say otherwise:
-those of a ball change as its velocity along the surface does.
+only one that nearly all bodies approach and leave.  A tilt is positive counter-clockwise, unless the spins say
+otherwise: those of a ball change as its velocity along the surface does.
 """
 
 from collections.abc import Mapping
