@@ -122,9 +122,9 @@ def _sense(
         v: velocities and spins as they were measured.
         turning: whether bodies have an orientation, so that their spins follow the normal impulse as well.
     """
-    first, *others = [*turned] or [None]
-    if not others or turning or not {*_SPINS} <= {*v}:
-        return first
+    senses = [*turned]
+    if len(senses) < 2 or turning or not {*_SPINS} <= {*v}:
+        return senses[0] if senses else None
     spin = v["omega_post"] - v["omega"]
     left = dict[tuple[str, str], float]()
     for key, one in turned.items():
@@ -132,7 +132,7 @@ def _sense(
         there = np.isfinite(spin) & np.isfinite(along)
         norms = (spin[there] ** 2).sum() * (along[there] ** 2).sum()
         left[key] = 1 - (spin[there] * along[there]).sum() ** 2 / max(norms, 1e-300)
-    return others[0] if first is None or left[others[0]] < _CLEARER * left[first] else first
+    return senses[1] if left[senses[1]] < _CLEARER * left[senses[0]] else senses[0]
 
 
 def _is_tilt(name: str) -> bool:
