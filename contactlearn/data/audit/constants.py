@@ -133,8 +133,8 @@ def place_notes(impacts: Impacts) -> list[Finding]:
     if span < max(_LABORATORY, _SIZES * size):
         return []
     sentence = (
-        f"x spans {number(span, 3)} m, {number(span / size, 2)} times the distance of the contact point from the centre "
-        "of mass: is it in another unit? Write it into the name of the column, such as x [mm]"
+        f"x spans {number(span, 3)} m, {number(span / size, 2)} times the distance of the contact point from the "
+        "centre of mass: is it in another unit? Write it into the name of the column, such as x [mm]"
     )
     evidence = evidence_of(("span", span, "m"), ("size", size, "m"))
     return [Finding(name="far_apart", sentence=sentence, evidence=evidence, mistake=False)]
