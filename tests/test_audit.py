@@ -262,6 +262,16 @@ def test_positions_in_another_unit_where_contact_points_are_computed(unit):
     torch.testing.assert_close((corrected.q, corrected.r), (clean.q, clean.r))
 
 
+def test_places_in_another_unit_without_heights():
+    clean = drops(seed=1)
+    clean = clean.replace(r=contact_points(clean.shape, clean.body, clean.q[:, 2]), validate=False)
+    assert "far_apart" not in [one.name for one in audit(clean)]
+    wrong = clean.replace(q=torch.stack((1e3 * clean.q[:, 0], -clean.r[:, 1], clean.q[:, 2]), -1))
+    (note,) = [one for one in audit(wrong) if one.name == "far_apart"]
+    assert not note.mistake
+    assert "such as x [mm]" in note.sentence
+
+
 def inclined(impacts: Impacts, degrees: float, *, seen: bool) -> Impacts:
     """The impacts in level axes of a floor that is inclined; contact points as seen, or computed on a level floor."""
     angle = torch.full((len(impacts),), math.radians(degrees), dtype=torch.float64)

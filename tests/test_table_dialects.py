@@ -710,6 +710,11 @@ def test_a_surface_that_leans_differently_in_each_row(frame, name, face, said):
     found = table.read(there, **BALL)
     np.testing.assert_allclose(numbers(found.impacts)[:, 3:], frame[[*COLUMNS[3:]]], rtol=0, atol=1e-9)
     assert any(repr(name) in part and part.endswith(f"its normal at 0 is {said}") for part in found.read_as)
+    ball = frame.assign(omega_post=frame.omega + 75 * (frame.vx_post - frame.vx))  # of a moment of inertia of 2/3 m R²
+    clockwise = leaning(ball, tilt, face).assign(**{name: -np.degrees(tilt)})
+    found = table.read(clockwise, **BALL)
+    np.testing.assert_allclose(numbers(found.impacts)[:, 3:], ball[[*COLUMNS[3:]]], rtol=0, atol=1e-9)
+    assert any(f"{name!r}, positive clockwise" in part for part in found.read_as)
     turned = there.assign(theta=tilt + face - math.pi / 2)
     np.testing.assert_allclose(table.read(turned, **BALL).impacts.q[:, 2].cos().numpy(), 1, rtol=ROUNDING)
     assert table.read(turned.assign(**{name: 5.0}), **BALL, validate=False).unused == (

@@ -30,6 +30,7 @@ _COLUMNS = (
     ("ω after impact", "v_post", 2, "rad/s", ""),
 )
 _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
+_LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
 _WORSE = 0.01  # sum of contradictions that another unit of the shape may add: none but noise
 
 
@@ -123,6 +124,20 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
             )
             return [Finding(name=name, sentence=sentence, evidence=evidence, correction=name)]
     return []
+
+
+def place_notes(impacts: Impacts) -> list[Finding]:
+    """Note places in the plane that are farther apart than any laboratory, and than bodies of this size bounce."""
+    x, size = impacts.q[:, 0], impacts.r.norm(dim=-1).median().item()
+    span = (x.quantile(0.95) - x.quantile(0.05)).item()
+    if span < max(_LABORATORY, _SIZES * size):
+        return []
+    sentence = (
+        f"x spans {number(span, 3)} m, {number(span / size, 2)} times the distance of the contact point from the "
+        "centre of mass: is it in another unit? Write it into the name of the column, such as x [mm]"
+    )
+    evidence = evidence_of(("span", span, "m"), ("size", size, "m"))
+    return [Finding(name="far_apart", sentence=sentence, evidence=evidence, mistake=False)]
 
 
 def shape_findings_in_space(impacts: Impacts) -> list[Finding]:

@@ -25,6 +25,7 @@
     mixed_units               a part of the trials has other units or axes than the rest: fatal
     exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
     outcome_not_measured      a velocity after impact that is one number while that before it varies: fatal
+    far_apart                 places that are farther apart than any laboratory: a note
     constant_columns          columns with one value, and what they cannot show: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
@@ -42,6 +43,7 @@ import torch
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
 from contactlearn.data.audit.constants import (
     constant_notes,
+    place_notes,
     shape_findings_in_space,
     shape_unit_findings,
     spin_notes,
@@ -96,7 +98,7 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     sound = correct(sound, Audit(first).corrections)
     if plane:
-        notes, spins = [*constant_notes(sound), *notes], spin_notes(sound)
+        notes, spins = [*constant_notes(sound), *place_notes(sound), *notes], spin_notes(sound)
         sound = correct(sound, Audit(spins).corrections)
         first += spins
         unmeasured = unmeasured_findings(sound)

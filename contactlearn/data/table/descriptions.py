@@ -22,6 +22,7 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
     MOMENTA,
     OTHERS,
@@ -95,7 +96,7 @@ def restated(
     cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
     cells = _by_components(_with_changes(cells, units, mapped), units, chosen)
     cells = _relative_to_surface(cells, units, mapped)
-    return replace(_level(cells, units, mapped), gaps=False)
+    return replace(level(cells, units, mapped), gaps=False)
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -443,82 +444,6 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     kept = [k for k, name in enumerate(cells.header) if name not in used]
     header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
-
-
-def _level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
-    """The table in axes along the surface and its normal, where the surface leans differently in each row.
-
-    Raises:
-        DataError: the bodies approach no face of it, or positions would have to be turned as well.
-    """
-    free = [name for name in cells.header if name not in mapped.values()]
-    tilt = next((name for name in free if _is_tilt(name)), None)
-    space, known = recognised_columns([name for name in cells.header if name != tilt], mapped)
-    names = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
-    velocities = ("vx", "vy", "vx_post", "vy_post")
-    if tilt is None or space is SPACE or not {*velocities} <= {*names}:
-        return cells
-    if _OF_SURFACE.intersection(name_words(names["vy"])):  # in its axes already
-        return cells
-    stated = unit_in(tilt, "theta", impact_vocabulary(PLANE))
-    of_tilt, own = Units(units.stated, {"theta": stated} if stated else {}), Units(units.stated, known.units)
-    angle = cells.numbers(tilt, of_tilt.text("theta"), of_tilt.factor("theta"))
-    whole = np.isfinite(angle)
-    if not whole.any() or np.ptp(angle[whole]) < _MIN_LEAN:
-        return cells
-    leans = f"{cells.path}: the surface leans by {tilt!r}, which differs from row to row, and"
-    otherwise = "where velocities are along it and across it already, say so by 'data.covariates=[…]' with its name"
-    if beside := [names[column] for column in ("x", "y", "rx", "ry") if column in names]:
-        raise DataError(
-            f"{leans} {', '.join(beside)} are in axes of the room: turn all into axes "
-            f"along the surface and its normal; {otherwise}"
-        )
-    numbers = {column: cells.numbers(names[column], own.text(column), own.factor(column)) for column in velocities}
-
-    def across(time: str, normal: np.ndarray) -> np.ndarray:
-        return numbers[f"vx{time}"] * np.cos(normal) + numbers[f"vy{time}"] * np.sin(normal)
-
-    faces = {face: angle + turn for face, turn in zip(("+x", "+y", "-x", "-y"), np.arange(4) * np.pi / 2, strict=True)}
-    hit = [
-        face
-        for face, normal in faces.items()
-        if min(np.mean(across("", normal)[whole] < 0), np.mean(across("_post", normal)[whole] > 0)) > _FACING
-    ]
-    if len(hit) != 1:
-        raise DataError(
-            f"{leans} the velocities do not tell the face that is hit at 0: turn them into "
-            f"axes along the surface and its normal; {otherwise}"
-        )
-    normal, columns = faces[hit[0]], [*cells.columns]
-    for time in ("", "_post"):
-        along = numbers[f"vx{time}"] * np.sin(normal) - numbers[f"vy{time}"] * np.cos(normal)
-        for column, values in ((f"vx{time}", along), (f"vy{time}", across(time, normal))):
-            columns[cells.header.index(names[column])] = values / own.factor(column)
-    for column in ("theta", "theta_post"):
-        if column in names:
-            turned = cells.numbers(names[column], own.text(column)) - (normal - np.pi / 2) / own.factor(column)
-            columns[cells.header.index(names[column])] = turned
-    place = cells.header.index(tilt)
-    said = (
-        f"velocities turned into the axes of the surface by {tilt!r}, positive counter-clockwise; its normal at 0 is "
-    )
-    read_as = (*cells.read_as, said + hit[0].replace("-", "−"))
-    header = [*cells.header[:place], *cells.header[place + 1 :]]
-    return replace(cells, header=header, columns=[*columns[:place], *columns[place + 1 :]], read_as=read_as)
-
-
-_TILTS = {"tilt", "incline", "inclination", "lean", "loft", "neigung"}
-_OF_SURFACE = {"n", "vn", "normal", "norm", "perp", "perpendicular"}
-_MIN_LEAN = 0.002  # rad, range of a tilt that differs from row to row
-_FACING = 0.9  # share of rows that approach a face, and leave it
-
-
-def _is_tilt(name: str) -> bool:
-    """Whether a column is the angle by which the surface leans."""
-    words = {*name_words(name)}
-    faces = {"face"} <= words and "angle" in words
-    others = words - _TILTS - SURFACES - {"face", "angle", "of", "the", "deg", "rad", "degrees", "°"}
-    return bool(words & _TILTS or faces) and not others
 
 
 def _directed(known: Recognised, end: str = "") -> str | None:

@@ -1,0 +1,143 @@
+"""A racket, or a floor, that leans differently in each row: velocities in axes along it and along its normal.
+
+    vx, vy, vx_post, vy_post, paddle tilt (deg)     v_n = vx cos φ + vy sin φ,  v_t = vx sin φ − vy cos φ
+
+φ is the angle of the normal: that at a tilt of 0, and the tilt.  The face that is hit at 0, +x, +y, −x or −y, is the
+only one that nearly all bodies approach and leave.  A tilt is positive counter-clockwise, unless the spins say
+otherwise: those of a ball change as its velocity along the surface does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.names import SURFACES, impact_vocabulary, name_words, unit_in
+from contactlearn.data.table.sheet import Sheet
+from contactlearn.data.table.units import Units
+from contactlearn.mechanics.space import PLANE, SPACE
+
+_TILTS = {"tilt", "incline", "inclination", "lean", "loft", "neigung"}
+_OF_SURFACE = {"n", "vn", "normal", "norm", "perp", "perpendicular"}
+_MIN_LEAN = 0.002  # rad, range of a tilt that differs from row to row
+_FACING = 0.9  # share of rows that approach a face, and leave it
+_CLEARER = 0.5  # of what one sense of the tilt leaves of the spins, up to which the other is taken
+_FACES = {"+x": 0.0, "+y": np.pi / 2, "−x": np.pi, "−y": -np.pi / 2}
+_VELOCITIES = ("vx", "vy", "vx_post", "vy_post")
+_SPINS = ("omega", "omega_post")
+
+
+def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+    """Return the table in axes along the surface and its normal, where it has a tilt that differs from row to row.
+
+    Args:
+        cells: a table in the plane, else it is returned as it is.
+        units: of settings.
+        mapped: names in the table by ours, of settings; a tilt among them is left as it is.
+
+    Raises:
+        DataError: the velocities do not tell the face that is hit, or places would have to be turned as well.
+    """
+    tilt = next((name for name in cells.header if name not in mapped.values() and _is_tilt(name)), None)
+    space, known = recognised_columns([name for name in cells.header if name != tilt], mapped)
+    names = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    if tilt is None or space is SPACE or not {*_VELOCITIES} <= {*names}:
+        return cells
+    if _OF_SURFACE.intersection(name_words(names["vy"])):  # in its axes already
+        return cells
+    stated = unit_in(tilt, "theta", impact_vocabulary(PLANE))
+    of_tilt, own = Units(units.stated, {"theta": stated} if stated else {}), Units(units.stated, known.units)
+    angle = cells.numbers(tilt, of_tilt.text("theta"), of_tilt.factor("theta"))
+    whole = np.isfinite(angle)
+    if not whole.any() or np.ptp(angle[whole]) < _MIN_LEAN:
+        return cells
+    leans = f"{cells.path}: the surface leans by {tilt!r}, which differs from row to row, and"
+    otherwise = "where velocities are along it and across it already, say so by 'data.covariates=[…]' with its name"
+    if beside := [names[column] for column in ("x", "y", "rx", "ry") if column in names]:
+        raise DataError(
+            f"{leans} {', '.join(beside)} are in axes of the room: turn all into axes along the surface and its "
+            f"normal; {otherwise}"
+        )
+    columns_read = [*_VELOCITIES, *(column for column in _SPINS if column in names)]
+    v = {column: cells.numbers(names[column], own.text(column), own.factor(column)) for column in columns_read}
+    turned = {
+        (sense, face): _turned(v, normal + sign * angle)
+        for sense, sign in (("counter-clockwise", 1), ("clockwise", -1))
+        for face, normal in _FACES.items()
+    }
+    hit = {key: one for key, one in turned.items() if _faces(one["vy"][whole], one["vy_post"][whole])}
+    by_sense = {sense: [key for key in hit if key[0] == sense] for sense, _ in turned}
+    chosen = _sense({keys[0]: hit[keys[0]] for keys in by_sense.values() if len(keys) == 1}, v, "theta" in names)
+    if chosen is None:
+        unit = "" if stated else f"; its name has no unit, and {of_tilt.text('theta')} is assumed"
+        raise DataError(
+            f"{leans} the velocities do not tell the face that is hit at 0{unit}: turn them into axes along the "
+            f"surface and its normal; {otherwise}"
+        )
+    sense, face = chosen
+    columns = [*cells.columns]
+    for column, values in hit[chosen].items():
+        columns[cells.header.index(names[column])] = values / own.factor(column)
+    turn = _FACES[face] - np.pi / 2 + (angle if sense == "counter-clockwise" else -angle)
+    for column in ("theta", "theta_post"):
+        if column in names:
+            values = cells.numbers(names[column], own.text(column)) - turn / own.factor(column)
+            columns[cells.header.index(names[column])] = values
+    place = cells.header.index(tilt)
+    said = f"velocities turned into the axes of the surface by {tilt!r}, positive {sense}; its normal at 0 is {face}"
+    header = [*cells.header[:place], *cells.header[place + 1 :]]
+    columns = [*columns[:place], *columns[place + 1 :]]
+    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+
+
+def _turned(
+    v: Mapping[str, Float[np.ndarray, " n"]], normal: Float[np.ndarray, " n"]
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Velocities along a surface and along its normal, which has these angles in rad."""
+    found = dict[str, Float[np.ndarray, " n"]]()
+    for time in ("", "_post"):
+        vx, vy = v[f"vx{time}"], v[f"vy{time}"]
+        found[f"vx{time}"] = vx * np.sin(normal) - vy * np.cos(normal)
+        found[f"vy{time}"] = vx * np.cos(normal) + vy * np.sin(normal)
+    return found
+
+
+def _faces(before: Float[np.ndarray, " m"], after: Float[np.ndarray, " m"]) -> bool:
+    """Whether nearly all normal velocities approach a face, and leave it."""
+    return bool(min(np.mean(before < 0), np.mean(after > 0)) > _FACING)
+
+
+def _sense(
+    turned: Mapping[tuple[str, str], Mapping[str, Float[np.ndarray, " n"]]],
+    v: Mapping[str, Float[np.ndarray, " n"]],
+    turning: bool,
+) -> tuple[str, str] | None:
+    """The sense of the tilt and the face at 0, of those in which velocities have one face; None if there are none.
+
+    Args:
+        turned: velocities by sense and face.
+        v: velocities and spins as they were measured.
+        turning: whether bodies have an orientation, so that their spins follow the normal impulse as well.
+    """
+    senses = [*turned]
+    if len(senses) < 2 or turning or not {*_SPINS} <= {*v}:
+        return senses[0] if senses else None
+    spin = v["omega_post"] - v["omega"]
+    left = dict[tuple[str, str], float]()
+    for key, one in turned.items():
+        along = one["vx_post"] - one["vx"]
+        there = np.isfinite(spin) & np.isfinite(along)
+        norms = (spin[there] ** 2).sum() * (along[there] ** 2).sum()
+        left[key] = 1 - (spin[there] * along[there]).sum() ** 2 / max(norms, 1e-300)
+    return senses[1] if left[senses[1]] < _CLEARER * left[senses[0]] else senses[0]
+
+
+def _is_tilt(name: str) -> bool:
+    """Whether a column is the angle by which the surface leans."""
+    words = {*name_words(name)}
+    faces = {"face", "angle"} <= words
+    others = words - _TILTS - SURFACES - {"face", "angle", "of", "the", "deg", "rad", "degrees", "°"}
+    return bool(words & _TILTS or faces) and not others
