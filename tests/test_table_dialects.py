@@ -113,6 +113,72 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
     assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
 
 
+STATISTICS = {
+    "means below": (["Mittelwert;{}", "Std.-Abw.;{}", "n=30"], 3),
+    "means by word": (["mean (n=30);{}", "SD;{}", "total;{}", "max;{}"], 4),
+    "means in French": (["Moyenne;{}", "écart type;{}"], 2),
+    "comments": (["# cleaned", "% the floor, again"], 2),
+    "a note": (["Trials 12 and 40 were repeated.", "-----", "Page 2;;;;;;;;;"], 3),
+    "the header again": (["trial;" + ";".join(COLUMNS), ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"], 2),
+}
+
+
+@pytest.mark.parametrize(("below", "count"), STATISTICS.values(), ids=STATISTICS)
+@pytest.mark.parametrize("place", ["between", "below"])
+def test_rows_that_are_no_impacts_are_left_out(tmp_path, frame, below, count, place):
+    """Of statistics, notes and pages, at the end of a table and within it."""
+    path, lines = tmp_path / "drops.csv", text(frame.assign(x=1e3 * frame.x, y=1e3 * frame.y), ";").splitlines()
+    numbered = [f"{k};{line}" for k, line in enumerate(lines[1:], 1)]
+    below = [line.format(lines[3]) for line in below]
+    numbered[20:20] = below if place == "between" else []
+    numbered += below if place == "below" else []
+    above = ["trial;" + lines[0], ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"]
+    path.write_text("\n".join([*above, *numbered]), "utf-8")
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert found.impacts.trial == tuple(map(str, range(1, 31)))
+    (said,) = [part for part in found.read_as if "no impact" in part]
+    assert said.startswith(f"left out {count} row")
+    assert f"(line {23 if place == 'between' else 33})" in said
+    blocks = [*table.read_blocks(path, 7, **BODY)]
+    np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
+
+
+def test_words_of_statistics_that_are_names_stay(tmp_path, frame):
+    """Of bodies and of groups; and a trial that was lost is no note."""
+    path, lines = tmp_path / "drops.csv", text(frame).splitlines()
+    named = [f"{('mean', 'max', 'S')[k % 3]},{line}" for k, line in enumerate(lines[1:])]
+    path.write_text("\n".join([f"setting,{lines[0]}", *named]), "utf-8")
+    np.testing.assert_array_equal(numbers(table.read(path, **BODY).impacts), frame)
+    lost = [f"drop {k},{line}" for k, line in enumerate(lines[1:], 1)] + ["drop 31" + 9 * ","]
+    path.write_text("\n".join([f"trial,{lines[0]}", *lost]), "utf-8")
+    assert table.read(path, drop_incomplete=True, **BODY).impacts.incomplete == ("drop 31",)
+    path.write_text("\n".join([f"trial,{lines[0]}", *lost[:-1], "drop 31,oak"]), "utf-8")
+    with refused(["row 31 (line 32) has 2 cells where the header has 10"]):
+        table.read(path, **BODY)
+
+
+def test_a_name_in_a_merged_cell_is_that_of_the_rows_below(tmp_path, frame):
+    path, lines = tmp_path / "drops.csv", text(frame).splitlines()
+    objects = ["" if k % 10 else f"wood {k}" for k in range(30)]
+    remarks = ["" if k != 4 else "camera moved" for k in range(30)]
+    rows = zip(objects, remarks, lines[1:], strict=True)
+    path.write_text("\n".join([f"object,remark,{lines[0]}", *map(",".join, rows)]), "utf-8")
+    found = table.read(path, **BODY)
+    assert found.impacts.object == tuple(f"wood {k - k % 10}" for k in range(30))
+    assert found.read_as[0] == "'object' filled in from the row above, where it is empty"
+    blocks = [one.impacts.object for one in table.read_blocks(path, 7, **BODY)]
+    assert sum(blocks, ()) == found.impacts.object
+
+
+def test_groups_of_other_names(tmp_path, frame):
+    """Over quantities as well as times, and over columns that are neither before nor after."""
+    lines, path = text(frame).splitlines(), tmp_path / "drops.csv"
+    above = "Lage beim Aufprall,,,Geschwindigkeit vor dem Stoß,,,Geschwindigkeit nach dem Stoß,,"
+    path.write_text("\n".join([above, "x,y,Winkel,x,y,Drehrate,vx,vy,Drehrate", *lines[1:]]), "utf-8")
+    np.testing.assert_array_equal(numbers(table.read(path, **BODY).impacts), frame)
+
+
 def test_names_in_two_rows_of_a_parquet_file(tmp_path, frame):
     groups = [("post", name.removesuffix("_post")) if name.endswith("_post") else ("pre", name) for name in frame]
     groups = [("", "omega'") if group == ("post", "omega") else group for group in groups]
@@ -138,6 +204,13 @@ def test_spreadsheets(tmp_path, frame, suffix):
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
     assert found.read_as == ("worksheet drops", "1 line above the header")
     assert propose(path).source == "table"
+    with pd.ExcelWriter(path, engine=engine, mode="w") as writer:  # means and parameters are no second table
+        pd.DataFrame([["drop", "x"], [1, 2.0], ["mean", 2.0]]).to_excel(writer, sheet_name="means", header=False)
+        frame.to_excel(writer, sheet_name="drops", index=False)
+    assert "worksheet drops" in table.read(path, **BODY).read_as
+    pd.DataFrame({"t": [0.1, 0.2], "x": [0.0, 1.0], "y": [0.0, 1.0]}).to_excel(path, engine=engine, index=False)
+    with refused(["has no velocities after contact", "export it as CSV"]):
+        propose(path)
     with pd.ExcelWriter(path, engine=engine) as writer:
         for name in ("monday", "tuesday"):
             frame.to_excel(writer, sheet_name=name, index=False)

@@ -382,7 +382,7 @@ def test_additions_of_spreadsheets_and_instruments_are_named(tmp_path, drops):
     long = [f"{k},{name},{values[k]}" for k in range(3) for name, values in columns_of(drops).items()]
     units = ",".join(["-", "body", *["m"] * (text[0].count(",") - 1)])
     for lines, message in (
-        ([*text[:4], "# floor cleaned", *text[4:]], r"row 4 \(line 5\) has 1 cells .*; is it a comment\? remove it"),
+        ([*text[:4], "#1,2", *text[4:]], r"row 4 \(line 5\) has 2 cells .*; is it a comment\? remove it"),
         ([text[0], units, *text[1:]], r"unknown column 'omega \[m\]', did you mean 'omega'"),
         (
             ["trial,quantity,value", *long],

@@ -13,7 +13,13 @@ from typing import Any
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
-from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
+from contactlearn.data.recordings.readers import (
+    SUFFIXES as RECORDING_SUFFIXES,
+    TUM_COLUMNS,
+    is_motive,
+    leading_numbers,
+    recording_files,
+)
 from contactlearn.data.recordings.readers.columns import (
     FRAME_NUMBERS,
     bodies_in_names,
@@ -117,7 +123,13 @@ def propose(path: Path) -> FileContents:
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=cells.read_as)
-    if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
+    posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
+    if posed and first.suffix.lower() not in RECORDING_SUFFIXES:
+        raise DataError(
+            f"{first}: has no velocities after contact such as vx_post, as a table of impacts has (docs/tables.md); "
+            "if it is a recording, export it as CSV"
+        )
+    if posed:
         column, named = ("", []) if bodies else _bodies_in_rows(first, frames)
         where = f"in column {column!r}" if named else "in names of columns"
         body = _body(path, markers, bodies or named, where)

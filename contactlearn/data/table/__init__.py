@@ -52,6 +52,7 @@ from contactlearn.data.table.columns import (
 )
 from contactlearn.data.table.descriptions import phase_column, restated
 from contactlearn.data.table.names import NAMES
+from contactlearn.data.table.rows import filled_down, is_merged
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
 from contactlearn.mechanics.bodies import (
@@ -315,18 +316,24 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
         for cells in reader(path, rows):
-            if rows is not None and not cells.first and phase_column(cells):
+            if rows is not None and not cells.first and _is_of_several_rows(cells):
                 yield from map(_filled, reader(path, None))
                 return
-            yield _filled(cells)
+            if len(cells) or not cells.first:
+                yield _filled(cells)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
+
+
+def _is_of_several_rows(cells: Sheet) -> bool:
+    """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
+    return bool(phase_column(cells)) or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:
     if not len(cells):
         raise DataError(f"{cells.path}: has a header but no impacts; at least one row is needed")
-    return cells
+    return filled_down(cells)
 
 
 def _impacts(

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.names import is_unit, time_of
+from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words, recognise, time_of
+from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//")
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
@@ -81,11 +82,13 @@ class Header:
         names: of the columns.
         rows: before the first impact, blank ones not counted.
         read_as: what is remarkable about it, in words.
+        raw: its rows as the file has them.
     """
 
     names: list[str]
     rows: int
     read_as: tuple[str, ...]
+    raw: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,8 +214,8 @@ def _separator(path: Path, text: str) -> str:
         width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
         if width > 1:
             cells = [cell for row in rows if len(row) == width for cell in row]
-            of_numbers = sum(len(row) for row in rows if any(map(_is_number, row)))
-            shares[separator] = sum(map(_is_number, cells)) / max(of_numbers, 1)
+            of_numbers = sum(len(row) for row in rows if any(map(is_number, row)))
+            shares[separator] = sum(map(is_number, cells)) / max(of_numbers, 1)
     best = sorted(shares, key=lambda one: -shares[one])
     if not best or not shares[best[0]]:
         return max(shares, key=lambda one: text.partition("\n")[0].count(one), default=",")
@@ -222,7 +225,8 @@ def _separator(path: Path, text: str) -> str:
     return best[0]
 
 
-def _is_number(cell: Any) -> bool:
+def is_number(cell: Any) -> bool:
+    """Return whether a cell is a number, with whatever decimal mark and groups of thousands."""
     if isinstance(cell, str):
         text = cell.strip().translate(_SPACES)
         return bool(_NUMBER.fullmatch(text) or _GROUPS.fullmatch(text))
@@ -232,7 +236,7 @@ def _is_number(cell: Any) -> bool:
 def is_numeric(cells: Sequence[Any]) -> bool:
     """Return whether a row is one of numbers, not of names: at least half of its cells that are not missing."""
     present = [cell for cell in cells if not is_missing(cell)]
-    return bool(present) and 2 * sum(map(_is_number, present)) >= len(present)
+    return bool(present) and 2 * sum(map(is_number, present)) >= len(present)
 
 
 def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
@@ -287,14 +291,16 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     """
     widths = [len(row) for row in rows]
     width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
-    full = [k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not _blank(cell) for cell in row) > width]
+    full = [
+        k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not is_blank(cell) for cell in row) > width
+    ]
     first = next((k for k in full if not _is_group(rows[k])), 0)
     if rows and is_numeric(rows[first]) and first:
         first = 0  # rows of another width than their header: its reader says so
     if not rows or is_numeric(rows[first]):
         seen = f"begins with the numbers {', '.join(str(c).strip() for c in rows[0][:3])} …" if rows else "is empty"
         raise DataError(f"{source}: {seen}; its first line must name the columns")
-    names, read_as = [_text(cell) for cell in rows[first]], list[str]()
+    names, read_as = [text_of(cell) for cell in rows[first]], list[str]()
     titles, last = first, first + 1
     if (
         first
@@ -304,41 +310,60 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
         names, titles = _grouped(names, above), first - 1
         read_as.append("two rows of names")
     if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
-        named = zip(names, map(_text, rows[last]), strict=True)
+        named = zip(names, map(text_of, rows[last]), strict=True)
         names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
         last += 1
         read_as.append("a row of units")
     if titles:
         read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
-    return Header(names=names, rows=last, read_as=tuple(read_as))
+    raw = tuple(tuple(map(text_of, row)) for row in rows[titles:last])
+    return Header(names=names, rows=last, read_as=tuple(read_as), raw=raw)
 
 
-def _text(cell: Any) -> str:
-    return "" if _blank(cell) else str(cell).strip()
+def text_of(cell: Any) -> str:
+    """Return a cell as text, without blanks around it."""
+    return "" if is_blank(cell) else str(cell).strip()
 
 
-def _blank(cell: Any) -> bool:
+def is_blank(cell: Any) -> bool:
+    """Return whether a cell is empty."""
     return cell is None or cell != cell or not str(cell).strip()  # nan of a spreadsheet is not itself
 
 
 def _is_group(cells: Sequence[Any]) -> bool:
-    """Whether a row says which columns are before and which after contact."""
-    times = [time_of(_text(cell)) for cell in cells if not _blank(cell)]
-    return "post" in times and None not in times
+    """Whether a row says which columns are before and which after contact, and of some perhaps something else."""
+    texts = [text_of(cell) for cell in cells]
+    spans = len({*texts}) < len(texts)  # several columns, as the name of one column does not
+    return any(time_of(text) == "post" or (spans and _time_in(text) == "post") for text in texts)
+
+
+def _time_in(group: str) -> str | None:
+    """Return "pre" or "post" where words of a group say so, beside those of a quantity, such as "velocity after"."""
+    times = {time for word in name_words(group) if (time := time_of(word))}
+    return times.pop() if len(times) == 1 else None
 
 
 def _is_units(cells: Sequence[Any]) -> bool:
     """Whether a row has units, and at most a few words beside them."""
-    present = [_text(cell) for cell in cells if not _blank(cell)]
+    present = [text_of(cell) for cell in cells if not is_blank(cell)]
     units = sum(map(is_unit, present))
-    return not any(map(_is_number, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
+    return not any(map(is_number, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
 
 
 def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:
     """Names with that of their group, which stands above the first of them; a name may stand in the row above, too."""
     group, full = "", list[str]()
-    for name, cell in zip(names, [*map(_text, above)] + [""] * (len(names) - len(above)), strict=True):
+    for name, cell in zip(names, [*map(text_of, above)] + [""] * (len(names) - len(above)), strict=True):
         group = cell or group
-        full.append(f"{name} {group}" if name and group else name or cell)
+        full.append(_in_group(name, group) if name and group else name or cell)
         group = group if name else ""
     return full
+
+
+def _in_group(name: str, group: str) -> str:
+    """A name with that of its group, or with the time that it says, or alone: the first that the reader knows."""
+    time = {"pre": "before", "post": "after"}.get(_time_in(group) or "", "")
+    known = [f"{name} {group}", *([f"{name} {time}"] if time else [name])]
+    return next(
+        (one for one in known if any(recognise([one], impact_vocabulary(space)).names for space in BOTH)), known[0]
+    )

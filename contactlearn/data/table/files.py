@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_numeric, sniffed
+from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, sniffed
+from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.mechanics.space import BOTH
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -45,13 +48,16 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
             written = csv_rows(file, dialect.separator)
             for _ in islice(written, dialect.header.rows):
                 pass
-            first = 0
-            while (block := [*islice(written, rows)]) or not first:
-                cells = [_checked(path, header, dialect.above, first + k, *row) for k, row in enumerate(block, 1)]
+            first, numeric = 0, None
+            while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
+                kept = impactful(block, dialect.header, aligned=dialect.separator == " ", numeric=numeric)
+                numeric = kept.numeric
+                cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
-                lines = [dialect.above + line for line, _ in block]
-                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=read_as)
-                first += len(block)
+                lines = [line for line, _ in kept.rows]
+                said = (*read_as, *kept.read_as)
+                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=said)
+                first += len(cells)
                 if not block:
                     return
     except UnicodeDecodeError:
@@ -61,7 +67,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: line {dialect.above + line} is not CSV: {why}; check its quotes") from None
 
 
-def _checked(path: Path, header: Sequence[str], above: int, row: int, line: int, cells: list[str]) -> list[str]:
+def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list[str]) -> list[str]:
     """The cells of a row, which are as many as the header has; more of them may be empty."""
     if len(cells) == len(header):
         return cells
@@ -71,7 +77,7 @@ def _checked(path: Path, header: Sequence[str], above: int, row: int, line: int,
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
     seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
-    raise DataError(f"{path}: row {row} (line {above + line}) has {seen}", row=row)
+    raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
 
 
 def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -139,21 +145,32 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: is not a readable spreadsheet ({error}); export it as CSV") from error
     sheets = {name: frame for name, frame in frames.items() if len(frame) > 1 and len(frame.columns) > 1}
     tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
+    if len(tables) > 1:
+        tables = {name: one for name, one in tables.items() if _of_impacts(one)} or tables
     if len(tables) != 1:
         names = ", ".join(map(repr, tables))
         seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
         raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
     ((name, frame),) = tables.items()
-    cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(_is_blank, row))]
+    cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
-    body = cells[top.rows :]
-    columns: list[Cells] = [[None if _is_blank(row[i]) else row[i] for _, row in body] for i in range(len(top.names))]
-    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as)
-    yield Sheet(path, top.names, columns, [line for line, _ in body], read_as=read_as)
+    body = impactful(cells[top.rows :], top)
+    columns: list[Cells] = [
+        [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
+    ]
+    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
+    yield Sheet(path, top.names, columns, [line for line, _ in body.rows], read_as=read_as)
 
 
-def _is_blank(cell: Any) -> bool:
-    return cell is None or cell != cell or cell == ""
+def _of_impacts(frame: "DataFrame") -> bool:
+    """Whether a worksheet, and not one of means or of parameters, has velocities after contact."""
+    try:
+        top = header_of([row for row in frame.values.tolist()[:_HEAD] if not all(map(is_blank, row))], "")
+    except DataError:
+        return False
+    return any(
+        {*space.components["v_post"]} & {*recognise(top.names, impact_vocabulary(space)).names} for space in BOTH
+    )
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:
