@@ -430,6 +430,92 @@ def test_two_rows_an_impact(tmp_path, frame):
             table.read(changed, **BODY)
 
 
+def melted(frame: pd.DataFrame) -> pd.DataFrame:
+    """A row a number, with units."""
+    rows = []
+    for k, row in enumerate(frame.to_dict("records")):
+        for name, value in row.items():
+            bare = name.removesuffix("_post")
+            phase = "post" if bare != name else "pose" if bare in ("x", "y", "theta") else "pre"
+            unit = "deg" if name == "theta" else {"x": "m", "y": "m", "v": "m/s", "o": "rad/s"}[bare[0]]
+            value = math.degrees(value) if name == "theta" else value
+            rows.append((f"T{k:03d}", phase, bare, value, unit))
+    return pd.DataFrame(rows, columns=["trial", "phase", "variable", "value", "unit"])
+
+
+def test_a_row_a_number(tmp_path, frame):
+    path, there = tmp_path / "drops.csv", melted(frame)
+    there.to_csv(path, index=False)
+    found = table.read(path, units={"angle": "rad"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert found.impacts.trial[:2] == ("T000", "T001")
+    assert found.read_as[0] == "a long table: 'value' of each 'variable' and 'phase'"
+    assert propose(path).source == "table"
+    assert numbers(next(table.read_blocks(path, 7, units={"angle": "rad"}, **BODY)).impacts).shape == (30, 9)
+    sessions = there.assign(session=np.arange(len(there)) // 135, trial=np.arange(len(there)) // 9 % 15)  # begins again
+    found = table.read(sessions.sample(frac=1, random_state=0).sort_values("session"), units={"angle": "rad"}, **BODY)
+    assert {*found.impacts.trial} == {f"{k}/{j}" for k in (0, 1) for j in range(15)}
+    incomplete = there.drop(index=25)
+    with refused(["row 3", "column vy after", "the cell is empty"]):
+        table.read(incomplete.assign(unit=""), units={"angle": "deg"}, **BODY)
+    for changed, fragments in (
+        (pd.concat([there, there.iloc[3:4]]), ["row 271: a second 'vx [m/s]' of trial=T000"]),
+        (
+            there.assign(unit=[*there.unit[:12], "mm/s", *there.unit[13:]]),
+            ["row 13: 'vx' is in mm/s, and in m/s above"],
+        ),
+    ):
+        with refused(fragments):
+            table.read(changed, **BODY)
+
+
+VECTORS = {
+    "of NumPy": lambda *x: "[" + " ".join(f"{v: .6g}" for v in x) + "]",
+    "tuples": lambda *x: str(tuple(float(v) for v in x)),
+    "bare": lambda *x: ";".join(map(repr, map(float, x))),
+    "of calls": lambda *x: f"array([{', '.join(map(repr, map(float, x)))}])",
+    "lists": lambda *x: [float(v) for v in x],
+}
+
+
+@pytest.mark.parametrize("written", VECTORS.values(), ids=VECTORS)
+def test_vectors_in_cells(tmp_path, frame, written):
+    there = pd.DataFrame({
+        "position": [*map(written, 1e3 * frame.x, 1e3 * frame.y)], "angle": frame.theta,
+        "v_before": [*map(written, frame.vx, frame.vy)], "spin_before": frame.omega,
+        "v_after": [*map(written, frame.vx_post, frame.vy_post)], "spin_after": frame.omega_post,
+    })  # fmt: skip
+    there = there.rename(columns={"position": "position [mm]"})
+    there.to_csv(tmp_path / "drops.csv", sep="\t", index=False)
+    for source in (there, tmp_path / "drops.csv"):
+        found = table.read(source, units={"length": "m"}, **BODY)
+        np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+        assert "'v_after' holds vx_post, vy_post" in found.read_as
+    gap = there.assign(v_after=[None, *there.v_after[1:]])
+    assert table.read(gap, units={"length": "m"}, drop_incomplete=True, **BODY).impacts.incomplete == ("1",)
+    gap = there.assign(v_after=[written(1, 2, 3), *there.v_after[1:]])
+    with refused(["row 1", "column vx_post", str(written(1, 2, 3))[1:3]]):
+        table.read(gap, units={"length": "m"}, **BODY)
+    with refused(["column 'thing after' holds vectors of 2 numbers", "columns of their own, such as vx_post"]):
+        table.read(there.rename(columns={"v_after": "thing after"}), **BODY)
+
+
+def test_vectors_in_space():
+    frame, q = in_space(last=True)
+    sets = {"position": "xyz", "orientation": ("q0", "q1", "q2", "q3"), "before.linear": ("vx", "vy", "vz"),
+            "before.angular": ("wx", "wy", "wz"), "after.linear": ("vx_post", "vy_post", "vz_post"),
+            "after.angular": ("wx_post", "wy_post", "wz_post")}  # fmt: skip
+    there = pd.DataFrame({name: frame[[*columns]].to_numpy().tolist() for name, columns in sets.items()})
+    found = table.read(there, shape=CUBOID, mass=0.1, validate=False)  # the heights tell
+    torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+    stated = there.rename(columns={"orientation": "orientation_xyzw"})
+    sphere = table.read(stated, shape={"kind": "sphere", "radius": 0.03}, mass=0.1, validate=False).impacts
+    torch.testing.assert_close(sphere.q[:, 3:], q, rtol=0, atol=1e-15)
+    torch.testing.assert_close(sphere.v_post, found.impacts.v_post)
+    with refused(["'velocity after' holds vectors of 3 numbers", "it is not clear of what"]):  # vz, or ω in a plane
+        table.read(pd.DataFrame({"velocity before": there["before.linear"], "velocity after": there["after.linear"]}))
+
+
 def test_speed_and_angle(frame):
     polar = frame.drop(columns=["vx", "vy", "vx_post", "vy_post"])
     for end in ("", "_post"):

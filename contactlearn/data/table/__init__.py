@@ -52,6 +52,7 @@ from contactlearn.data.table.columns import (
 )
 from contactlearn.data.table.descriptions import phase_column, restated
 from contactlearn.data.table.names import NAMES
+from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
@@ -327,7 +328,7 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
 
 def _is_of_several_rows(cells: Sheet) -> bool:
     """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
-    return bool(phase_column(cells)) or any(map(is_merged, cells.header, cells.columns))
+    return bool(phase_column(cells)) or is_long(cells) or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:

@@ -1,4 +1,4 @@
-"""Other descriptions of the same impact, as columns that the reader knows.
+"""Other descriptions of the same impact, as columns that the reader knows; long tables and vectors are in `reshaped`.
 
 two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
 speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
@@ -28,6 +28,7 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
+from contactlearn.data.table.reshaped import by_component, by_trial
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -67,8 +68,8 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
+    cells = by_component(by_trial(replace(cells, gaps=gaps)), chosen)
     phase = phase_column(cells)
-    cells = replace(cells, gaps=gaps)
     cells = cells if phase is None else _paired(cells, phase)
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     cells = _by_components(cells, units, chosen)
