@@ -1,6 +1,7 @@
 """Tables as instruments, spreadsheets and colleagues write them: every dialect of one table gives the same impacts."""
 
 import codecs
+import json
 import math
 from pathlib import Path
 
@@ -467,6 +468,38 @@ def test_a_row_a_number(tmp_path, frame):
     ):
         with refused(fragments):
             table.read(changed, **BODY)
+
+
+def nested(frame: pd.DataFrame) -> list[dict]:
+    return [
+        {
+            "id": k, "pose": {"position": [row.x, row.y], "theta": row.theta},
+            "before": {"linear": [row.vx, row.vy], "spin": row.omega},
+            "after": {"velocity": {"x": row.vx_post, "y": row.vy_post}, "omega": row.omega_post},
+        }
+        for k, row in enumerate(frame.itertuples())
+    ]  # fmt: skip
+
+
+JSON = {
+    "lines": (".jsonl", lambda f: f.to_json(orient="records", lines=True, double_precision=15)),
+    "records": (".json", lambda f: f.to_json(orient="records", double_precision=15)),
+    "columns": (".json", lambda f: f.to_json(double_precision=15)),
+    "split": (".json", lambda f: f.to_json(orient="split", double_precision=15)),
+    "lists": (".json", lambda f: json.dumps(f.to_dict("list"))),
+    "under a name": (".json", lambda f: json.dumps({"by": "me", "trials": f.to_dict("records")})),
+    "nested lines": (".ndjson", lambda f: "\n".join(map(json.dumps, nested(f)))),
+    "nested": (".json", lambda f: json.dumps(nested(f))),
+}
+
+
+@pytest.mark.parametrize(("suffix", "content"), JSON.values(), ids=JSON)
+def test_records_of_json(tmp_path, frame, suffix, content):
+    path = tmp_path / f"drops{suffix}"
+    path.write_text(content(frame), "utf-8")
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
 
 
 VECTORS = {

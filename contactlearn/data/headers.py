@@ -135,7 +135,8 @@ def propose(path: Path) -> FileContents:
         body = _body(path, markers, bodies or named, where)
         return FileContents(source="tracks", settings=(*body, *_layout(frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else cells.header
-    if frames.names.keys() & {"time", "recording"} and frames.others:
+    timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
+    if timed and frames.others:
         return FileContents(
             source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=cells.read_as
         )

@@ -86,8 +86,10 @@ _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
+    **dict.fromkeys((".json", ".jsonl", ".ndjson"), files.read_json),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
+PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
 SUFFIXES = tuple(_READERS)
 """Of the files that can be read."""
 
@@ -123,7 +125,7 @@ def load(
     """Impacts from a table: a file, or a DataFrame with the same columns.
 
     Args:
-        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
+        path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
         columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
         units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
@@ -162,7 +164,7 @@ def read(
     """Impacts from the table `path`, with the use of its columns.
 
     Args:
-        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
+        path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies or of each by its name in the column object, for `bodies.make_shapes`, or None where it is
             not known; lengths in m.  Names of bodies that the table has none of are refused, but not of `Shapes`, which
             may be those of a larger table.
@@ -482,6 +484,8 @@ def check_suffix(path: Path, suffixes: Iterable[str] = tuple(_WRITERS)) -> None:
 
 def _suffix(path: Path, suffixes: Iterable[str]) -> str:
     suffix = path.suffix.lower()
+    if suffix in PACKED:
+        raise DataError(f"{path}: is compressed; unpack it first, and give the file that comes out")
     if suffix not in suffixes:
         raise DataError(f"{path}: a table is a {' or '.join(suffixes)} file, got suffix {suffix!r}; export it as CSV")
     return suffix

@@ -1,13 +1,14 @@
-"""Files of tables: text, Parquet and spreadsheets as sheets of raw cells, and frames as CSV and Parquet.
+"""Files of tables: text, JSON, Parquet and spreadsheets as sheets of raw cells, and frames as CSV and Parquet.
 
 Text goes through the standard library's reader, in strict mode: it knows the line of every row, and neither pads, drops
-nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas.  Text and Parquet come in blocks of rows, so
-that a file need not fit in memory.
+nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas; JSON has a record an impact.  Text and Parquet
+come in blocks of rows, so that a file need not fit in memory.
 """
 
 import csv
+import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,7 +77,7 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
     hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
-    seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
+    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)}; {hint}"
     raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
 
 
@@ -160,6 +161,68 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     ]
     read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
     yield Sheet(path, top.names, columns, [line for line, _ in body.rows], read_as=read_as)
+
+
+def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a JSON file: a list of records, a record a line, or lists by name; nested records have dotted names.
+
+    Raises:
+        DataError: the file is not JSON, or holds something else.
+    """
+    del rows  # JSON is read as a whole
+    try:
+        if path.stat().st_size > _UNPACKED:
+            raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export it as Parquet or CSV")
+        text = path.read_text(encoding="utf-8-sig")
+        try:
+            content = json.loads(text)
+        except ValueError as error:
+            lines = [line for line in text.splitlines() if line.strip()]
+            if len(lines) < 2 or not lines[0].strip().endswith("}"):
+                raise DataError(f"{path}: is no JSON ({error}), nor a record a line") from None
+            content = [json.loads(line) for line in lines]
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(
+            f"{path}: is not JSON throughout ({error}); write a record a line, or a list of records"
+        ) from None
+    records = [*map(_flat, _records(path, content))]
+    header = [*dict.fromkeys(name for record in records for name in record)]
+    if not header:
+        raise DataError(f"{path}: its records are empty")
+    yield Sheet(path, header, [[record.get(name) for record in records] for name in header])
+
+
+def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
+    """The records of a JSON file: a list of them, alone or under one name, or a list or records of cells by name."""
+    if isinstance(content, dict) and {"columns", "data"} <= {*content}:  # of pandas: orient="split"
+        return [dict(zip(content["columns"], row, strict=False)) for row in content["data"]]
+    lists = [value for value in content.values() if isinstance(value, list)] if isinstance(content, dict) else [content]
+    of_records = [one for one in lists if isinstance(one, list) and one and all(isinstance(row, dict) for row in one)]
+    if len(of_records) == 1:
+        return of_records[0]
+    if isinstance(content, dict) and content:
+        columns = [*content.values()]
+        if all(isinstance(one, dict) and one.keys() == columns[0].keys() for one in columns):  # orient="columns"
+            return [{name: cells[key] for name, cells in content.items()} for key in columns[0]]
+        if len(lists) == len(content) and len({*map(len, lists)}) == 1:
+            return [dict(zip(content, row, strict=True)) for row in zip(*lists, strict=True)]
+    raise DataError(
+        f"{path}: holds no list of records; write a record an impact, such as "
+        '{"x": 0.1, …, "vx": 1.2, …, "vx_post": 0.8, …}, in a list or one a line, or a CSV (docs/tables.md)'
+    )
+
+
+def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record with the values of the records in it, under names such as `before.linear`."""
+    found = dict[str, Any]()
+    for name, value in record.items():
+        if isinstance(value, dict):
+            found |= {f"{name}.{inner}": one for inner, one in _flat(value).items()}
+        else:
+            found[str(name)] = value
+    return found
 
 
 def _of_impacts(frame: "DataFrame") -> bool:
