@@ -407,6 +407,73 @@ def long(frame: pd.DataFrame) -> pd.DataFrame:
     return both.sort_index(kind="stable")
 
 
+MARKED = {
+    "units": (lambda x: f"{x!r} m/s", "'vx' in m/s, as its cells say"),
+    "errors": (lambda x: f"{x!r} ± 0.02", "'vx' without errors (±)"),
+    "errors and units": (lambda x: f"{x!r} +/- 0.02 m/s", "'vx' in m/s, as its cells say"),
+    "digits of errors": (lambda x: f"{x!r}(12)", "'vx' without errors (±)"),
+    "footnotes": (lambda x: f"{x!r}*" if x > 0 else f"{x!r}†", "'vx' without marks of footnotes"),
+    "superscripts": (lambda x: f"{x!r}¹", "'vx' without marks of footnotes"),
+    "Fortran": (lambda x: f"{x:.15E}".replace("E", "D"), None),
+    "powers": (lambda x: f"{100 * x:.15g}×10⁻²", None),
+    "en dashes": (lambda x: repr(x).replace("-", "–"), None),
+}
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize(("written", "said"), MARKED.values(), ids=MARKED)
+def test_numbers_with_something_beside_them(tmp_path, frame, decimal, written, said):
+    path, units = tmp_path / "drops.csv", {"length": "m", "time": "s"}
+    there = pd.DataFrame({name: [repr(x) for x in frame[name]] for name in frame})
+    there["vx"] = [written(float(x)) for x in frame.vx]
+    there = there.map(lambda cell: cell.replace(".", decimal))
+    there.to_csv(path, sep=";", index=False)
+    found = table.read(path, units=units, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert said is None or said in found.read_as
+
+
+def test_units_in_cells(frame):
+    """Of one unit in a column, which its name may say, too; of a column that a setting names, they are refused."""
+    inches = frame.assign(x=[f"{x / 0.0254!r} in" for x in frame.x])
+    found = table.read(inches.rename(columns={"x": "x [in]"}), units={"length": "m"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    np.testing.assert_array_equal(
+        numbers(table.read(inches, units={"length": "m"}, **BODY).impacts), numbers(found.impacts)
+    )
+    mixed = inches.assign(x=["1 mm", *inches.x[1:]])
+    with refused(["column x: its cells have mm in row 1 and in in row 2", "such as 'x [mm]'"]):
+        table.read(mixed, **BODY)
+    with refused(["column place: its cells have in in row 1", "such as 'place [in]'"]):
+        table.read(inches.rename(columns={"x": "place"}), columns={"x": "place"}, **BODY)
+    sized = frame.assign(object=["12 mm"] * 29 + ["14 mm"])  # a name
+    assert table.read(sized, **BODY).impacts.object[-1] == "14 mm"
+
+
+def test_stars_of_fortran_are_missing_numbers(tmp_path, frame):
+    path = tmp_path / "drops.dat"
+    lines = frame.to_string(index=False, float_format="{:.15g}".format).splitlines()
+    above = "/* drop tower, v. 3\n   vx in m/s\n*/\n! run 7\n// camera 2\n"
+    cells = lines[4].split()
+    lines[4] = " ".join([*cells[:3], "********", *cells[4:]])
+    path.write_text(above + "\n".join([*lines[:10], "\f", *lines[10:]]), "utf-8")
+    assert table.read(path, drop_incomplete=True, **BODY).impacts.incomplete == ("4",)
+    with refused(["row 4 (line 10)", "got ********: fill it in"]):
+        table.read(path, **BODY)
+
+
+def test_trials_that_begin_again_in_each_session(frame):
+    """Beside two rows an impact: named by a column, or one session after the other."""
+    both = long(frame).assign(trial=np.repeat(np.arange(30) % 15, 2))
+    named = table.read(both.assign(day=np.repeat(["mon", "tue"], 30)), **BODY).impacts
+    counted = table.read(both, **BODY).impacts
+    for found, first in ((named, ("mon/0", "tue/0")), (counted, ("1/0", "2/0"))):
+        np.testing.assert_array_equal(numbers(found), frame)
+        assert found.trial[::15] == first
+    with refused(["two rows before contact in column 'phase'"]):  # of one trial, which stands there twice
+        table.read(pd.concat([both.iloc[:20], both.iloc[:2]]), **BODY)
+
+
 def test_two_rows_an_impact(tmp_path, frame):
     path = tmp_path / "drops.csv"
     both = long(frame)

@@ -12,7 +12,7 @@ from typing import Any
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
-from contactlearn.data.table.dialect import is_missing, is_number, text_of
+from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
 from contactlearn.data.table.names import components_of, is_unit, name_words, time_of, times_in
 from contactlearn.data.table.sheet import Cells, Sheet
 
@@ -101,7 +101,7 @@ def _variable(cells: Sheet) -> str | None:
     for name, column in zip(cells.header, cells.columns, strict=True):
         if not isinstance(column, list) or len(column) < _MIN_VARIABLES or not isinstance(column[0], str):
             continue
-        if is_number(column[0]) or len({*map(text_of, column[: 2 * _MOST_VARIABLES])}) > _MOST_VARIABLES:
+        if is_numeral(column[0]) or len({*map(text_of, column[: 2 * _MOST_VARIABLES])}) > _MOST_VARIABLES:
             continue
         quantities = {*map(text_of, column)}
         if len(quantities) <= _MOST_VARIABLES:
@@ -122,7 +122,7 @@ def _long(cells: Sheet, variable: str, columns: Mapping[str, Cells]) -> _Long:
     values = [name for name in others if _VALUES.intersection(name_words(name))]
     trial = recognised_columns(others)[1].names.get("trial")
     values = values or [
-        name for name in others if name != trial and any(map(is_number, columns[name])) and not _repeats(columns[name])
+        name for name in others if name != trial and any(map(is_numeral, columns[name])) and not _repeats(columns[name])
     ]
     if len(values) != 1:
         seen = " or ".join(map(repr, values)) or "none"
@@ -218,7 +218,7 @@ def _parts(column: Cells, decimal: str) -> list[list[Any] | None] | None:
 def _numbers(cell: Any, decimal: str) -> list[Any] | None:
     """The numbers of a vector, as text if it is text; None if the cell is none."""
     if isinstance(cell, str):
-        if is_number(cell) or not (match := _VECTOR.fullmatch(_SCALAR.sub(r"\1", cell.strip()))):
+        if is_numeral(cell) or not (match := _VECTOR.fullmatch(_SCALAR.sub(r"\1", cell.strip()))):
             return None
         inside = match["inside"] if match["inside"] is not None else match["bare"]
         marks = r"[;|]" if re.search("[;|]", inside) else r"\s" if decimal == "," else r"[\s,]"
@@ -229,4 +229,4 @@ def _numbers(cell: Any, decimal: str) -> list[Any] | None:
         parts = [*(cell.tolist() if hasattr(cell, "tolist") else cell)] if hasattr(cell, "__len__") else []
     else:
         return None
-    return parts if parts and all(is_number(part) or is_missing(part) for part in parts) else None
+    return parts if parts and all(is_numeral(part) or is_missing(part) for part in parts) else None

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from contactlearn.data.table.dialect import COMMENT, Header, is_blank, is_missing, is_number, text_of
+from contactlearn.data.table.dialect import COMMENT, Header, is_blank, is_missing, is_numeral, text_of
 from contactlearn.data.table.names import name_words
 from contactlearn.data.table.sheet import Cells, Sheet
 
@@ -78,7 +78,7 @@ def impactful(
         if 2 * len(others) < len(rows):  # words of statistics are names of groups
             return Impactful(rows=[*rows], read_as=(), numeric=())
         others = others[:_LOOKED_AT]
-        numeric = tuple(2 * sum(is_number(cells[i]) for cells in others) > len(others) for i in range(width))
+        numeric = tuple(2 * sum(is_numeral(cells[i]) for cells in others) > len(others) for i in range(width))
     left = [k for k, kind in suspects.items() if numeric and _is_left_out(rows[k][1], kind, numeric)]
     if not left:
         return Impactful(rows=[*rows], read_as=(), numeric=numeric)
@@ -106,7 +106,12 @@ def _is_left_out(cells: Sequence[Any], kind: str, numeric: Sequence[bool]) -> bo
         return of_numbers
     if kind == "note" and sum(not is_blank(cell) for cell in cells) == 1:  # or the name of a trial that was lost
         label = text_of(cells[place])
-        return of_numbers or len(label.split()) > 2 or label.startswith(COMMENT) or bool(_RULE.fullmatch(label))
+        return (
+            of_numbers
+            or len(label.split()) > 2
+            or label.startswith((*COMMENT, "*", "†", "¹"))
+            or bool(_RULE.fullmatch(label))
+        )
     return True
 
 
@@ -116,16 +121,16 @@ def _is_note(cells: Sequence[Any], width: int, *, aligned: bool) -> bool:
     label, split = cells[place], aligned and len(cells) != width
     if not isinstance(label, str) or (not split and not all(map(is_blank, cells[place + 1 :]))):
         return False
-    if is_number(label) or is_missing(label):
+    if is_numeral(label) or is_missing(label):
         return False
     if split:
-        return 2 * sum(map(is_number, cells)) <= len(cells) and any(map(str.isalpha, label))
+        return 2 * sum(map(is_numeral, cells)) <= len(cells) and any(map(str.isalpha, label))
     return len(label.split()) > 1 or len(cells) == width or bool(_RULE.fullmatch(label))
 
 
 def _label(cells: Sequence[Any]) -> str:
     """A few words of a row."""
-    whole = " ".join(text_of(cell) for cell in cells if not is_number(cell) and not is_blank(cell))
+    whole = " ".join(text_of(cell) for cell in cells if not is_numeral(cell) and not is_blank(cell))
     return whole if len(whole) <= 40 else f"{whole[:37]}…"
 
 
@@ -149,11 +154,11 @@ def is_merged(name: str, column: Cells) -> bool:
     """Return whether the names of a column are those of the rows below them, too, which are most of the rows."""
     if not isinstance(column, list) or not column or not isinstance(first := column[0], str):
         return False
-    if is_missing(first) or is_number(first) or not any(map(is_missing, column)):
+    if is_missing(first) or is_numeral(first) or not any(map(is_missing, column)):
         return False
     present = [cell for cell in column if not is_missing(cell)]
     return (
         2 * len(present) <= len(column)
-        and all(isinstance(cell, str) and not is_number(cell) and len(cell.split()) <= _MOST_WORDS for cell in present)
+        and all(isinstance(cell, str) and not is_numeral(cell) and len(cell.split()) <= _MOST_WORDS for cell in present)
         and not _REMARKS.intersection(name_words(name))
     )
