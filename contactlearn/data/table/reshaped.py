@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from statistics import mode
 from typing import Any
 
+import numpy as np
+
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
 from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
@@ -225,8 +227,8 @@ def _numbers(cell: Any, decimal: str) -> list[Any] | None:
         parts = [part for part in re.split(rf"\s*{marks}\s*", inside.strip()) if part]
         if match["bare"] is not None and len(parts) < 2:
             return None
-    elif isinstance(cell, list | tuple) or hasattr(cell, "tolist"):
-        parts = [*(cell.tolist() if hasattr(cell, "tolist") else cell)] if hasattr(cell, "__len__") else []
+    elif isinstance(cell, list | tuple) or (isinstance(cell, np.ndarray) and cell.ndim):
+        parts = [*(cell.tolist() if isinstance(cell, np.ndarray) else cell)]
     else:
         return None
     return parts if parts and all(is_numeral(part) or is_missing(part) for part in parts) else None
