@@ -285,6 +285,21 @@ def test_positions_of_recordings_may_be_called_px(tmp_path):
     assert settings["columns.position"] == ["px", "py", "pz"]
 
 
+def test_one_setting_that_is_left_and_a_source_that_is_not_there(drops):
+    header(Path("a.csv"), "mass", "vx_post", "vx", "vy", "vy_post", "omega", "omega_post", "x", "y", "theta")
+    told = run("contactlearn", "init", "a.csv", cwd=".")
+    assert "fill in  shape: its line has a comment" in told
+    recordings.write_recordings(recordings.simulate(1, seed=3)[0], Path("takes"))
+    assert "written: takes holds recordings of tracked poses" in run("contactlearn", "init", "takes", cwd=".")
+    told = run("contactlearn", "audit", "data=cube", cwd=".", status=2)
+    assert (
+        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes" in told
+    )
+    assert "unknown data 'tabel', did you mean 'table'?" in run(
+        "contactlearn", "audit", "data=tabel", cwd=".", status=2
+    )
+
+
 def test_a_name_in_a_file_is_text(drops):
     """Whatever stands in a header: no reference, no new line of YAML, no sequence that steers a terminal."""
     hostile = "${oc.env:HOME}\n_target_: os.system\u2028\x1b[31m"
@@ -300,6 +315,9 @@ def test_a_name_in_a_file_is_text(drops):
     ("words", "message"),
     [
         (["nowhere.csv"], "nowhere.csv: no such file or folder"),
+        (["drops.csv.gz"], "drops.csv.gz: is compressed; unpack it first"),
+        (["broken.jsonl"], "broken.jsonl: is no JSON"),
+        (["other.json"], "other.json: holds neither frames nor impacts"),
         (["drops.csv", "--name", "table"], "data=table is a source of this package; choose another name"),
         (["drops.csv", "--name", "my data"], "a word of letters, digits and _ for data=NAME, got 'my data'"),
         (["taken.csv"], "taken.yaml exists already and is not replaced"),
@@ -316,6 +334,9 @@ def test_init_refuses(drops, words, message):
     header(Path("other.csv"), "a", "b")
     header(Path("times.csv"), "run", "Time 1 (s)", "Time 2 (s)")
     header(Path("ratios.csv"), "v_in [m/s]", "theta_in [deg]", "e_n [-]", "e_t [-]")
+    Path("drops.csv.gz").write_bytes(b"")
+    Path("broken.jsonl").write_text('{"vx_post": 1}\n{"vx_post": \n')
+    Path("other.json").write_text('{"rate": 100, "by": "me"}')
     before = sorted(Path().rglob("*"))
     (told,) = run("contactlearn", "init", *words, cwd=".", status=2).splitlines()
     assert message in told

@@ -1,6 +1,7 @@
 """Tables as instruments, spreadsheets and colleagues write them: every dialect of one table gives the same impacts."""
 
 import codecs
+import json
 import math
 from pathlib import Path
 
@@ -113,6 +114,72 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
     assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
 
 
+STATISTICS = {
+    "means below": (["Mittelwert;{}", "Std.-Abw.;{}", "n=30"], 3),
+    "means by word": (["mean (n=30);{}", "SD;{}", "total;{}", "max;{}"], 4),
+    "means in French": (["Moyenne;{}", "écart type;{}"], 2),
+    "comments": (["# cleaned", "% the floor, again"], 2),
+    "a note": (["Trials 12 and 40 were repeated.", "-----", "Page 2;;;;;;;;;"], 3),
+    "the header again": (["trial;" + ";".join(COLUMNS), ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"], 2),
+}
+
+
+@pytest.mark.parametrize(("below", "count"), STATISTICS.values(), ids=STATISTICS)
+@pytest.mark.parametrize("place", ["between", "below"])
+def test_rows_that_are_no_impacts_are_left_out(tmp_path, frame, below, count, place):
+    """Of statistics, notes and pages, at the end of a table and within it."""
+    path, lines = tmp_path / "drops.csv", text(frame.assign(x=1e3 * frame.x, y=1e3 * frame.y), ";").splitlines()
+    numbered = [f"{k};{line}" for k, line in enumerate(lines[1:], 1)]
+    below = [line.format(lines[3]) for line in below]
+    numbered[20:20] = below if place == "between" else []
+    numbered += below if place == "below" else []
+    above = ["trial;" + lines[0], ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"]
+    path.write_text("\n".join([*above, *numbered]), "utf-8")
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert found.impacts.trial == tuple(map(str, range(1, 31)))
+    (said,) = [part for part in found.read_as if "no impact" in part]
+    assert said.startswith(f"left out {count} row")
+    assert f"(line {23 if place == 'between' else 33})" in said
+    blocks = [*table.read_blocks(path, 7, **BODY)]
+    np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
+
+
+def test_words_of_statistics_that_are_names_stay(tmp_path, frame):
+    """Of bodies and of groups; and a trial that was lost is no note."""
+    path, lines = tmp_path / "drops.csv", text(frame).splitlines()
+    named = [f"{('mean', 'max', 'S')[k % 3]},{line}" for k, line in enumerate(lines[1:])]
+    path.write_text("\n".join([f"setting,{lines[0]}", *named]), "utf-8")
+    np.testing.assert_array_equal(numbers(table.read(path, **BODY).impacts), frame)
+    lost = [f"drop {k},{line}" for k, line in enumerate(lines[1:], 1)] + ["drop 31" + 9 * ","]
+    path.write_text("\n".join([f"trial,{lines[0]}", *lost]), "utf-8")
+    assert table.read(path, drop_incomplete=True, **BODY).impacts.incomplete == ("drop 31",)
+    path.write_text("\n".join([f"trial,{lines[0]}", *lost[:-1], "drop 31,oak"]), "utf-8")
+    with refused(["row 31 (line 32) has 2 cells where the header has 10"]):
+        table.read(path, **BODY)
+
+
+def test_a_name_in_a_merged_cell_is_that_of_the_rows_below(tmp_path, frame):
+    path, lines = tmp_path / "drops.csv", text(frame).splitlines()
+    objects = ["" if k % 10 else f"wood {k}" for k in range(30)]
+    remarks = ["" if k != 4 else "camera moved" for k in range(30)]
+    rows = zip(objects, remarks, lines[1:], strict=True)
+    path.write_text("\n".join([f"object,remark,{lines[0]}", *map(",".join, rows)]), "utf-8")
+    found = table.read(path, **BODY)
+    assert found.impacts.object == tuple(f"wood {k - k % 10}" for k in range(30))
+    assert found.read_as[0] == "'object' filled in from the row above, where it is empty"
+    blocks = [one.impacts.object for one in table.read_blocks(path, 7, **BODY)]
+    assert sum(blocks, ()) == found.impacts.object
+
+
+def test_groups_of_other_names(tmp_path, frame):
+    """Over quantities as well as times, and over columns that are neither before nor after."""
+    lines, path = text(frame).splitlines(), tmp_path / "drops.csv"
+    above = "Lage beim Aufprall,,,Geschwindigkeit vor dem Stoß,,,Geschwindigkeit nach dem Stoß,,"
+    path.write_text("\n".join([above, "x,y,Winkel,x,y,Drehrate,vx,vy,Drehrate", *lines[1:]]), "utf-8")
+    np.testing.assert_array_equal(numbers(table.read(path, **BODY).impacts), frame)
+
+
 def test_names_in_two_rows_of_a_parquet_file(tmp_path, frame):
     groups = [("post", name.removesuffix("_post")) if name.endswith("_post") else ("pre", name) for name in frame]
     groups = [("", "omega'") if group == ("post", "omega") else group for group in groups]
@@ -138,6 +205,13 @@ def test_spreadsheets(tmp_path, frame, suffix):
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
     assert found.read_as == ("worksheet drops", "1 line above the header")
     assert propose(path).source == "table"
+    with pd.ExcelWriter(path, engine=engine, mode="w") as writer:  # means and parameters are no second table
+        pd.DataFrame([["drop", "x"], [1, 2.0], ["mean", 2.0]]).to_excel(writer, sheet_name="means", header=False)
+        frame.to_excel(writer, sheet_name="drops", index=False)
+    assert "worksheet drops" in table.read(path, **BODY).read_as
+    pd.DataFrame({"t": [0.1, 0.2], "x": [0.0, 1.0], "y": [0.0, 1.0]}).to_excel(path, engine=engine, index=False)
+    with refused(["has no velocities after contact", "export it as CSV"]):
+        propose(path)
     with pd.ExcelWriter(path, engine=engine) as writer:
         for name in ("monday", "tuesday"):
             frame.to_excel(writer, sheet_name=name, index=False)
@@ -334,6 +408,73 @@ def long(frame: pd.DataFrame) -> pd.DataFrame:
     return both.sort_index(kind="stable")
 
 
+MARKED = {
+    "units": (lambda x: f"{x!r} m/s", "'vx' in m/s, as its cells say"),
+    "errors": (lambda x: f"{x!r} ± 0.02", "'vx' without errors (±)"),
+    "errors and units": (lambda x: f"{x!r} +/- 0.02 m/s", "'vx' in m/s, as its cells say"),
+    "digits of errors": (lambda x: f"{x!r}(12)", "'vx' without errors (±)"),
+    "footnotes": (lambda x: f"{x!r}*" if x > 0 else f"{x!r}†", "'vx' without marks of footnotes"),
+    "superscripts": (lambda x: f"{x!r}¹", "'vx' without marks of footnotes"),
+    "Fortran": (lambda x: f"{x:.15E}".replace("E", "D"), None),
+    "powers": (lambda x: f"{100 * x:.15g}×10⁻²", None),
+    "en dashes": (lambda x: repr(x).replace("-", "–"), None),
+}
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize(("written", "said"), MARKED.values(), ids=MARKED)
+def test_numbers_with_something_beside_them(tmp_path, frame, decimal, written, said):
+    path, units = tmp_path / "drops.csv", {"length": "m", "time": "s"}
+    there = pd.DataFrame({name: [repr(x) for x in frame[name]] for name in frame})
+    there["vx"] = [written(float(x)) for x in frame.vx]
+    there = there.map(lambda cell: cell.replace(".", decimal))
+    there.to_csv(path, sep=";", index=False)
+    found = table.read(path, units=units, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert said is None or said in found.read_as
+
+
+def test_units_in_cells(frame):
+    """Of one unit in a column, which its name may say, too; of a column that a setting names, they are refused."""
+    inches = frame.assign(x=[f"{x / 0.0254!r} in" for x in frame.x])
+    found = table.read(inches.rename(columns={"x": "x [in]"}), units={"length": "m"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    np.testing.assert_array_equal(
+        numbers(table.read(inches, units={"length": "m"}, **BODY).impacts), numbers(found.impacts)
+    )
+    mixed = inches.assign(x=["1 mm", *inches.x[1:]])
+    with refused(["column x: its cells have mm in row 1 and in in row 2", "such as 'x [mm]'"]):
+        table.read(mixed, **BODY)
+    with refused(["column place: its cells have in in row 1", "such as 'place [in]'"]):
+        table.read(inches.rename(columns={"x": "place"}), columns={"x": "place"}, **BODY)
+    sized = frame.assign(object=["12 mm"] * 29 + ["14 mm"])  # a name
+    assert table.read(sized, **BODY).impacts.object[-1] == "14 mm"
+
+
+def test_stars_of_fortran_are_missing_numbers(tmp_path, frame):
+    path = tmp_path / "drops.dat"
+    lines = frame.to_string(index=False, float_format="{:.15g}".format).splitlines()
+    above = "/* drop tower, v. 3\n   vx in m/s\n*/\n! run 7\n// camera 2\n"
+    cells = lines[4].split()
+    lines[4] = " ".join([*cells[:3], "********", *cells[4:]])
+    path.write_text(above + "\n".join([*lines[:10], "\f", *lines[10:]]), "utf-8")
+    assert table.read(path, drop_incomplete=True, **BODY).impacts.incomplete == ("4",)
+    with refused(["row 4 (line 10)", "got ********: fill it in"]):
+        table.read(path, **BODY)
+
+
+def test_trials_that_begin_again_in_each_session(frame):
+    """Beside two rows an impact: named by a column, or one session after the other."""
+    both = long(frame).assign(trial=np.repeat(np.arange(30) % 15, 2))
+    named = table.read(both.assign(day=np.repeat(["mon", "tue"], 30)), **BODY).impacts
+    counted = table.read(both, **BODY).impacts
+    for found, first in ((named, ("mon/0", "tue/0")), (counted, ("1/0", "2/0"))):
+        np.testing.assert_array_equal(numbers(found), frame)
+        assert found.trial[::15] == first
+    with refused(["two rows before contact in column 'phase'"]):  # of one trial, which stands there twice
+        table.read(pd.concat([both.iloc[:20], both.iloc[:2]]), **BODY)
+
+
 def test_two_rows_an_impact(tmp_path, frame):
     path = tmp_path / "drops.csv"
     both = long(frame)
@@ -356,6 +497,124 @@ def test_two_rows_an_impact(tmp_path, frame):
     ):
         with refused(fragments):
             table.read(changed, **BODY)
+
+
+def melted(frame: pd.DataFrame) -> pd.DataFrame:
+    """A row a number, with units."""
+    rows = []
+    for k, row in enumerate(frame.to_dict("records")):
+        for name, value in row.items():
+            bare = name.removesuffix("_post")
+            phase = "post" if bare != name else "pose" if bare in ("x", "y", "theta") else "pre"
+            unit = "deg" if name == "theta" else {"x": "m", "y": "m", "v": "m/s", "o": "rad/s"}[bare[0]]
+            value = math.degrees(value) if name == "theta" else value
+            rows.append((f"T{k:03d}", phase, bare, value, unit))
+    return pd.DataFrame(rows, columns=["trial", "phase", "variable", "value", "unit"])
+
+
+def test_a_row_a_number(tmp_path, frame):
+    path, there = tmp_path / "drops.csv", melted(frame)
+    there.to_csv(path, index=False)
+    found = table.read(path, units={"angle": "rad"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert found.impacts.trial[:2] == ("T000", "T001")
+    assert found.read_as[0] == "a long table: 'value' of each 'variable' and 'phase'"
+    assert propose(path).source == "table"
+    assert numbers(next(table.read_blocks(path, 7, units={"angle": "rad"}, **BODY)).impacts).shape == (30, 9)
+    sessions = there.assign(session=np.arange(len(there)) // 135, trial=np.arange(len(there)) // 9 % 15)  # begins again
+    found = table.read(sessions.sample(frac=1, random_state=0).sort_values("session"), units={"angle": "rad"}, **BODY)
+    assert {*found.impacts.trial} == {f"{k}/{j}" for k in (0, 1) for j in range(15)}
+    incomplete = there.drop(index=25)
+    with refused(["row 3", "column vy after", "the cell is empty"]):
+        table.read(incomplete.assign(unit=""), units={"angle": "deg"}, **BODY)
+    for changed, fragments in (
+        (pd.concat([there, there.iloc[3:4]]), ["row 271: a second 'vx [m/s]' of trial=T000"]),
+        (
+            there.assign(unit=[*there.unit[:12], "mm/s", *there.unit[13:]]),
+            ["row 13: 'vx' is in mm/s, and in m/s above"],
+        ),
+    ):
+        with refused(fragments):
+            table.read(changed, **BODY)
+
+
+def nested(frame: pd.DataFrame) -> list[dict]:
+    return [
+        {
+            "id": k, "pose": {"position": [row.x, row.y], "theta": row.theta},
+            "before": {"linear": [row.vx, row.vy], "spin": row.omega},
+            "after": {"velocity": {"x": row.vx_post, "y": row.vy_post}, "omega": row.omega_post},
+        }
+        for k, row in enumerate(frame.itertuples())
+    ]  # fmt: skip
+
+
+JSON = {
+    "lines": (".jsonl", lambda f: f.to_json(orient="records", lines=True, double_precision=15)),
+    "records": (".json", lambda f: f.to_json(orient="records", double_precision=15)),
+    "columns": (".json", lambda f: f.to_json(double_precision=15)),
+    "split": (".json", lambda f: f.to_json(orient="split", double_precision=15)),
+    "lists": (".json", lambda f: json.dumps(f.to_dict("list"))),
+    "under a name": (".json", lambda f: json.dumps({"by": "me", "trials": f.to_dict("records")})),
+    "nested lines": (".ndjson", lambda f: "\n".join(map(json.dumps, nested(f)))),
+    "nested": (".json", lambda f: json.dumps(nested(f))),
+}
+
+
+@pytest.mark.parametrize(("suffix", "content"), JSON.values(), ids=JSON)
+def test_records_of_json(tmp_path, frame, suffix, content):
+    path = tmp_path / f"drops{suffix}"
+    path.write_text(content(frame), "utf-8")
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+
+
+VECTORS = {
+    "of NumPy": lambda *x: "[" + " ".join(f"{v: .6g}" for v in x) + "]",
+    "tuples": lambda *x: str(tuple(float(v) for v in x)),
+    "bare": lambda *x: ";".join(map(repr, map(float, x))),
+    "of calls": lambda *x: f"array([{', '.join(map(repr, map(float, x)))}])",
+    "lists": lambda *x: [float(v) for v in x],
+}
+
+
+@pytest.mark.parametrize("written", VECTORS.values(), ids=VECTORS)
+def test_vectors_in_cells(tmp_path, frame, written):
+    there = pd.DataFrame({
+        "position": [*map(written, 1e3 * frame.x, 1e3 * frame.y)], "angle": frame.theta,
+        "v_before": [*map(written, frame.vx, frame.vy)], "spin_before": frame.omega,
+        "v_after": [*map(written, frame.vx_post, frame.vy_post)], "spin_after": frame.omega_post,
+    })  # fmt: skip
+    there = there.rename(columns={"position": "position [mm]"})
+    there.to_csv(tmp_path / "drops.csv", sep="\t", index=False)
+    for source in (there, tmp_path / "drops.csv"):
+        found = table.read(source, units={"length": "m"}, **BODY)
+        np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+        assert "'v_after' holds vx_post, vy_post" in found.read_as
+    gap = there.assign(v_after=[None, *there.v_after[1:]])
+    assert table.read(gap, units={"length": "m"}, drop_incomplete=True, **BODY).impacts.incomplete == ("1",)
+    gap = there.assign(v_after=[written(1, 2, 3), *there.v_after[1:]])
+    with refused(["row 1", "column vx_post", str(written(1, 2, 3))[1:3]]):
+        table.read(gap, units={"length": "m"}, **BODY)
+    with refused(["column 'thing after' holds vectors of 2 numbers", "columns of their own, such as vx_post"]):
+        table.read(there.rename(columns={"v_after": "thing after"}), **BODY)
+
+
+def test_vectors_in_space():
+    frame, q = in_space(last=True)
+    sets = {"position": "xyz", "orientation": ("q0", "q1", "q2", "q3"), "before.linear": ("vx", "vy", "vz"),
+            "before.angular": ("wx", "wy", "wz"), "after.linear": ("vx_post", "vy_post", "vz_post"),
+            "after.angular": ("wx_post", "wy_post", "wz_post")}  # fmt: skip
+    there = pd.DataFrame({name: frame[[*columns]].to_numpy().tolist() for name, columns in sets.items()})
+    found = table.read(there, shape=CUBOID, mass=0.1, validate=False)  # the heights tell
+    torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+    stated = there.rename(columns={"orientation": "orientation_xyzw"})
+    sphere = table.read(stated, shape={"kind": "sphere", "radius": 0.03}, mass=0.1, validate=False).impacts
+    torch.testing.assert_close(sphere.q[:, 3:], q, rtol=0, atol=1e-15)
+    torch.testing.assert_close(sphere.v_post, found.impacts.v_post)
+    with refused(["'velocity after' holds vectors of 3 numbers", "it is not clear of what"]):  # vz, or ω in a plane
+        table.read(pd.DataFrame({"velocity before": there["before.linear"], "velocity after": there["after.linear"]}))
 
 
 def test_speed_and_angle(frame):

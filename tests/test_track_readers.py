@@ -872,7 +872,9 @@ def test_settings_beside_recordings_are_no_recordings(tmp_path):
 def test_json_without_frames_is_one_line(content, tmp_path):
     (tmp_path / "a.json").write_text(content)
     for use in (propose, lambda path: list(read(path))):
-        with refused(["a.json: is no JSON" if content == "{" else "a.json: holds no frames; of JSON are read"]):
+        with refused(
+            ["a.json: is no JSON" if content == "{" else "a.json: holds neither frames nor impacts; of JSON are read"]
+        ):
             use(tmp_path / "a.json")
 
 

@@ -28,7 +28,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from contactlearn.cli.command_line import parse_override
 from contactlearn.cli.config_security import leaf_values, read_checked
-from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(str(path) for path in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if path.is_dir())
@@ -59,6 +59,7 @@ NAME = re.compile(r"\w[\w -]{0,59}")
 """A name of a user's that becomes the name of a file and of a chart."""
 DATA_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 """NAME of `data=NAME` and NAME.yaml."""
+_MISTYPED = 0.8  # similarity to a source, from which on a name is a slip of it: cube is none of cube_tosses
 _DIAGNOSIS = "diagnosis.json"
 _MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
 """Settings that a diagnosis passes on."""
@@ -254,7 +255,9 @@ def check_choices(words: list[str], command: str) -> None:
             continue
         for name in re.findall(r"\w+", choice):
             if name != "null" and name not in choices(group):
-                raise UnknownNameError(group, name, choices(group))
+                absent = group == "data" and not suggest(name, choices(group), _MISTYPED)
+                hint = f": no file {name}.yaml is in this folder; `contactlearn init FILE --name {name}` writes it"
+                raise UnknownNameError(group, name, choices(group), hint if absent else "")
             if group == "experiment" and name not in ("null", *experiments(command)):
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")

@@ -32,20 +32,20 @@ class DataError(ContactLearnError):
 class UnknownNameError(ContactLearnError):
     """A law, variant, column, norm … that does not exist."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]):
+    def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = ""):
         known = list(known)
-        self._arguments = (kind, name, known)
-        super().__init__(f"unknown {kind} {name!r}{suggest(name, known)}; known: {', '.join(known)}")
+        self._arguments = (kind, name, known, hint)
+        super().__init__(f"unknown {kind} {name!r}{hint or suggest(name, known)}; known: {', '.join(known)}")
 
     def __reduce__(self):  # so that it can come back from a worker process
         return type(self), self._arguments
 
 
-def suggest(name: str, known: Iterable[str]) -> str:
-    """Return ", did you mean 'x'?" for the nearest known name, or an empty string."""
+def suggest(name: str, known: Iterable[str], least: float = 0.5) -> str:
+    """Return ", did you mean 'x'?" for the nearest known name of at least this similarity, or an empty string."""
     from difflib import get_close_matches
 
-    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    near = get_close_matches(str(name), list(known), n=1, cutoff=least)
     return f", did you mean {near[0]!r}?" if near else ""
 
 

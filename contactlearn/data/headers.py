@@ -13,7 +13,14 @@ from typing import Any
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
-from contactlearn.data.recordings.readers import TUM_COLUMNS, is_motive, leading_numbers, recording_files
+from contactlearn.data.recordings.readers import (
+    JSON,
+    SUFFIXES as RECORDING_SUFFIXES,
+    TUM_COLUMNS,
+    is_motive,
+    leading_numbers,
+    recording_files,
+)
 from contactlearn.data.recordings.readers.columns import (
     FRAME_NUMBERS,
     SENSED,
@@ -39,6 +46,7 @@ from contactlearn.data.table.columns import (
     trial_column,
 )
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -115,7 +123,8 @@ def propose(path: Path) -> FileContents:
         DataError: it cannot be read, or is neither.
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
-    frames = nested_table(first)
+    cells = _impacts_of_json(first)
+    frames = nested_table(first) if cells is None else None
     nested = None if frames is None else [*map(str, frames.columns)]
     if nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
@@ -124,7 +133,7 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*body, *unnamed))
     if nested is None and first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
-    cells = None if nested else table.preview(first)
+    cells = cells or (None if nested else table.preview(first))
     header, read_as = (nested or [], ()) if cells is None else (cells.header, cells.read_as)
     space, impacts = recognised_columns(header)
     frames, markers = recognise(header, _frame_units()), _markers(header)
@@ -142,12 +151,18 @@ def propose(path: Path) -> FileContents:
     if any(column in impacts.names for column in space.components["v_post"]):
         if path.is_dir():
             raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
-        if "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
+        if cells is not None and "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
-    if markers or ("x" in frames.names and {"y", "z"} & {*frames.names}):
+    posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
+    if posed and first.suffix.lower() not in RECORDING_SUFFIXES:
+        raise DataError(
+            f"{first}: has no velocities after contact such as vx_post, as a table of impacts has (docs/tables.md); "
+            "if it is a recording, export it as CSV"
+        )
+    if posed:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
             frames = replace(frames, names={**frames.names, "recording": recording}, others=others)
@@ -157,7 +172,8 @@ def propose(path: Path) -> FileContents:
         body = _body(path, markers, bodies or named, where)
         return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    if frames.names.keys() & {"time", "recording"} and frames.others:
+    timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
+    if timed and frames.others:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if hint := _computable(header):
         raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
@@ -168,6 +184,18 @@ def propose(path: Path) -> FileContents:
         "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
         "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
     )
+
+
+def _impacts_of_json(first: Path) -> Sheet | None:
+    """The cells of a JSON file that is a table of impacts, and no recording."""
+    if first.suffix.lower() not in JSON:
+        return None
+    try:
+        cells = table.preview(first)
+    except DataError:
+        return None
+    space, impacts = recognised_columns(cells.header)
+    return cells if any(column in impacts.names for column in space.components["v_post"]) else None
 
 
 def _refuse_sensors(first: Path, header: Sequence[str], known: Recognised) -> None:

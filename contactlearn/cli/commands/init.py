@@ -45,9 +45,14 @@ def write_settings(path: Path, name: str | None) -> str:
         why = getattr(error, "strerror", None) or error  # without the name of a temporary file
         raise ContactLearnError(f"{file}: cannot be written: {why}") from error
     missing = [setting.name for setting in contents.settings if setting.value == OPEN]
-    lines = [f"{file} written: {path} is {_KINDS[contents.source]}"]
+    verb = "is" if contents.source == "table" else "holds"
+    lines = [f"{file} written: {path} {verb} {_KINDS[contents.source]}"]
     lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
-    lines += [f"fill in  {', '.join(missing)}: each has a comment"] if missing else []
+    lines += (
+        [f"fill in  {', '.join(missing)}: {'its line has' if len(missing) == 1 else 'each has'} a comment"]
+        if missing
+        else []
+    )
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     lines.append(f"then     contactlearn audit data={word}, and data={word} on every command in this folder")
     return "\n".join(lines)

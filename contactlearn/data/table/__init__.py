@@ -52,6 +52,8 @@ from contactlearn.data.table.columns import (
 )
 from contactlearn.data.table.descriptions import phase_column, restated
 from contactlearn.data.table.names import NAMES, name_words
+from contactlearn.data.table.reshaped import is_long
+from contactlearn.data.table.rows import filled_down, is_merged
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
 from contactlearn.mechanics.bodies import (
@@ -84,8 +86,10 @@ _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
+    **dict.fromkeys((".json", ".jsonl", ".ndjson"), files.read_json),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
+PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
 SUFFIXES = tuple(_READERS)
 """Of the files that can be read."""
 
@@ -122,7 +126,7 @@ def load(
     """Impacts from a table: a file, or a DataFrame with the same columns.
 
     Args:
-        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
+        path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
         columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
         units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
@@ -162,7 +166,7 @@ def read(
     """Impacts from the table `path`, with the use of its columns.
 
     Args:
-        path: a .csv, .tsv, .txt, .xlsx, .ods or .parquet file, or a DataFrame, with the columns of the module's table.
+        path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies or of each by its name in the column object, for `bodies.make_shapes`, or None where it is
             not known; lengths in m.  Names of bodies that the table has none of are refused, but not of `Shapes`, which
             may be those of a larger table.
@@ -319,18 +323,24 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
         for cells in reader(path, rows):
-            if rows is not None and not cells.first and phase_column(cells):
+            if rows is not None and not cells.first and _is_of_several_rows(cells):
                 yield from map(_filled, reader(path, None))
                 return
-            yield _filled(cells)
+            if len(cells) or not cells.first:
+                yield _filled(cells)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error}") from error
+
+
+def _is_of_several_rows(cells: Sheet) -> bool:
+    """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
+    return bool(phase_column(cells)) or is_long(cells) or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:
     if not len(cells):
         raise DataError(f"{cells.path}: has a header but no impacts; at least one row is needed")
-    return cells
+    return filled_down(cells)
 
 
 def _impacts(
@@ -478,6 +488,8 @@ def check_suffix(path: Path, suffixes: Iterable[str] = tuple(_WRITERS)) -> None:
 
 def _suffix(path: Path, suffixes: Iterable[str]) -> str:
     suffix = path.suffix.lower()
+    if suffix in PACKED:
+        raise DataError(f"{path}: is compressed; unpack it first, and give the file that comes out")
     if suffix not in suffixes:
         raise DataError(f"{path}: a table is a {' or '.join(suffixes)} file, got suffix {suffix!r}; export it as CSV")
     return suffix

@@ -248,7 +248,7 @@ def name_columns(
     free = [column for column in every if column not in known_elsewhere and column not in names]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        why = _doubtful(known, needed) or _long(cells, needed) or _missing(space, slips, needed, unused, computed)
+        why = _doubtful(known, needed) or _missing(space, slips, needed, unused, computed)
         raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
@@ -386,17 +386,6 @@ def _missing(
     every = f"needed: {', '.join(required_in(space))}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
     parts.append(every if few else "optional columns: docs/tables.md")
     return "; ".join(parts)
-
-
-def _long(cells: Sheet, needed: Sequence[str]) -> str | None:
-    """Describe the mistake of a long table, which has our names in cells; None for any other table."""
-    for name, column in zip(cells.header, cells.columns, strict=True):
-        if len({*needed}.intersection(map(str, column[: len(COLUMNS)]))) > 1:
-            return (
-                f"is a long table, with names of quantities in its column {name!r}; a row a trial is needed, as pandas "
-                f"makes it: table.pivot(index='trial', columns={name!r}, values='value')"
-            )
-    return None
 
 
 def _quoted(name: str) -> str:

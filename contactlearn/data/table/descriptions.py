@@ -1,4 +1,4 @@
-"""Other descriptions of the same impact, as columns that the reader knows.
+"""Other descriptions of the same impact, as columns that the reader knows; long tables and vectors are in `reshaped`.
 
 two rows an impact            trial, vx, vy, omega, phase      before and after in a column of any name
 speed and direction           speed, angle from floor [deg]    in place of vx and vy; or angle from normal
@@ -25,6 +25,7 @@ from contactlearn.data.table.columns import recognised_columns
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
     MOMENTA,
+    NAMES,
     OTHERS,
     SURFACES,
     Recognised,
@@ -33,6 +34,7 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
+from contactlearn.data.table.reshaped import by_component, by_trial
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -88,8 +90,11 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
+    cells = by_trial(replace(cells, gaps=gaps))
+    numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
+    mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
+    cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
     phase = phase_column(cells)
-    cells = replace(cells, gaps=gaps)
     cells = cells if phase is None else _paired(cells, phase)
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     mapped = mapped if isinstance(mapped, Mapping) else {}
@@ -115,6 +120,8 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     times = [time_of(str(cell)) for cell in cells.columns[cells.header.index(phase)]]
     name = known.get("trial") or _pairing(cells, phase, times)
     trials = cells.names(name) if name else [str(k // 2) for k in range(len(times))]
+    if name and (sessions := _sessions(cells, trials, times, [name, phase])):
+        trials = [f"{session}/{trial}" for session, trial in zip(sessions, trials, strict=True)]
     rows: dict[str, dict[str | None, int]] = {}
     for row, (trial, time) in enumerate(zip(trials, times, strict=True)):
         pair = rows.setdefault(trial, {})
@@ -136,7 +143,7 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     whole = [(pair["pre"], pair["post"]) for pair in rows.values() if len(pair) == 2]
     changing = [name for ours, name in known.items() if ours in _VELOCITIES]
     poses = [name for ours, name in known.items() if ours in _POSES]
-    column_of = dict(zip(cells.header, cells.columns, strict=True))
+    column_of = dict(zip(cells.header, cells.columns, strict=True)) | ({name: [*trials]} if name else {})
     if any(column_of[name][k] != column_of[name][later] for name in poses for k, later in whole):
         changing += poses
     header, columns = list[str](), list[Cells]()
@@ -150,6 +157,26 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     lines = None if cells.lines is None else [cells.lines[k] for k in either]
     read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
     return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
+
+
+def _sessions(
+    cells: Sheet, trials: Sequence[str], times: Sequence[str | None], taken: Sequence[str]
+) -> Sequence[str] | None:
+    """The session of each row, where numbers of trials begin again in each: by a column, or one after the other."""
+    ends = [*zip(trials, times, strict=True)]
+    if len({*ends}) == len(ends):
+        return None
+    measured = recognised_columns(cells.header)[1].names.values()
+    for column in (column for column in cells.header if column not in (*taken, *measured)):
+        sessions = cells.names(column)
+        if len({*zip(sessions, ends, strict=True)}) == len(ends) and all(sessions):
+            return sessions
+    seen, counted = dict[tuple[str, str | None], int](), list[int]()
+    for end in ends:
+        seen[end] = seen.get(end, 0) + 1
+        counted.append(seen[end])
+    several = all(len({trial for trial, k in zip(trials, counted, strict=True) if k == one}) > 1 for one in {*counted})
+    return [*map(str, counted)] if counted == sorted(counted) and several else None
 
 
 def _pairing(cells: Sheet, phase: str, times: Sequence[str | None]) -> str | None:

@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.comments import with_units
-from contactlearn.data.table.names import is_unit, time_of
+from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words, recognise, time_of
+from contactlearn.mechanics.space import BOTH
 
-COMMENT = ("#", "%", "//")
+COMMENT = ("#", "%", "//", "!")
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
 _MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
@@ -32,13 +34,41 @@ _MISSING = frozenset(
 _GROUPS = re.compile(
     r"[-+]?\d{1,3}(?:(?P<mark>[ '’.,])\d{3})(?:(?P=mark)\d{3})*(?:(?!(?P=mark))[.,]\d*)?(?:[eE][-+]?\d+)?"
 )
-_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
-_SPACES = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ") | {0x2212: "-"}
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][-+]?\d+)?")
+_FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]?\d+$)")
+_SPACES = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ") | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
+_STARS = " *\t\r\n\f\v\u00a0"  # a number that is too long for its field in Fortran is stars
+_MARKS = re.compile(r"(?<=[\d.,])\s*[*†‡§¶#ªº¹²³ᵃᵇᶜ]+$")
+_ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
+_POWER = re.compile(r"\s*[×x·*]\s*10\s*(?:(?:\^|\*\*)\s*([-+]?\d+)|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))(?=\D*$)")
+_UNIT_AFTER = re.compile(r"(?P<number>.*[\d.,])\s*(?P<unit>(?:[^\W\d]|°).*)")
 
 
 def is_missing(cell: Any) -> bool:
     """Return whether a cell is empty, or says that its number is missing; other text is a mistake."""
-    return cell is None or (isinstance(cell, str) and (not cell.strip() or cell.strip().lower() in _MISSING))
+    return cell is None or (isinstance(cell, str) and (not cell.strip(_STARS) or cell.strip().lower() in _MISSING))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """A number as it stands in a cell, its unit there, and in words what else stood beside it."""
+
+    number: str
+    unit: str
+    beside: tuple[str, ...]
+
+
+def written_in(text: str) -> Written | None:
+    """Return the number in a cell with a unit, an error, a mark of a footnote or a power of ten; None without one."""
+    plain, unit, beside = text.strip().translate(_SPACES), "", list[str]()
+    plain = _POWER.sub(lambda power: "e" + normalize("NFKC", power[1] or power[2]).replace("\u2212", "-"), plain)
+    for rule, said in ((_MARKS, "marks of footnotes"), (_ERROR, "errors (±)")):
+        if (shorter := rule.sub("", plain)) != plain:
+            plain = shorter
+            beside.append(said)
+    if not is_numeral(plain) and (parts := _UNIT_AFTER.fullmatch(plain)) and is_unit(parts["unit"]):
+        plain, unit = parts["number"], parts["unit"].strip()
+    return Written(number=plain, unit=unit, beside=tuple(beside)) if is_numeral(plain) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +89,7 @@ class Numerals:
         Raises:
             ValueError: the number has two readings, as the message says.
         """
-        text = text.strip().translate(_SPACES)
+        text = _FORTRAN.sub("e", text.strip().translate(_SPACES))
         other = "." if self.decimal == "," else ","
         groups = _GROUPS.fullmatch(text)
         if groups and (mark := groups["mark"]) != self.decimal and (mark in " '’" or text.count(mark) > 1):
@@ -82,11 +112,13 @@ class Header:
         names: of the columns.
         rows: before the first impact, blank ones not counted.
         read_as: what is remarkable about it, in words.
+        raw: its rows as the file has them.
     """
 
     names: list[str]
     rows: int
     read_as: tuple[str, ...]
+    raw: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +171,7 @@ def sniffed(path: Path) -> Dialect:
         raise DataError(f"{path}: is no {encoding} text, as it begins: {error}; save it as 'CSV UTF-8'") from None
     lines = [*io.StringIO(text, newline="")]
     lines = lines if whole else lines[:-1]
-    above = next((k for k, line in enumerate(lines) if not _is_comment(line)), len(lines))
+    above = _comments_above(lines)
     comments = [line for line in lines[:above] if line.strip()]
     body = "".join(lines[above:])
     separator = _separator(path, body)
@@ -147,7 +179,7 @@ def sniffed(path: Path) -> Dialect:
     if not rows:
         rule = "is not CSV: check its quotes" if body else "the file is empty; its first line must name the columns"
         raise DataError(f"{path}: {rule}")
-    titled = _rows(comments[-1].strip().lstrip("#%/ "), separator) if comments else []
+    titled = _rows(comments[-1].strip().lstrip("#%/! "), separator) if comments else []
     names = [name.strip() for name in titled[0]] if titled else []
     if len(names) == len(rows[0]) and is_numeric(rows[0]):
         header = Header(names=names, rows=0, read_as=("names in the last comment",))
@@ -162,8 +194,16 @@ def sniffed(path: Path) -> Dialect:
     )  # fmt: skip
 
 
-def _is_comment(line: str) -> bool:
-    return not line.strip() or line.lstrip().startswith(COMMENT)
+def _comments_above(lines: Sequence[str]) -> int:
+    """The number of lines above the table that are blank or comments, of which those of C end with their mark."""
+    inside = False
+    for k, line in enumerate(lines):
+        text = line.strip()
+        inside = inside or text.startswith("/*")
+        if text and not inside and not text.startswith(COMMENT):
+            return k
+        inside = inside and not text.endswith("*/")
+    return len(lines)
 
 
 def _encoding(path: Path, head: bytes) -> str:
@@ -215,8 +255,8 @@ def _separator(path: Path, text: str) -> str:
         width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
         if width > 1:
             cells = [cell for row in rows if len(row) == width for cell in row]
-            of_numbers = sum(len(row) for row in rows if any(map(_is_number, row)))
-            shares[separator] = sum(map(_is_number, cells)) / max(of_numbers, 1)
+            of_numbers = sum(len(row) for row in rows if any(map(is_numeral, row)))
+            shares[separator] = sum(map(is_numeral, cells)) / max(of_numbers, 1)
     best = sorted(shares, key=lambda one: -shares[one])
     if not best or not shares[best[0]]:
         return max(shares, key=lambda one: text.partition("\n")[0].count(one), default=",")
@@ -226,7 +266,8 @@ def _separator(path: Path, text: str) -> str:
     return best[0]
 
 
-def _is_number(cell: Any) -> bool:
+def is_numeral(cell: Any) -> bool:
+    """Return whether a cell is a number, with whatever decimal mark and groups of thousands."""
     if isinstance(cell, str):
         text = cell.strip().translate(_SPACES)
         return bool(_NUMBER.fullmatch(text) or _GROUPS.fullmatch(text))
@@ -236,13 +277,15 @@ def _is_number(cell: Any) -> bool:
 def is_numeric(cells: Sequence[Any]) -> bool:
     """Return whether a row is one of numbers, not of names: at least half of its cells that are not missing."""
     present = [cell for cell in cells if not is_missing(cell)]
-    return bool(present) and 2 * sum(map(_is_number, present)) >= len(present)
+    return bool(present) and 2 * sum(map(is_numeral, present)) >= len(present)
 
 
 def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
     """The decimal mark and the groups of thousands that the numbers show."""
     marks, grouped, doubtful = set[str](), False, ""
     for cell in (cell.strip().translate(_SPACES) for row in rows for cell in row):
+        if not is_numeral(cell) and (written := written_in(cell)):
+            cell = written.number
         if not ({*".,"} & {*cell} and (_NUMBER.fullmatch(cell) or _GROUPS.fullmatch(cell))):
             continue
         mark = max(".,", key=cell.rfind)
@@ -291,14 +334,16 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     """
     widths = [len(row) for row in rows]
     width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
-    full = [k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not _blank(cell) for cell in row) > width]
+    full = [
+        k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not is_blank(cell) for cell in row) > width
+    ]
     first = next((k for k in full if not _is_group(rows[k])), 0)
     if rows and is_numeric(rows[first]) and first:
         first = 0  # rows of another width than their header: its reader says so
     if not rows or is_numeric(rows[first]):
         seen = f"begins with the numbers {', '.join(str(c).strip() for c in rows[0][:3])} …" if rows else "is empty"
         raise DataError(f"{source}: {seen}; its first line must name the columns")
-    names, read_as = [_text(cell) for cell in rows[first]], list[str]()
+    names, read_as = [text_of(cell) for cell in rows[first]], list[str]()
     titles, last = first, first + 1
     if (
         first
@@ -308,41 +353,60 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
         names, titles = _grouped(names, above), first - 1
         read_as.append("two rows of names")
     if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
-        named = zip(names, map(_text, rows[last]), strict=True)
+        named = zip(names, map(text_of, rows[last]), strict=True)
         names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
         last += 1
         read_as.append("a row of units")
     if titles:
         read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
-    return Header(names=names, rows=last, read_as=tuple(read_as))
+    raw = tuple(tuple(map(text_of, row)) for row in rows[titles:last])
+    return Header(names=names, rows=last, read_as=tuple(read_as), raw=raw)
 
 
-def _text(cell: Any) -> str:
-    return "" if _blank(cell) else str(cell).strip()
+def text_of(cell: Any) -> str:
+    """Return a cell as text, without blanks around it."""
+    return "" if is_blank(cell) else str(cell).strip()
 
 
-def _blank(cell: Any) -> bool:
+def is_blank(cell: Any) -> bool:
+    """Return whether a cell is empty."""
     return cell is None or cell != cell or not str(cell).strip()  # nan of a spreadsheet is not itself
 
 
 def _is_group(cells: Sequence[Any]) -> bool:
-    """Whether a row says which columns are before and which after contact."""
-    times = [time_of(_text(cell)) for cell in cells if not _blank(cell)]
-    return "post" in times and None not in times
+    """Whether a row says which columns are before and which after contact, and of some perhaps something else."""
+    texts = [text_of(cell) for cell in cells]
+    spans = len({*texts}) < len(texts)  # several columns, as the name of one column does not
+    return any(time_of(text) == "post" or (spans and _time_in(text) == "post") for text in texts)
+
+
+def _time_in(group: str) -> str | None:
+    """Return "pre" or "post" where words of a group say so, beside those of a quantity, such as "velocity after"."""
+    times = {time for word in name_words(group) if (time := time_of(word))}
+    return times.pop() if len(times) == 1 else None
 
 
 def _is_units(cells: Sequence[Any]) -> bool:
     """Whether a row has units, and at most a few words beside them."""
-    present = [_text(cell) for cell in cells if not _blank(cell)]
+    present = [text_of(cell) for cell in cells if not is_blank(cell)]
     units = sum(map(is_unit, present))
-    return not any(map(_is_number, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
+    return not any(map(is_numeral, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
 
 
 def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:
     """Names with that of their group, which stands above the first of them; a name may stand in the row above, too."""
     group, full = "", list[str]()
-    for name, cell in zip(names, [*map(_text, above)] + [""] * (len(names) - len(above)), strict=True):
+    for name, cell in zip(names, [*map(text_of, above)] + [""] * (len(names) - len(above)), strict=True):
         group = cell or group
-        full.append(f"{name} {group}" if name and group else name or cell)
+        full.append(_in_group(name, group) if name and group else name or cell)
         group = group if name else ""
     return full
+
+
+def _in_group(name: str, group: str) -> str:
+    """A name with that of its group, or with the time that it says, or alone: the first that the reader knows."""
+    time = {"pre": "before", "post": "after"}.get(_time_in(group) or "", "")
+    known = [f"{name} {group}", *([f"{name} {time}"] if time else [name])]
+    return next(
+        (one for one in known if any(recognise([one], impact_vocabulary(space)).names for space in BOTH)), known[0]
+    )

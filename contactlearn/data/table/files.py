@@ -1,21 +1,25 @@
-"""Files of tables: text, Parquet and spreadsheets as sheets of raw cells, and frames as CSV and Parquet.
+"""Files of tables: text, JSON, Parquet and spreadsheets as sheets of raw cells, and frames as CSV and Parquet.
 
 Text goes through the standard library's reader, in strict mode: it knows the line of every row, and neither pads, drops
-nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas.  Text and Parquet come in blocks of rows, so
-that a file need not fit in memory.
+nor guesses.  Parquet goes through pyarrow, spreadsheets through pandas; JSON has a record an impact.  Text and Parquet
+come in blocks of rows, so that a file need not fit in memory.
 """
 
 import csv
+import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_numeric, sniffed
+from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, sniffed
+from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.mechanics.space import BOTH
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -45,13 +49,16 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
             written = csv_rows(file, dialect.separator)
             for _ in islice(written, dialect.header.rows):
                 pass
-            first = 0
-            while (block := [*islice(written, rows)]) or not first:
-                cells = [_checked(path, header, dialect.above, first + k, *row) for k, row in enumerate(block, 1)]
+            first, numeric = 0, None
+            while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
+                kept = impactful(block, dialect.header, aligned=dialect.separator == " ", numeric=numeric)
+                numeric = kept.numeric
+                cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
-                lines = [dialect.above + line for line, _ in block]
-                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=read_as)
-                first += len(block)
+                lines = [line for line, _ in kept.rows]
+                said = (*read_as, *kept.read_as)
+                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=said)
+                first += len(cells)
                 if not block:
                     return
     except UnicodeDecodeError:
@@ -61,7 +68,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: line {dialect.above + line} is not CSV: {why}; check its quotes") from None
 
 
-def _checked(path: Path, header: Sequence[str], above: int, row: int, line: int, cells: list[str]) -> list[str]:
+def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list[str]) -> list[str]:
     """The cells of a row, which are as many as the header has; more of them may be empty."""
     if len(cells) == len(header):
         return cells
@@ -70,8 +77,8 @@ def _checked(path: Path, header: Sequence[str], above: int, row: int, line: int,
     hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
-    seen = f"{len(cells)} cells where the header has {len(header)}; {hint}"
-    raise DataError(f"{path}: row {row} (line {above + line}) has {seen}", row=row)
+    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)}; {hint}"
+    raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
 
 
 def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -139,21 +146,94 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: is not a readable spreadsheet ({error}); export it as CSV") from error
     sheets = {name: frame for name, frame in frames.items() if len(frame) > 1 and len(frame.columns) > 1}
     tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
+    if len(tables) > 1:
+        tables = {name: one for name, one in tables.items() if _of_impacts(one)} or tables
     if len(tables) != 1:
         names = ", ".join(map(repr, tables))
         seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
         raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
     ((name, frame),) = tables.items()
-    cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(_is_blank, row))]
+    cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
-    body = cells[top.rows :]
-    columns: list[Cells] = [[None if _is_blank(row[i]) else row[i] for _, row in body] for i in range(len(top.names))]
-    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as)
-    yield Sheet(path, top.names, columns, [line for line, _ in body], read_as=read_as)
+    body = impactful(cells[top.rows :], top)
+    columns: list[Cells] = [
+        [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
+    ]
+    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
+    yield Sheet(path, top.names, columns, [line for line, _ in body.rows], read_as=read_as)
 
 
-def _is_blank(cell: Any) -> bool:
-    return cell is None or cell != cell or cell == ""
+def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of a JSON file: a list of records, a record a line, or lists by name; nested records have dotted names.
+
+    Raises:
+        DataError: the file is not JSON, or holds something else.
+    """
+    del rows  # JSON is read as a whole
+    try:
+        if path.stat().st_size > _UNPACKED:
+            raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export it as Parquet or CSV")
+        text = path.read_text(encoding="utf-8-sig")
+        try:
+            content = json.loads(text)
+        except ValueError as error:
+            lines = [line for line in text.splitlines() if line.strip()]
+            if len(lines) < 2 or not lines[0].strip().endswith("}"):
+                raise DataError(f"{path}: is no JSON ({error}), nor a record a line") from None
+            content = [json.loads(line) for line in lines]
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(
+            f"{path}: is not JSON throughout ({error}); write a record a line, or a list of records"
+        ) from None
+    records = [*map(_flat, _records(path, content))]
+    header = [*dict.fromkeys(name for record in records for name in record)]
+    if not header:
+        raise DataError(f"{path}: its records are empty")
+    yield Sheet(path, header, [[record.get(name) for record in records] for name in header])
+
+
+def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
+    """The records of a JSON file: a list of them, alone or under one name, or a list or records of cells by name."""
+    if isinstance(content, dict) and {"columns", "data"} <= {*content}:  # of pandas: orient="split"
+        return [dict(zip(content["columns"], row, strict=False)) for row in content["data"]]
+    lists = [value for value in content.values() if isinstance(value, list)] if isinstance(content, dict) else [content]
+    of_records = [one for one in lists if isinstance(one, list) and one and all(isinstance(row, dict) for row in one)]
+    if len(of_records) == 1:
+        return of_records[0]
+    if isinstance(content, dict) and content:
+        columns = [*content.values()]
+        if all(isinstance(one, dict) and one.keys() == columns[0].keys() for one in columns):  # orient="columns"
+            return [{name: cells[key] for name, cells in content.items()} for key in columns[0]]
+        if len(lists) == len(content) and len({*map(len, lists)}) == 1:
+            return [dict(zip(content, row, strict=True)) for row in zip(*lists, strict=True)]
+    raise DataError(
+        f"{path}: holds no list of records; write a record an impact, such as "
+        '{"x": 0.1, …, "vx": 1.2, …, "vx_post": 0.8, …}, in a list or one a line, or a CSV (docs/tables.md)'
+    )
+
+
+def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record with the values of the records in it, under names such as `before.linear`."""
+    found = dict[str, Any]()
+    for name, value in record.items():
+        if isinstance(value, dict):
+            found |= {f"{name}.{inner}": one for inner, one in _flat(value).items()}
+        else:
+            found[str(name)] = value
+    return found
+
+
+def _of_impacts(frame: "DataFrame") -> bool:
+    """Whether a worksheet, and not one of means or of parameters, has velocities after contact."""
+    try:
+        top = header_of([row for row in frame.values.tolist()[:_HEAD] if not all(map(is_blank, row))], "")
+    except DataError:
+        return False
+    return any(
+        {*space.components["v_post"]} & {*recognise(top.names, impact_vocabulary(space)).names} for space in BOTH
+    )
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:

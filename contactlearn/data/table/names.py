@@ -12,7 +12,7 @@ from itertools import product
 from unicodedata import normalize
 
 from contactlearn.data.table.units import POWERS, UNIT_FACTORS, Units
-from contactlearn.mechanics.space import PLANE, Space
+from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 NAMES = ("trial", "object")
 """Columns of names, not numbers."""
@@ -38,7 +38,7 @@ _WORDS = {
     **dict.fromkeys(("position", "pos", "pose", "field", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
     **dict.fromkeys(("masse", "masa", "massa"), "mass"),
     **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo"), "theta"),
-    **dict.fromkeys(("drehgeschwindigkeit", "winkelgeschwindigkeit", "drehzahl"), "omega"),
+    **dict.fromkeys(("drehgeschwindigkeit", "winkelgeschwindigkeit", "drehzahl", "drehrate"), "omega"),
     **dict.fromkeys(("höhe", "hauteur", "altura", "altezza"), "height"),
     **dict.fromkeys(("zeit", "temps", "tiempo", "tempo"), "time"),
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova"), "trial"),
@@ -55,7 +55,7 @@ _ALIASES = {
     "angle": "theta", "th": "theta", "phi": "theta", "θ": "theta", "φ": "theta", "orientation": "theta",
     "spin": "omega", "ω": "omega", "w": "omega",
     **dict.fromkeys(("topspin", "spinrate", "rotationv", "rotationalv", "angularrate", "rateofspin"), "omega"),
-    **dict.fromkeys(("angularv", "vangular", "vangulaire"), "omega"), "thetadot": "omega",
+    **dict.fromkeys(("angularv", "vangular", "vangulaire", "vrotation"), "omega"), "thetadot": "omega",
     "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time",
     **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts"), "time"),
     **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
@@ -80,6 +80,26 @@ _ALIASES = {
 }  # fmt: skip
 _WITH_UNIT = {"i": "inertia", **dict.fromkeys(("rotation", "rotationrate", "rot"), "omega")}
 """Words that are no other thing only where the unit says so."""
+_LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
+           "geschwindigkeit", "vitesse", "velocidad", "velocità", "linearvel", "velocitylinear", "vcom")  # fmt: skip
+_ANGULAR = ("omega", "ω", "w", "spin", "angular", "angularvelocity", "angvel", "angularvel", "angularrate", "spinrate",
+            "velocityangular", "drehgeschwindigkeit", "winkelgeschwindigkeit", "drehrate")  # fmt: skip
+_PLACES = ("position", "pos", "p", "x", "com", "cm", "centre", "center", "centreofmass", "centerofmass", "location",
+           "translation", "ort", "lage", "posición", "posicion", "posizione")  # fmt: skip
+_ROTATIONS = ("orientation", "quaternion", "quat", "q", "rotation", "attitude", "rot", "orientationquaternion")
+_VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
+    **{(name, 2): ("vx", "vy") for name in _LINEAR}, **{(name, 3): ("vx", "vy", "vz") for name in _LINEAR},
+    **{(name, 1): ("omega",) for name in _ANGULAR}, **{(name, 3): ("wx", "wy", "wz") for name in _ANGULAR},
+    **{(name, 2): ("x", "y") for name in _PLACES}, **{(name, 3): ("x", "y", "z") for name in _PLACES},
+    **{(name, 4): ("q0", "q1", "q2", "q3") for name in _ROTATIONS},
+    **{(name, 2): ("rx", "ry") for name in ("r", "lever", "leverarm")},
+    **{(name, 3): ("rx", "ry", "rz") for name in ("r", "lever", "leverarm")},
+    ("pose", 3): ("x", "y", "theta"), ("pose", 7): ("x", "y", "z", "q0", "q1", "q2", "q3"),
+    **{(name, 6): ("vx", "vy", "vz", "wx", "wy", "wz") for name in ("twist", "velocity", "velocities")},
+    ("twist", 3): ("vx", "vy", "omega"),
+}  # fmt: skip
+"""Components of a vector by the words of its name and their number."""
+_ORDERED = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
@@ -170,6 +190,51 @@ def time_of(name: str) -> str | None:
     if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"}:
         return None
     return "post" if {*words} & {*_AFTER, "out"} else "pre"
+
+
+def times_in(name: str, *, opposite: bool) -> str | None:
+    """Return "pre" or "post" if a name says that beside other words; with `opposite` in and out are that, too."""
+    words = {*name_words(name)}
+    if words & {*_AFTER, *(("out",) if opposite else ())}:
+        return "post"
+    return "pre" if words & {*_BEFORE, *(("in",) if opposite else ())} else None
+
+
+def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tuple[str, ...]]:
+    """Return names of the components of vectors by the vectors' names, none where these do not say of what they are.
+
+    Three components of a velocity are those in space only where an orientation or a spin is in space, too.
+
+    Args:
+        sizes: number of components of each column.
+        opposite: whether in and out are before and after.
+    """
+    found = {name: _components(name, size, opposite=opposite) for name, size in sizes.items()}
+    in_space = any({"q0", "qw", "wx"} & {*names} for names in found.values()) or bool(
+        recognise([*sizes], impact_vocabulary(SPACE)).names.keys() & {"qw", "wx"}
+    )
+    flat = any("z" in name.split(" ")[0].split("_")[0] for names in found.values() for name in names) and not in_space
+    return {name: names for name, names in found.items() if names and not (flat and len(names) == len("xyz"))}
+
+
+def _components(name: str, size: int, *, opposite: bool) -> tuple[str, ...]:
+    """Names of the components of a vector, with its time and unit; none if its name does not say of what it is."""
+    time, words = times_in(name, opposite=opposite), name_words(name)
+    order = next((word for word in words if word in _ORDERED), None) if size == len("wxyz") else None
+    passed_over = {*_BEFORE, *_AFTER, *_IMPACT, *(("in", "out") if opposite else ()), "xy", "xyz", order}
+    words = [word for word in words if word not in passed_over]
+    while len(words) > 1 and words[0] in (*_BODIES, "pose", "twist", "state", "com", "cm"):
+        words = words[1:]
+    end = "_post" if time == "post" else ""
+    for split in range(len(words), 0, -1):
+        names = _VECTORS.get(("".join(words[:split]), size), ())
+        names = _ORDERED[order] if order and names and names[0] == "q0" else names
+        unit = _unit(words[split:])
+        vocabulary = impact_vocabulary(SPACE if {"vz", "wx", "z", "q0"} & {*names} else PLANE)
+        if names and all(unit in vocabulary.get(one, {"": {}}) for one in names):
+            units = (Units(stated).text(one) if (stated := vocabulary.get(one, {}).get(unit)) else "" for one in names)
+            return tuple(f"{one}{end}{f' [{said}]' * bool(said)}" for one, said in zip(names, units, strict=True))
+    return ()
 
 
 def is_unit(text: str) -> bool:

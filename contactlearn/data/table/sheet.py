@@ -5,7 +5,8 @@ that every error can quote it.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
@@ -15,9 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.dialect import Numerals, is_missing, is_numeric
+from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, written_in
+from contactlearn.data.table.names import name_words
 
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
+_MORE_THAN_NUMBERS = re.compile(r"[^\d.,eE+\-\n ]")
 Cells = list[Any] | np.ndarray
 """One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
 
@@ -94,9 +97,57 @@ class Sheet:
         cells = self.columns[self.header.index(column)]
         return _plain_numbers(cells, self.numerals) is not None or is_numeric([*cells])
 
+    def unmarked(self, names: Collection[str], mapped: Collection[str] = ()) -> "Sheet":
+        """Return the sheet with plain numbers in columns whose cells have units, errors or marks beside them.
+
+        Args:
+            names: of columns of numbers, which are called by the unit in their cells.
+            mapped: those that settings name, in whose cells a unit is refused.
+
+        Raises:
+            DataError: a column has cells with different units, or with and without, or another than its name says.
+        """
+        header, columns, said = [*self.header], [*self.columns], list[str]()
+        for place, name in enumerate(self.header):
+            cells = self.columns[place]
+            if name not in (*names, *mapped) or not isinstance(cells, list) or not _has_marks(cells):
+                continue
+            written = [None if is_missing(cell) else written_in(str(cell)) for cell in cells]
+            units = dict[str, int]()
+            for row, one in enumerate(written):
+                if one is not None:
+                    units.setdefault(one.unit, row)
+            unit = next(filter(None, units), "")
+            if len(units) > 1 or (unit and name in mapped):
+                rows = " and ".join(f"{one or 'no unit'} in row {self.first + row + 1}" for one, row in units.items())
+                raise DataError(
+                    f"{self.path}: column {name}: its cells have {rows}: write numbers of one unit, and the unit in "
+                    f"the column's name, such as '{name} [{unit}]'"
+                )
+            beside = dict.fromkeys(one for cell in written if cell is not None for one in cell.beside)
+            columns[place] = [cell if one is None else one.number for cell, one in zip(cells, written, strict=True)]
+            words = name_words(f"[{unit}]")
+            header[place] = name if not unit or name_words(name)[-len(words) :] == words else f"{name} [{unit}]"
+            said += [f"{name!r} without {' and '.join(beside)}"] if beside else []
+            said += [f"{name!r} in {unit}, as its cells say"] if unit else []
+        return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
+
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""
         return tuple("" if cell is None else str(cell) for cell in self.columns[self.header.index(column)])
+
+
+def _has_marks(cells: Sequence[Any]) -> bool:
+    """Whether some cells of a column have more than a number; most columns have none, and are long."""
+    try:
+        return bool(_MORE_THAN_NUMBERS.search("\n".join(cells))) and any(map(_is_marked, cells))
+    except TypeError:  # cells that are no text
+        return any(map(_is_marked, cells))
+
+
+def _is_marked(cell: Any) -> bool:
+    """Whether a cell has a number, and more than that."""
+    return isinstance(cell, str) and not is_numeral(cell) and not is_missing(cell) and written_in(cell) is not None
 
 
 def _plain_numbers(cells: Cells, numerals: Numerals) -> Float[np.ndarray, " n"] | None:

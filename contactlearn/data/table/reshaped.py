@@ -1,0 +1,234 @@
+"""Tables with a number in a row, or several in a cell, as a table with a column for each number.
+
+trial, phase, variable, value, unit      a row a number, as tidyr's pivot_longer and pandas' melt make
+"[ 2.88 -1.13]", "(1.2, 3.4)", [1, 2]    a vector in a cell, as pandas writes arrays, and JSON has them
+"""
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from statistics import mode
+from typing import Any
+
+import numpy as np
+
+from contactlearn.core.errors import DataError
+from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
+from contactlearn.data.table.names import components_of, is_unit, name_words, time_of, times_in
+from contactlearn.data.table.sheet import Cells, Sheet
+
+_MOST_VARIABLES = 60  # names of quantities of a long table
+_MIN_VARIABLES = 3  # of them that the reader knows
+_VALUES = {"value", "values", "wert", "werte", "valeur", "valor", "valore", "measurement", "reading", "number"}
+_UNITS = {"unit", "units", "einheit", "unité", "unite", "unidad", "unità"}
+_SCALAR = re.compile(r"np\.\w+\(([^()]*)\)")
+_VECTOR = re.compile(r"(?:[A-Za-z_.]+\s*)?[\[({<]+(?P<inside>[^\[\](){}<>]*)[\])}>]+|(?P<bare>[^\[\](){}<>]+)")
+_BEFORE = {"pose", "state", "impact", "contact", "geometry", "all", "both"}
+"""Words of a phase whose numbers are those at contact."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Long:
+    """Names of the columns of a long table."""
+
+    variable: str
+    value: str
+    unit: str | None
+    phase: str | None
+    trials: tuple[str, ...]
+
+
+def is_long(cells: Sheet) -> bool:
+    """Return whether a table has a row a number, with names of quantities in a column."""
+    return bool(_variable(cells))
+
+
+def by_trial(cells: Sheet) -> Sheet:
+    """Return a long table with a row a trial; any other table as it is.
+
+    Raises:
+        DataError: a quantity stands twice for one trial, or in two units; or it is not clear which column is which.
+    """
+    if not (variable := _variable(cells)):
+        return cells
+    columns = dict(zip(cells.header, cells.columns, strict=True))
+    long = _long(cells, variable, columns)
+    taken = {long.variable, long.value, long.unit, long.phase}
+    kept = [name for name in cells.header if name not in taken]
+    names = dict[tuple[str, str], str]()
+    rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    first: dict[tuple[str, ...], int] = {}
+    units: dict[tuple[str, str], str] = {}
+    for row in range(len(cells)):
+        phase = text_of(columns[long.phase][row]) if long.phase else ""
+        quantity = text_of(columns[variable][row])
+        time = "post" if time_of(phase) == "post" else ""
+        unit = text_of(columns[long.unit][row]).strip("[]()") if long.unit else ""
+        unit = "" if unit in ("-", "1") else unit
+        if units.setdefault((quantity, time), unit) != unit:
+            raise DataError(
+                f"{cells.path}: row {row + 1}: {quantity!r} is in {unit or 'no unit'}, and in "
+                f"{units[quantity, time] or 'no unit'} above; a quantity has one unit",
+                row=row + 1,
+            )
+        if quantity in kept:  # as a name of the trial itself
+            continue
+        name = names.setdefault((quantity, time), f"{quantity}{' after' * bool(time)}{f' [{unit}]' * bool(unit)}")
+        trial = tuple(text_of(columns[one][row]) for one in long.trials)
+        first.setdefault(trial, row)
+        numbers = rows.setdefault(trial, {})
+        if name in numbers:
+            said = ", ".join(f"{one}={cell}" for one, cell in zip(long.trials, trial, strict=True))
+            raise DataError(
+                f"{cells.path}: row {row + 1}: a second {name!r} of {said or 'the only trial'}; a long table has each "
+                "quantity once a trial, and a column that says which trial it is",
+                row=row + 1,
+            )
+        numbers[name] = columns[long.value][row]
+    if len(long.trials) > 1:
+        columns[long.trials[-1]] = [
+            "/".join(map(text_of, cell)) for cell in zip(*(columns[one] for one in long.trials), strict=True)
+        ]
+    header = [*kept, *names.values()]
+    plain: list[Cells] = [[columns[name][row] for row in first.values()] for name in kept]
+    plain += [[numbers.get(name) for numbers in rows.values()] for name in names.values()]
+    lines = None if cells.lines is None else [cells.lines[row] for row in first.values()]
+    said = f"a long table: {long.value!r} of each {long.variable!r}" + (f" and {long.phase!r}" if long.phase else "")
+    return replace(cells, header=header, columns=plain, lines=lines, read_as=(*cells.read_as, said))
+
+
+def _variable(cells: Sheet) -> str | None:
+    """The column with names of quantities, among them velocities."""
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        if not isinstance(column, list) or len(column) < _MIN_VARIABLES or not isinstance(column[0], str):
+            continue
+        if is_numeral(column[0]) or len({*map(text_of, column[: 2 * _MOST_VARIABLES])}) > _MOST_VARIABLES:
+            continue
+        quantities = {*map(text_of, column)}
+        if len(quantities) <= _MOST_VARIABLES:
+            known = {*recognised_columns([*quantities])[1].names}
+            if len(known) >= _MIN_VARIABLES and len({"vx", "vy", "vx_post", "vy_post"} & known) > 1:
+                return name
+    return None
+
+
+def _long(cells: Sheet, variable: str, columns: Mapping[str, Cells]) -> _Long:
+    """Which column of a long table is which."""
+    others = [name for name in cells.header if name != variable]
+    unit = next(
+        (name for name in others if _UNITS.intersection(name_words(name)) or _all(columns[name], is_unit)), None
+    )
+    phase = next((name for name in others if name != unit and _is_phase(columns[name])), None)
+    others = [name for name in others if name not in (unit, phase)]
+    values = [name for name in others if _VALUES.intersection(name_words(name))]
+    trial = recognised_columns(others)[1].names.get("trial")
+    values = values or [
+        name for name in others if name != trial and any(map(is_numeral, columns[name])) and not _repeats(columns[name])
+    ]
+    if len(values) != 1:
+        seen = " or ".join(map(repr, values)) or "none"
+        raise DataError(
+            f"{cells.path}: is a long table, with names of quantities in its column {variable!r}, and the column of "
+            f"their values may be {seen}: name it 'value'"
+        )
+    names = [name for name in others if name != values[0]]
+    whole = [*map(text_of, columns[variable])]
+    phases = [*map(text_of, columns[phase])] if phase else whole
+    candidates = [(one,) for one in ([trial] if trial else names)]
+    candidates += [(one, trial) for one in names if trial and one != trial]  # numbers begin again in each session
+    for trials in candidates:
+        keys = {*zip(whole, phases, *(map(text_of, columns[one]) for one in trials), strict=True)}
+        if len(keys) == len(whole):
+            return _Long(variable=variable, value=values[0], unit=unit, phase=phase, trials=trials)
+    return _Long(variable=variable, value=values[0], unit=unit, phase=phase, trials=(trial,) if trial else ())
+
+
+def _is_phase(column: Cells) -> bool:
+    """Whether a column says what is after contact, and of other rows that they are before it, or at it."""
+    texts = {*map(text_of, column)}
+    plain = [text for text in texts if not time_of(text) and text and not _BEFORE.intersection(name_words(text))]
+    return "post" in map(time_of, texts) and not plain
+
+
+def _all(column: Cells, rule: Any) -> bool:
+    texts = {*map(text_of, column)} - {""}
+    return bool(texts) and len(texts) <= _MOST_VARIABLES and all(rule(text) for text in texts)
+
+
+def _repeats(column: Cells) -> bool:
+    """Whether a column has each of its numbers in a whole block of rows, as that of trials has."""
+    return 2 * len({*map(text_of, column)}) < len(column)
+
+
+def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
+    """Return a table of impacts with a column for each number of a vector; any other table as it is.
+
+    Args:
+        cells: the table.
+        chosen: columns that settings name, which are left as they are.
+
+    Raises:
+        DataError: a column after contact holds vectors, and its name does not say of what.
+    """
+    vectors = {
+        name: parts for name, column in zip(cells.header, cells.columns, strict=True)
+        if name not in chosen and (parts := _parts(column, cells.numerals.decimal))
+    }  # fmt: skip
+    if not vectors:
+        return cells
+    sizes = {name: mode(map(len, filter(None, parts))) for name, parts in vectors.items()}
+    opposite = any(times_in(name, opposite=True) == "post" for name in cells.header)
+    plain = components_of({name: sizes.get(name, 1) for name in cells.header}, opposite=opposite)
+    names = {name: plain[name] for name in vectors if plain.get(name)}
+    header, columns, said = list[str](), list[Cells](), list[str]()
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        if name not in names:
+            header.append(name)
+            columns.append(column)
+            continue
+        parts, size = vectors[name], len(names[name])
+        header += names[name]
+        odd = [None if part is None else text_of(cell) for cell, part in zip(column, parts, strict=True)]
+        whole = [part if part and len(part) == size else [cell] * size for part, cell in zip(parts, odd, strict=True)]
+        columns += [[part[k] for part in whole] for k in range(size)]
+        said.append(f"{name!r} holds {', '.join(names[name])}")
+    if any(column in recognised_columns(header)[1].names for column in ("vx_post", "vy_post", "vz_post")):
+        return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, *said))
+    for name in vectors:
+        if name not in names and times_in(name, opposite=opposite) == "post" and sizes[name] > 1:
+            cell = next(cell for cell in cells.columns[cells.header.index(name)] if not is_missing(cell))
+            raise DataError(
+                f"{cells.path}: column {name!r} holds vectors of {sizes[name]} numbers, such as {text_of(cell)!r}, and "
+                "it is not clear of what: write their numbers into columns of their own, such as vx_post, vy_post, "
+                "omega_post (docs/tables.md), or call it velocity_after, spin_after or twist_after"
+            )
+    return cells
+
+
+def _parts(column: Cells, decimal: str) -> list[list[Any] | None] | None:
+    """The numbers of each cell of a column of vectors, None of an empty cell; None of any other column."""
+    if not isinstance(column, list):
+        return None
+    first = next((cell for cell in column if not is_missing(cell)), None)
+    if first is None or not _numbers(first, decimal):
+        return None
+    parts = [None if is_missing(cell) else _numbers(cell, decimal) or [] for cell in column]
+    return parts if 2 * sum(map(bool, parts)) > len(parts) - parts.count(None) else None
+
+
+def _numbers(cell: Any, decimal: str) -> list[Any] | None:
+    """The numbers of a vector, as text if it is text; None if the cell is none."""
+    if isinstance(cell, str):
+        if is_numeral(cell) or not (match := _VECTOR.fullmatch(_SCALAR.sub(r"\1", cell.strip()))):
+            return None
+        inside = match["inside"] if match["inside"] is not None else match["bare"]
+        marks = r"[;|]" if re.search("[;|]", inside) else r"\s" if decimal == "," else r"[\s,]"
+        parts = [part for part in re.split(rf"\s*{marks}\s*", inside.strip()) if part]
+        if match["bare"] is not None and len(parts) < 2:
+            return None
+    elif isinstance(cell, list | tuple) or (isinstance(cell, np.ndarray) and cell.ndim):
+        parts = [*(cell.tolist() if isinstance(cell, np.ndarray) else cell)]
+    else:
+        return None
+    return parts if parts and all(is_numeral(part) or is_missing(part) for part in parts) else None
