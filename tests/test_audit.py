@@ -321,6 +321,21 @@ def test_one_number_for_a_spin_that_nobody_measured(value):
     assert torque(correct(still, ["spin_from_moments"])).residual.abs().max() < 1e-9 * max(1.0, abs(value))
 
 
+def test_bounces_in_a_row_of_a_ball_whose_spin_nobody_measured():
+    """The first one turns the ball, so that the next says nothing of friction; a rod's height needs its moments."""
+    clean, keep = drops("disc", 1), torch.tensor([1, 1, 0.0])
+    in_a_row = tuple(str(k // 3) for k in range(len(clean)))
+    still = clean.replace(v_pre=clean.v_pre * keep, v_post=clean.v_post * keep, recording=in_a_row, validate=False)
+    (finding,) = [one for one in audit(still) if one.name == "spin_not_measured"]
+    assert (finding.correction, finding.mistake) == ("normal_alone", False)
+    found = correct(still, ["normal_alone"])
+    assert torch.equal(found.v_c[:, 1], clean.v_c[:, 1])
+    assert not found.v_c[:, 0].any()
+    rod = drops("rod", 1)
+    rod = rod.replace(v_pre=rod.v_pre * keep, v_post=rod.v_post * keep, recording=in_a_row, validate=False)
+    assert "normal_alone" not in corrections(audit(rod))
+
+
 @pytest.mark.parametrize("noise", [0.01, 0.1])
 def test_outcomes_of_equal_states_differ_by_scatter(noise):
     clean = drops("disc", 1, velocity_noise=0.0, spin_noise=0.0)

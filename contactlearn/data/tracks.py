@@ -500,6 +500,7 @@ def _impacts(
     n, k, in_space = len(contacts), len(contacts[0].v_pre), isinstance(shape, Solid)
     covariance = torch.from_numpy(np.stack([contact.covariance for contact in contacts]))
     pose = np.stack([contact.pose for contact in contacts])
+    unspun = not any(contact.v_pre[2:].any() for contact in contacts)  # a ball, whose bounces turn it unseen
     return Impacts(
         mass=torch.full((n,), mass, dtype=torch.float64),
         inertia=torch.as_tensor(inertia, dtype=torch.float64).expand(n, 3)
@@ -513,7 +514,7 @@ def _impacts(
         v_post_cov=covariance[:, k : 2 * k, k : 2 * k],
         time=torch.tensor([contact.time for contact in contacts], dtype=torch.float64) if in_space else None,
         trial=tuple(contact.name for contact in contacts),
-        recording=tuple(contact.recording for contact in contacts) if in_space else (),
+        recording=tuple(contact.recording for contact in contacts) if in_space or unspun else (),
         object=(name,) * n,
         shape=shape,
         source=source,

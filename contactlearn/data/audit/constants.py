@@ -5,6 +5,7 @@ spin contradict every impulse that turns the body.
 """
 
 import math
+from dataclasses import replace
 
 import torch
 
@@ -31,6 +32,7 @@ _COLUMNS = (
 )
 _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
 _LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
+_ROUND = 0.05  # lever r_x of a round body, relative, on a floor whose slope was corrected
 _WORSE = 0.01  # sum of contradictions that another unit of the shape may add: none but noise
 
 
@@ -60,14 +62,18 @@ def spin_notes(impacts: Impacts) -> list[Finding]:
     if not _same(spins, spins) or not (moment.abs() > _ROUNDING * terms.scale).any():
         return []
     value = number(spins[0].item() + 0.0, 3)
-    sentence = (
-        f"ω is {value} before and after every impact, though the impulses turn the body: the spin was not measured. "
-        "It is taken to be 0 before impact, and after it what the moment of the impulse makes; friction, slip and "
-        "what acts on the spin cannot be told"
-    )
+    seen = f"ω is {value} before and after every impact, though the impulses turn the body: the spin was not measured. "
+    told = "friction, slip and what acts on the spin cannot be told"
+    ball = terms.normal.abs().max() < _ROUND * terms.scale.max()
+    if ball and len(set(impacts.recording)) < len(impacts.recording):
+        # The first bounce turns a ball, and the next begins with that spin.
+        how, correction = f"Bounces are compared along the normal alone: {told}", "normal_alone"
+    else:
+        taken = "It is taken to be 0 before impact, and after it what the moment of the impulse makes"
+        how, correction = f"{taken}; {told}", "spin_from_moments"
     evidence = evidence_of(("moment", moment.abs().median().item(), "rad/s"))
-    name = "spin_not_measured"
-    return [Finding(name=name, sentence=sentence, evidence=evidence, correction="spin_from_moments", mistake=False)]
+    finding = Finding(name="spin_not_measured", sentence=seen + how, evidence=evidence, correction=correction)
+    return [replace(finding, mistake=False)]
 
 
 def unmeasured_findings(impacts: Impacts) -> list[Finding]:

@@ -204,6 +204,11 @@ def _spin_from_moments(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return impacts.replace(v_pre=v_pre, v_post=v_post)
 
 
+def _normal_alone(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    along = torch.tensor((0.0, 1.0, 0.0)).to(impacts.mass)
+    return impacts.replace(v_pre=impacts.v_pre * along, v_post=impacts.v_post * along)
+
+
 def _swapped_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
     fields = {name: x for name in (*_POSES, *_VELOCITIES) if (x := getattr(impacts, name)) is not None}
     order = [1, 0, 2]
@@ -475,6 +480,11 @@ CORRECTIONS = {
     "spin_from_moments": Correction(
         "the spin was not measured: it is 0 before impact, and after it what the moment of the impulse makes",
         _spin_from_moments,
+        spaces=(PLANE,),
+    ),
+    "normal_alone": Correction(
+        "the spin was not measured, and a ball has one from its bounce before: bounces count along the normal alone",
+        _normal_alone,
         spaces=(PLANE,),
     ),
     "drop_incomplete": Correction(
