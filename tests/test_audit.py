@@ -428,7 +428,7 @@ def test_nothing_is_recommended_that_does_not_close_the_balance():
     assert (finding.name, finding.correction, finding.fatal) == ("moment_balance_open", None, False)
     assert finding.mistake
     assert [finding.value(key) for key in ("a_measured", "b_measured")] == pytest.approx([1.2, 1.6], abs=NOISE)
-    assert "none of the known mistakes explains it" in finding.sentence
+    assert "no mistake of units or axes explains it" in finding.sentence
     assert "a = +1.20 [" in finding.sentence
 
 
@@ -819,7 +819,7 @@ def test_published_drops_are_mirrored(ellipse_drops):
     assert not outlier.mistake  # one of 1718
     assert (moments.name, moments.mistake) == ("moment_balance_open", False)
     assert [moments.value(key) for key in ("a_measured", "b_measured")] == pytest.approx([1.2, 1.14], abs=0.02)
-    assert "does not close, and none of the known mistakes explains it" in moments.sentence
+    assert "does not close, and no mistake of units or axes explains it" in moments.sentence
     # With I of a uniform disc both terms are some 15 to 20 % too large, one of them with the wrong sign.
     evidence = {one.quantity: one.value for one in frame.evidence}
     assert [evidence[key] for key in ("a_before", "b_before")] == pytest.approx([1.2, -1.14], abs=0.02)

@@ -64,7 +64,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
         return _consistent_note(impacts, fit)
     doubted = contradictory or balance(balanced).judged.imbalance > thresholds.doubted_balance
     rule = "the moment balance does not close" if opened else f"the trials contradict {_rigid(impacts)}"
-    sentence = f"{rule}, and none of the known mistakes explains it ({tried} hypotheses compared): {_must(impacts)} "
+    sentence = f"{rule}, and no mistake of units or axes explains it ({tried} hypotheses compared): {_must(impacts)} "
     sentence += f"gives {fit}"
     if opened and not doubted:
         sentence += "; a wrong inertia, a drag after contact, or a moment at the contact would have this effect"
@@ -95,10 +95,12 @@ def _proposal(impacts: Impacts) -> str:
     if fit is None:
         return ""
     rows = [Row(name=name, estimate=one, **PROPERTIES[name]) for name, one in fit.estimates.items()]
+    differing = [row for row in rows if row.differs]
+    alone = [row.name for row in differing] == ["inertia"]
     return (
-        f"; the simplest rig that closes it has {' and '.join(str(row) for row in rows if row.differs)}, which leaves "
-        f"{fit.remaining / fit.given:.0%} of the residual, and a single moment at the contact or loss after it leaves "
-        f"{fit.physical / fit.given:.0%}: heights and rests in recordings would decide"
+        f"; it closes with {' and '.join(map(str, differing))}, which leaves {fit.remaining / fit.given:.0%} of the "
+        f"residual{' (data.correct=[inertia_scaled] takes it)' if alone else ''}, and a single moment at the contact "
+        f"or a loss after it leaves {fit.physical / fit.given:.0%}: a diagnosis weighs them, recordings decide"
     )
 
 
