@@ -192,11 +192,6 @@ class Apparatus:
         return tuple(row for row in self.rows() if row.estimate.applied)
 
     @property
-    def settled(self) -> frozenset[str]:
-        """Names of the effects that say what was applied."""
-        return frozenset(name.partition(".")[0] for name, one in self.parameters() if one.applied)
-
-    @property
     def beside(self) -> tuple[float, float, float]:
         """Mass centre in m from the middle of the outline, along the body's axes, as far as corrections have moved it.
 

@@ -74,17 +74,15 @@ def usable(
 ) -> dict[EffectId, Effect]:
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
-    What the rig card has corrected is not offered again, and nothing that reads a place, an orientation or a spin that
-    is the same in all trials, or makes a coefficient that is.
+    What reads a place, an orientation or a spin that is the same in all trials, or makes a coefficient that is, is left
+    out.  What the rig card has corrected is offered within the errors of the card.
 
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
     """
     share = thresholds.trials_per_parameter
-    settled = impacts.apparatus.settled if impacts.apparatus else ()
     able = {key: effect for key, effect in candidates.items() if impacts.space in effect.spaces}
     able = {key: effect for key, effect in able.items() if impacts.shape is not None or not effect.needs_shape}
-    able = {key: effect for key, effect in able.items() if key.name not in settled}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     varied = _varied(impacts)
     able = {key: effect for key, effect in able.items() if not _unvaried(effect, impacts, varied)}
