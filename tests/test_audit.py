@@ -21,7 +21,7 @@ from contactlearn.data.audit.trials import repeated, saturated
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, rotate
-from contactlearn.mechanics.shapes import Disc
+from contactlearn.mechanics.shapes import Disc, scaled
 from contactlearn.simulation import mujoco, synthetic
 from contactlearn.simulation.hidden_effects import draw
 
@@ -233,6 +233,21 @@ def test_no_inertia_beyond_that_of_a_hoop_is_proposed():
         v_post=small.v_post * torch.tensor([1, 1, 0.37]), v_pre=small.v_pre * torch.tensor([1, 1, 0.37])
     )
     assert "inertia_scaled" not in corrections(audit(half.replace(inertia=4 * clean.inertia)))
+
+
+@pytest.mark.parametrize("body", [*BODIES])
+def test_a_diameter_for_a_radius(body):
+    """The height at contact is half of what the shape gives, and moments and inertia are those of a smaller body."""
+    clean = drops(body, 2)
+    impacts = clean.replace(q=torch.cat((clean.q[:, :1], -clean.r[:, 1:], clean.q[:, 2:]), 1))
+    twice = scaled(impacts.shape, 2.0)
+    inertia = 4 * impacts.inertia
+    (found,) = corrections(audit(impacts.replace(shape=twice, r=2 * impacts.r, inertia=inertia, validate=False)))
+    assert found == "doubled_shape"
+    assert corrections(audit(impacts)) == []
+    if body == "disc":  # whose height is constant, and may be that of another zero
+        shifted = impacts.replace(q=impacts.q * torch.tensor([1.0, 0.5, 1.0]))
+        assert corrections(audit(shifted)) == []
 
 
 @pytest.mark.parametrize("unit", ["millimetres", "centimetres", "inches"])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import run
 
-from contactlearn.cli.command_line import parse_command_line, quoted, quoted_path
+from contactlearn.cli.command_line import parse_command_line, parse_override, quoted, quoted_path
 from contactlearn.cli.hydra_main import compose
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
@@ -45,6 +45,15 @@ def test_a_path_is_what_the_shell_gives(name, here):
         cfg = compose("evaluate", ["data=table", f"checkpoint={given}", f"data.path={given}"])
         assert (cfg.checkpoint, cfg.data.path) == (path, path)
     assert compose("train", ["data=table", f"data.path={quoted_path(name)}"]).data.path == name
+
+
+def test_letters_of_any_language_need_no_quotes():
+    given = 'data.columns={object: Körper, mass: "Masse [g]", vx: größe x}'
+    (word,) = quoted([given])
+    assert word == 'data.columns={object: "Körper", mass: "Masse [g]", vx: "größe x"}'
+    assert parse_override(word).value() == {"object": "Körper", "mass": "Masse [g]", "vx": "größe x"}
+    assert quoted(["data.covariates=[Bediener, Härte]"]) == ['data.covariates=[Bediener, "Härte"]']
+    assert parse_command_line(["--", "train.size=10"]).words == ("train.size=10",)
 
 
 def test_a_path_that_is_not_there_is_named_whole(here):
@@ -109,7 +118,8 @@ def test_flags_and_folders_come_in_any_order(here):
     (["x"], "'x' is no setting; settings are written key=value"),
     (["~law"], "every command needs law; choose another with law=…"),
     (["~train.size"], "train.size cannot be taken out"),
-    (["data.seed=ü"], "stands in double quotes"),
+    (["data.seed=ü"], "seed must be an integer, at least 0, got 'ü'"),
+    (["data.seed={a (b}"], "stands in double quotes"),
     (["data.seed=${nope}"], "Interpolation key 'nope' not found"),
     (["--multirn"], "unknown flag '--multirn', did you mean '--multirun'?"),
     (["-m", "--cfg", "job"], "--cfg shows something and runs nothing"),

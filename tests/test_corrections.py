@@ -62,7 +62,7 @@ def test_corrections_are_pure_and_complete(drops):
     }
     others |= {"averaged_vx", "averaged_vy", "averaged_omega", "rig", "traced_shape"}  # test_spread.py, test_rig.py, …
     others |= {"inclined_floor", "moving_floor", "spin_from_moments", "normal_alone"}  # test_audit.py
-    others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet")}
+    others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet", "doubled")}
     assert planar == {*CORRUPTIONS_AND_UNITS, *MEANINGS} | others
     assert all(correction.description for correction in CORRECTIONS.values())
     for name in planar - {"ordered_by_time", "inclined_floor"}:

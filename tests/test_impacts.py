@@ -258,6 +258,15 @@ def test_gyration_of_a_disc_is_that_of_its_ellipse_and_of_many_sides():
     torch.testing.assert_close(outline[0], outline[-1], rtol=0, atol=ROUNDING)
 
 
+def test_rounded_vertices_are_centred_and_a_side_is_no_inside():
+    square = torch.tensor(((0.03, 0.03), (-0.03, 0.03), (-0.03, -0.03), (0.03, -0.03)), dtype=torch.float64)
+    assert Polygon(tuple(map(tuple, (square + 2e-5).tolist()))).gyration_squared() == pytest.approx(6e-4, rel=1e-5)
+    with refused(["inside, and not on a side", "the mean of these vertices is at (0, 0.03) m"]):
+        Polygon(tuple(map(tuple, (square + torch.tensor((0.0, 0.03))).tolist())))
+    with refused(["must be convex"]):
+        Polygon(((0.03, 0.03), (0.0, 0.01), (-0.03, 0.03), (-0.03, -0.03), (0.03, -0.03)))
+
+
 def test_make_shape():
     assert make_shape(None) is None
     assert make_shape(Disc(0.1)) == Disc(0.1)

@@ -21,6 +21,7 @@ from contactlearn.core.errors import ContactLearnError, suggest
 _PATHS = re.compile(r"[+~]*((\w[\w -]*\.)*(path|dir)|checkpoint)")
 """Settings whose values are paths."""
 _QUOTED = re.compile(r"(['\"]).*\1", re.DOTALL)
+_LETTERS = re.compile(r"""("(?:\\.|[^"])*"|'(?:\\.|[^'])*')|([^\s,:{}\[\]="'$]*[^\x00-\x7f][^,:{}\[\]="'$]*)""")
 _CALL = re.compile(r"(choice|glob|sort|shuffle|range|interval|tag|str|extend_list)\(.*\)", re.DOTALL)
 _FLAGS = (
     ("--help", "-h"), ("--hydra-help",), ("--version",), ("--settings",), ("--run", "-r"), ("--multirun", "-m"),
@@ -76,6 +77,7 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
             for word, after in zip(given, following, strict=False)
         ]
     )
+    words = [word for word in words if word != "--"]  # what follows is no flag: settings are none anyway
     unknown = next((word for word in words if word.startswith("-")), None)
     if unknown is not None:
         known = [name for action in parser._actions for name in action.option_strings if name.startswith("--")]
@@ -120,7 +122,7 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
 
 
 def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
-    """Return settings with the paths among them quoted as Hydra's grammar wants it.
+    """Return settings with paths, and texts of letters beyond ASCII, quoted as Hydra's grammar wants them.
 
     Args:
         words: as a shell gives them.
@@ -129,7 +131,7 @@ def quoted(words: Sequence[str], *, several: bool = False) -> list[str]:
     Raises:
         ContactLearnError: a word that Hydra cannot read, or that has several values without a sweep.
     """
-    found = [_quoted_path(word) for word in words]
+    found = [_with_quoted_letters(_quoted_path(word)) for word in words]
     for word in found:
         override = parse_override(word)
         if override.is_sweep_override() and not several:
@@ -179,6 +181,11 @@ def parse_override(word: str) -> Override:
         raise ContactLearnError(
             f'{word} cannot be read: {seen}; text with brackets, = or the like stands in double quotes: {{x: "x (mm)"}}'
         ) from error
+
+
+def _with_quoted_letters(word: str) -> str:
+    key, equals, value = word.partition("=")
+    return key + equals + _LETTERS.sub(lambda found: found[1] or f'"{found[2].rstrip()}"', value)
 
 
 def _quoted_path(word: str) -> str:

@@ -25,7 +25,8 @@ from contactlearn.mechanics.hull import Hull, convex_hull, mesh_points
 from contactlearn.mechanics.rigid_body import matvec, rotate, rotation
 from contactlearn.mechanics.space import SPACE, Space
 
-_OFF = 1e-6  # of an origin from the centroid over the body's size, and of products of inertia, at most
+_OFF = 1e-6  # products of inertia over the sum of moments, at most
+_ROUNDED = 1e-3  # distance of the origin from the centroid over the body's size, at most: vertices are rounded
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _TOUCHING = 1e-6  # of a sphere of radius 1 from the faces of a corner, at most
 
@@ -225,16 +226,20 @@ class Polygon(Cornered):
             )
             if (cross := (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1)) != 0
         }
-        # Seen from the centre of mass the outline goes around once: not for a star, nor for a centre outside.
+        pairs = [*zip(corners, corners[1:] + corners[:1], strict=True)]
+        beside = [x0 * y1 - y0 * x1 for (x0, y0), (x1, y1) in pairs]
+        # Seen from the centre of mass a convex outline goes around once; a star goes around twice.
         around = sum(
-            math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
-            for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
+            math.atan2(area, x0 * x1 + y0 * y1) for area, ((x0, y0), (x1, y1)) in zip(beside, pairs, strict=True)
         )
-        if len(turns) != 1 or abs(abs(around) - 2 * math.pi) > 1e-6:
+        if len(turns) == 1 and min(area * max(turns) for area in beside) <= 1e-6 * max(map(abs, beside)):
+            x, y = (sum(part) / len(corners) for part in zip(*corners, strict=True))
             raise DataError(
-                "a polygon must be convex, with its vertices in order around the body and its centre of mass, "
-                f"the origin, inside; got {corners}"
+                "a polygon must have its centre of mass, the origin, inside, and not on a side or beyond it; the mean "
+                f"of these vertices is at ({x:.4g}, {y:.4g}) m: give them about the centre of mass"
             )
+        if len(turns) != 1 or abs(abs(around) - 2 * math.pi) > 1e-6:
+            raise DataError(f"a polygon must be convex, with its vertices in order around the body; got {corners}")
         object.__setattr__(self, "vertices", corners)
         object.__setattr__(self, "corner", finite_number("corner", self.corner, 0))
         if self.corner > (largest := self.largest_corner()):
@@ -269,7 +274,7 @@ class Polygon(Cornered):
         """
         p = self.outline()[:-1]
         centroid, second = _uniform(torch.stack((p, p.roll(-1, 0)), 1))
-        if centroid.abs().max() > (1e-4 if self.corner else _OFF) * p.abs().max():  # arcs are chords here
+        if centroid.abs().max() > _ROUNDED * p.abs().max():
             raise _off_centroid(f"a polygon {_CENTRED}", centroid)
         return second.trace().item()
 
@@ -381,7 +386,7 @@ class Polytope(Cornered, Solid):
             DataError: the centroid is not at the origin, or the body's axes are not principal.
         """
         centroid, second = self.uniform()
-        if centroid.abs().max() > _OFF * self.corners().abs().max():
+        if centroid.abs().max() > _ROUNDED * self.corners().abs().max():
             raise _off_centroid(f"a polyhedron {_CENTRED}", centroid)
         products = second - torch.diag(second.diagonal())
         if products.abs().max() > _OFF * second.trace():

@@ -61,6 +61,8 @@ def _listed() -> dict[str, Miswritten]:
         for name, (unit, factor) in _SPEEDS.items()
     }
     found |= {name: Miswritten(f"the mass is in {unit}", factor, ("mass",)) for name, (unit, factor) in _MASSES.items()}
+    twice = "the stated shape has diameters for radii, or edges for half edges"
+    found["doubled_shape"] = Miswritten(twice, 0.5, ("shape",))
     return found | {
         f"{name}_shape": Miswritten(f"the stated shape is in {_SPELT.get(name, unit)}", factor, ("shape",))
         for name, (unit, factor) in _LENGTHS.items()
