@@ -55,6 +55,7 @@ CORRUPTIONS: dict[str, dict[str, Callable]] = {
     "degrees_omega": scaled(180 / math.pi, "omega", "omega_post"),
     "millimetres": scaled(1e3, "rx", "ry", "x", "y", "x_post", "y_post"),
     "millimetres_velocity": scaled(1e3, "vx", "vy", "vx_post", "vy_post"),
+    "radians_omega": scaled(math.pi / 180, "omega", "omega_post"),
     "grams": scaled(1e3, "mass"),
 }
 """What each column of a table is written as, from all columns, by the correction that undoes it."""

@@ -61,6 +61,7 @@ def _listed() -> dict[str, Miswritten]:
         for name, (unit, factor) in _SPEEDS.items()
     }
     found |= {name: Miswritten(f"the mass is in {unit}", factor, ("mass",)) for name, (unit, factor) in _MASSES.items()}
+    found["radians_omega"] = Miswritten("ω is in rad/s, and was read in °/s", 1 / _DEGREE, ("omega_pre", "omega_post"))
     twice = "the stated shape has diameters for radii, or edges for half edges"
     found["doubled_shape"] = Miswritten(twice, 0.5, ("shape",))
     return found | {
