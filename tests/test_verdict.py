@@ -155,7 +155,7 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
             assert "No effect" not in below or " 0\u00a0% is unexplained" not in size or "unnamed" in size, (text, size)
         support = phrase("support", shown)
         assert ("noise floor is unknown" in support) == (budget.noise is None)
-        assert ("rest is noise or unexplained" in size) == (budget.noise is None)
+        assert (" is noise or unexplained" in size) == (budget.noise is None)
         assert not re.search(r"(?<![\de])−|(?:nan|inf)\b", f"{size} {support}")
     assert seen == {Verdict.NONE, Verdict.EFFECTS, Verdict.UNKNOWN, Verdict.UNFINISHED}
 
