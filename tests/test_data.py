@@ -72,7 +72,7 @@ BAD_CSV = {
     "text": (put(2, "inertia", "heavy"), ["row 2 (line 3)", "column inertia", "number in kg m²", "'heavy'"]),
     "code": (put(1, "vx", "=1+1"), ["row 1 (line 2)", "column vx", "m/s", "'=1+1'"]),
     "underscore": (put(1, "mass", "1_0"), ["row 1 (line 2)", "column mass", "'1_0'"]),
-    "unit": (put(3, "omega", "4 rad/s"), ["row 3 (line 4)", "column omega", "rad/s", "'4 rad/s'"]),
+    "unit": (put(3, "omega", "4 rad/s"), ["column omega", "no unit in row 1 and rad/s in row 3"]),
     "empty cell": (put(3, "theta", ""), ["row 3 (line 4)", "column theta", "rad", "empty", "leave the trial out"]),
     "blank cell": (put(3, "theta", "  "), ["row 3 (line 4)", "column theta", "empty"]),
     "nan": (put(2, "vy_post", "NaN"), ["row 2 (line 3)", "column vy_post", "finite", "NaN", "leave the trial out"]),
@@ -165,7 +165,7 @@ def test_other_suffixes_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_text(text(grid()))
     for call in (lambda: table.load(path), lambda: table.save(synthetic.load(size=2), path)):
-        with pytest.raises(DataError, match=rf"{name}: a table is a \.csv or .*\.parquet file, got suffix"):
+        with pytest.raises(DataError, match=rf"{name}: (a table is a \.csv or .* file, got suffix|is compressed)"):
             call()
 
 
