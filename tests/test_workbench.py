@@ -434,7 +434,7 @@ def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(
         runs.diagnose([*session.data, "seed=2"])
     first.cancel()
     assert ended(first) is RunStatus.CANCELLED
-    wrong = runs.find(runs.diagnose(["data=mysterious"]))
+    wrong = runs.find(runs.diagnose(["data=mystry"]))
     assert ended(wrong) is RunStatus.FAILED
     assert "did you mean 'mystery'" in wrong.error
     runs.close()

@@ -197,7 +197,7 @@ def test_the_server_listens_on_this_machine_alone_and_every_token_is_new():
 
 
 def test_wrong_words_are_one_error_line(capsys):
-    assert main(["workbench", "data=mysterious", "--no-browser"]) == 2
+    assert main(["workbench", "data=mystry", "--no-browser"]) == 2
     assert "did you mean 'mystery'" in capsys.readouterr().err
     assert main(["workbench", "model=[]", "--no-browser"]) == 2
     assert "the workbench takes data=" in capsys.readouterr().err
