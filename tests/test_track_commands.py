@@ -308,3 +308,26 @@ def test_recordings_with_one_flight_each_say_how_they_must_go_on(tmp_path, ends,
     assert said.count("\n") == 1
     assert f"no impact in 10 recordings: each has one free flight, and {message}" in said
     assert f"8 frames or more {'after' if ends else 'before'} contact" in said
+
+
+@pytest.mark.parametrize(("rate", "wanted"), [(25, "film at"), (600, None)])
+def test_flights_of_few_frames_say_how_fast_to_film(tmp_path, rate, wanted):
+    """Bodies that fall from 20 cm and bounce once, filmed too slowly; or a clock that runs too fast."""
+    rng, rows = np.random.default_rng(5), []
+    for k in range(12):
+        t = np.arange(rng.uniform(0, 0.04), 0.5, 0.04)
+        fall = (2 * 0.2 / 9.81) ** 0.5
+        bounce = 0.4 * 9.81 * fall
+        y = np.where(t < fall, 0.2 - 4.905 * t**2, np.maximum(bounce * (t - fall) - 4.905 * (t - fall) ** 2, 0))
+        y = 0.03 + y + 3e-4 * rng.normal(size=len(t))
+        rows += [(k, i / rate, 0.2 * t[i], y[i], 1 + 2 * t[i]) for i in range(len(t))]
+    pd.DataFrame(rows, columns=["recording", "time", "x", "y", "theta"]).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(DataError, match="no free flight is seen") as caught:
+        found_in(tmp_path / "a.csv")
+    if wanted is None:
+        assert "check that frames are 0.001667 s apart" in str(caught.value)
+    else:
+        assert re.search(
+            r"flights have about [4-6] frames at 25 frames a second .*, and 11 are needed", str(caught.value)
+        )
+        assert re.search(r"film at (50|60|70) frames a second or more, or let the body fall", str(caught.value))
