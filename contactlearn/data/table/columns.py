@@ -20,6 +20,7 @@ from difflib import SequenceMatcher
 from itertools import product
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
+from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
     NAMES,
     Recognised,
@@ -248,7 +249,8 @@ def name_columns(
     free = [column for column in every if column not in known_elsewhere and column not in names]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        why = _doubtful(known, needed) or _missing(space, slips, needed, unused, computed)
+        why = refusal_of_cameras(cells.header) or _doubtful(known, needed)
+        why = why or _missing(space, slips, needed, unused, computed)
         raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
