@@ -7,8 +7,10 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+import yaml
 from commands import TRAIN, run
 from spatial import tossed
 
@@ -378,3 +380,24 @@ def test_a_table_and_a_setting_may_state_the_same_mass(tmp_path):
     assert found.inertia.tolist() == [2e-5] * 5
     with pytest.raises(DataError, match=r"data.mass must be a finite number greater than 0, got -1"):
         table.load(path, mass=-1)
+
+
+@pytest.mark.parametrize(
+    "form", ["{body}_{name}_{when}", "{name}_{when}.{body}", "{name} {body} {when}"], ids=["first", "last", "between"]
+)
+def test_of_two_bodies_in_a_row_one_is_to_be_chosen(tmp_path, form):
+    path, drops = tmp_path / "pucks.csv", synthetic.load(size=4)
+    states = {"before": drops.v_pre, "after": drops.v_post}
+    columns = {
+        form.format(body=body, name=name, when=when): states[when][:, k].tolist()
+        for body in ("red", "blue") for when in states for k, name in enumerate(("vx", "vy", "omega"))
+    }  # fmt: skip
+    pd.DataFrame({"release": range(4), **columns}).to_csv(path, index=False)
+    with pytest.raises(DataError, match="each row has the impacts of 2 bodies, red, blue; choose one") as caught:
+        propose(path)
+    (said,) = re.findall(r"'data\.columns=({.*?})'", str(caught.value))
+    disc = {"kind": "disc", "radius": 0.04}
+    with pytest.raises(DataError, match="each row has the impacts of 2 bodies, red, blue; choose one"):
+        table.load(path, disc, mass=0.03)
+    chosen = table.load(path, disc, mass=0.03, columns=yaml.safe_load(said))
+    assert chosen.v_post.tolist() == drops.v_post.tolist()

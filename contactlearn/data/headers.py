@@ -47,6 +47,7 @@ from contactlearn.data.table.columns import (
     trial_column,
 )
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -172,6 +173,8 @@ def propose(path: Path) -> FileContents:
     timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
     if timed and frames.others:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
+    if why := refusal_of_several(header):
+        raise DataError(f"{first}: {why}")
     if hint := _computable(header):
         raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
     raise DataError(
