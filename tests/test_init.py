@@ -401,3 +401,21 @@ def test_of_two_bodies_in_a_row_one_is_to_be_chosen(tmp_path, form):
         table.load(path, disc, mass=0.03)
     chosen = table.load(path, disc, mass=0.03, columns=yaml.safe_load(said))
     assert chosen.v_post.tolist() == drops.v_post.tolist()
+
+
+def test_a_trial_without_its_row_after_contact_is_left_out_as_its_message_says(tmp_path, monkeypatch):
+    """Numbers of trials begin again in each session, and one row of the second is lost."""
+    monkeypatch.chdir(tmp_path)
+    drops = synthetic.load(size=6)
+    rows = [
+        ("Mon" if k < 3 else "Wed", k % 3 + 1, state, drops.q[k, 2].item(), *v[k].tolist())
+        for k in range(6) for state, v in (("before", drops.v_pre), ("after", drops.v_post))
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows, columns=["session", "trial", "state", "theta", "vx", "vy", "omega"])
+    frame.drop(index=9).to_csv("carpet.csv", index=False)
+    run("contactlearn", "init", "carpet.csv", cwd=tmp_path)
+    words = ["data=carpet", "data.mass=0.0364", f"data.shape={SHAPE}"]
+    with pytest.raises(DataError, match=r"trial 'Wed/2' has no row after contact: add it, or leave") as caught:
+        load_data(SourceSettings.from_config(compose("train", words)))
+    (way,) = re.findall(r"data\.correct=\S+\]", str(caught.value))
+    assert len(load_data(SourceSettings.from_config(compose("train", [*words, way]))).impacts) == 5
