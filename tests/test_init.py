@@ -82,7 +82,7 @@ def test_a_table_is_read_as_its_columns_say(drops):
     assert "fill in  mass, shape: each has a comment" in told
     assert "not used 'remark'" in told
     lacking = run("contactlearn", "audit", "data=mydata", cwd=".", status=2)
-    assert "error: data.mass, data.shape must be given: data.mass=…, or in the file NAME.yaml" in lacking
+    assert "error: data.mass, data.shape must be given: data.mass=…, or in mydata.yaml" in lacking
     filled_in("mydata", mass=str(drops.mass[0].item()), shape=SHAPE)
     assert "mydata" in own_data()
     source = SourceSettings.from_config(compose("train", ["data=mydata"]))
@@ -295,7 +295,8 @@ def test_one_setting_that_is_left_and_a_source_that_is_not_there(drops):
     assert "written: takes holds recordings of tracked poses" in run("contactlearn", "init", "takes", cwd=".")
     told = run("contactlearn", "audit", "data=cube", cwd=".", status=2)
     assert (
-        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes" in told
+        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes it\n"
+        in told
     )
     assert "unknown data 'tabel', did you mean 'table'?" in run(
         "contactlearn", "audit", "data=tabel", cwd=".", status=2
@@ -419,3 +420,14 @@ def test_a_trial_without_its_row_after_contact_is_left_out_as_its_message_says(t
         load_data(SourceSettings.from_config(compose("train", words)))
     (way,) = re.findall(r"data\.correct=\S+\]", str(caught.value))
     assert len(load_data(SourceSettings.from_config(compose("train", [*words, way]))).impacts) == 5
+
+
+def test_a_setting_that_is_left_out_is_asked_for_with_its_file_and_choices(tmp_path):
+    names = ["time", *(f"{name}_{body}" for body in ("red", "blue") for name in ("x", "y", "theta"))]
+    header(tmp_path / "pucks.csv", *names)
+    run("contactlearn", "init", "pucks.csv", "--name", "two", cwd=tmp_path)
+    (tmp_path / "other.yaml").write_text("_target_: contactlearn.data.tracks.load\npath: other.csv\nbody: ???\n")
+    words = ["impacts", "data=two", "data.mass=0.1", "data.shape={kind: disc, radius: 0.03}", "-o", "a.csv"]
+    said = run("contactlearn", *words, cwd=tmp_path, status=2)
+    wanted = "data.body=…, or in two.yaml; data.body is red or blue, in names of columns"
+    assert said == f"error: data.body must be given: {wanted}\n"
