@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
-from contactlearn.report.text.tracks import tracks_facts
+from contactlearn.report.text.tracks import tracks_facts, tracks_headline, tracks_summary
 from contactlearn.simulation import recordings
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
@@ -331,3 +332,18 @@ def test_flights_of_few_frames_say_how_fast_to_film(tmp_path, rate, wanted):
             r"flights have about [4-6] frames at 25 frames a second .*, and 11 are needed", str(caught.value)
         )
         assert re.search(r"film at (50|60|70) frames a second or more, or let the body fall", str(caught.value))
+
+
+def test_small_errors_are_no_zero_and_a_star_is_explained(plain):
+    _, found = plain
+    told = tracks_summary(found, Path("a.csv"), Path("b.csv"))
+    assert re.search(r"± [\d.]+ mm/s \([\d.]+\s% of them\), written to", told[0])
+    assert not any(" *, from" in line or line.startswith("  * ") for line in told)
+    exact = replace(found, impacts=found.impacts.replace(v_pre_cov=1e-8 * found.impacts.v_pre_cov))
+    assert re.search(r"± [\d.e−]+ mm/s$", tracks_headline(exact))
+    gravity = replace(found.impacts.apparatus.gravity, value=9.7, error=0.01)
+    off = replace(found, impacts=found.impacts.replace(apparatus=replace(found.impacts.apparatus, gravity=gravity)))
+    told = "\n".join(tracks_summary(off, Path("a.csv"), Path("b.csv")))
+    assert re.search(
+        r"assumed 9\.81.* \*, from[^*]*\n  \* differs from what is assumed or stated by more than three", told
+    )
