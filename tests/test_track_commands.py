@@ -347,3 +347,13 @@ def test_small_errors_are_no_zero_and_a_star_is_explained(plain):
     assert re.search(
         r"assumed 9\.81.* \*, from[^*]*\n  \* differs from what is assumed or stated by more than three", told
     )
+
+
+def test_each_part_between_flights_is_a_contact_or_refused(plain):
+    """Before the first flight, between two, and behind the last one, where recordings end in the middle of a bounce."""
+    parts = 0
+    for one in plain[1].searched.values():
+        inner, outer = len(one.flights) - 1, [one.flights[0].first > 0, one.flights[-1].last < len(one.track) - 1]
+        assert len(one.contacts) + len(one.refusals) == inner + sum(outer)
+        parts += sum(outer)
+    assert parts  # of which the ends are some

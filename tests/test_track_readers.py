@@ -895,6 +895,7 @@ def test_a_pickle_is_never_opened(name, tmp_path):
         ("t,cam1_u,cam1_v,cam2_u,cam2_v", "cam1, cam2"),
         ("time,left_x_px,left_y_px,right_x_px,right_y_px", "left, right"),
         ("t,u1,v1,u2,v2", "1, 2"),
+        ("t,cam_front_x,cam_front_y,cam_side_x,cam_side_y", "camfront, camside"),
         ("t,u_camA,v_camA,u_camB,v_camB", "cama, camb"),
     ],
 )
@@ -906,12 +907,13 @@ def test_images_of_two_cameras_are_to_be_triangulated(tmp_path, names, cameras):
             use(path)
 
 
-def test_positions_and_velocities_are_no_images(tmp_path):
+def test_positions_and_velocities_are_no_images():
     """Of bodies, of markers, in space, or before (u) and after (v) an impact."""
     assert not images_of_cameras(["t", "x1", "y1", "x2", "y2"])
     assert not images_of_cameras(["trial", "u1", "v1", "u2", "v2"])
     assert not images_of_cameras(["t", "left_x", "left_y", "left_z", "right_x", "right_y", "right_z"])
     assert not images_of_cameras(["t", "u_px", "v_px"])
+    assert not images_of_cameras(["t", "left_hand_x", "left_hand_y", "right_hand_x", "right_hand_y"])
     assert not images_of_cameras(["t", "red_x", "red_y", "blue_x", "blue_y"])
 
 

@@ -6,7 +6,8 @@ cam1_u, cam1_v, cam2_u, cam2_v     left_x_px, left_y_px, right_x_px, right_y_px 
 import re
 from collections.abc import Sequence
 
-_CAMERA = re.compile(r"cam|camera|kamera|caméra|view|ansicht|vue|left|right|links|rechts|gauche|droite")
+_CAMERA = {"cam", "camera", "kamera", "caméra", "view", "ansicht", "vue"}
+_SIDES = {"left", "right", "links", "rechts", "gauche", "droite"}
 _ACROSS, _DOWN, _AXES = "ux", "vy", "uxvyz"
 _UNITS = {"px", "pix", "pixel", "pixels", "img", "image", "raw", "coord", "pos"}
 _CLOCK = {"t", "time", "zeit", "frame", "frames", "timestamp", "stamp"}
@@ -39,9 +40,8 @@ def images_of_cameras(header: Sequence[str]) -> dict[str, tuple[str, str]]:
         numbered = len(of) == 1 and of[0].isdigit()
         if numbered and not (timed and axes[0] in ("u", "v")):
             continue
-        if not numbered and (
-            not _CAMERA.fullmatch(of[0]) or any(len(word) > 1 and not word.isdigit() for word in of[1:])
-        ):
+        sided = of[0] in _SIDES and all(word.isdigit() for word in of[1:])
+        if not (numbered or sided or _CAMERA & {*of}):
             continue
         found.setdefault("".join(of), {})[axes[0]] = name
     if any("z" in axes for axes in found.values()):
