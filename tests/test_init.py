@@ -7,8 +7,10 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+import yaml
 from commands import TRAIN, run
 from spatial import tossed
 
@@ -80,7 +82,7 @@ def test_a_table_is_read_as_its_columns_say(drops):
     assert "fill in  mass, shape: each has a comment" in told
     assert "not used 'remark'" in told
     lacking = run("contactlearn", "audit", "data=mydata", cwd=".", status=2)
-    assert "error: data.mass, data.shape must be given: data.mass=…, or in the file NAME.yaml" in lacking
+    assert "error: data.mass, data.shape must be given: data.mass=…, or in mydata.yaml" in lacking
     filled_in("mydata", mass=str(drops.mass[0].item()), shape=SHAPE)
     assert "mydata" in own_data()
     source = SourceSettings.from_config(compose("train", ["data=mydata"]))
@@ -104,7 +106,9 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
         lines = file.read_text().splitlines()
         assert lines[0] == "time,x,y,theta"
         file.write_text("\n".join(["t,x [m],z [m],th", *lines[1:]]))
-    assert "fill in  mass, shape" in run("contactlearn", "init", "takes", cwd=".")
+    told = run("contactlearn", "init", "takes", cwd=".")
+    assert "fill in  mass, shape" in told
+    assert "then     contactlearn impacts data=takes -o impacts.parquet, contactlearn audit data=takes, and" in told
     filled_in("takes", mass=str(recordings.MASS), shape=SHAPE)
     with patch("contactlearn.cli.commands.impacts.write_impacts", return_value="") as written:
         run("contactlearn", "impacts", "data=takes", "-o", "impacts.csv", cwd=".")
@@ -293,7 +297,8 @@ def test_one_setting_that_is_left_and_a_source_that_is_not_there(drops):
     assert "written: takes holds recordings of tracked poses" in run("contactlearn", "init", "takes", cwd=".")
     told = run("contactlearn", "audit", "data=cube", cwd=".", status=2)
     assert (
-        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes" in told
+        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes it\n"
+        in told
     )
     assert "unknown data 'tabel', did you mean 'table'?" in run(
         "contactlearn", "audit", "data=tabel", cwd=".", status=2
@@ -378,3 +383,53 @@ def test_a_table_and_a_setting_may_state_the_same_mass(tmp_path):
     assert found.inertia.tolist() == [2e-5] * 5
     with pytest.raises(DataError, match=r"data.mass must be a finite number greater than 0, got -1"):
         table.load(path, mass=-1)
+
+
+@pytest.mark.parametrize(
+    "form", ["{body}_{name}_{when}", "{name}_{when}.{body}", "{name} {body} {when}"], ids=["first", "last", "between"]
+)
+def test_of_two_bodies_in_a_row_one_is_to_be_chosen(tmp_path, form):
+    path, drops = tmp_path / "pucks.csv", synthetic.load(size=4)
+    states = {"before": drops.v_pre, "after": drops.v_post}
+    columns = {
+        form.format(body=body, name=name, when=when): states[when][:, k].tolist()
+        for body in ("red", "blue") for when in states for k, name in enumerate(("vx", "vy", "omega"))
+    }  # fmt: skip
+    pd.DataFrame({"release": range(4), **columns}).to_csv(path, index=False)
+    with pytest.raises(DataError, match="each row has the impacts of 2 bodies, red, blue; choose one") as caught:
+        propose(path)
+    (said,) = re.findall(r"'data\.columns=({.*?})'", str(caught.value))
+    disc = {"kind": "disc", "radius": 0.04}
+    with pytest.raises(DataError, match="each row has the impacts of 2 bodies, red, blue; choose one"):
+        table.load(path, disc, mass=0.03)
+    chosen = table.load(path, disc, mass=0.03, columns=yaml.safe_load(said))
+    assert chosen.v_post.tolist() == drops.v_post.tolist()
+
+
+def test_a_trial_without_its_row_after_contact_is_left_out_as_its_message_says(tmp_path, monkeypatch):
+    """Numbers of trials begin again in each session, and one row of the second is lost."""
+    monkeypatch.chdir(tmp_path)
+    drops = synthetic.load(size=6)
+    rows = [
+        ("Mon" if k < 3 else "Wed", k % 3 + 1, state, drops.q[k, 2].item(), *v[k].tolist())
+        for k in range(6) for state, v in (("before", drops.v_pre), ("after", drops.v_post))
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows, columns=["session", "trial", "state", "theta", "vx", "vy", "omega"])
+    frame.drop(index=9).to_csv("carpet.csv", index=False)
+    run("contactlearn", "init", "carpet.csv", cwd=tmp_path)
+    words = ["data=carpet", "data.mass=0.0364", f"data.shape={SHAPE}"]
+    with pytest.raises(DataError, match=r"trial 'Wed/2' has no row after contact: add it, or leave") as caught:
+        load_data(SourceSettings.from_config(compose("train", words)))
+    (way,) = re.findall(r"data\.correct=\S+\]", str(caught.value))
+    assert len(load_data(SourceSettings.from_config(compose("train", [*words, way]))).impacts) == 5
+
+
+def test_a_setting_that_is_left_out_is_asked_for_with_its_file_and_choices(tmp_path):
+    names = ["time", *(f"{name}_{body}" for body in ("red", "blue") for name in ("x", "y", "theta"))]
+    header(tmp_path / "pucks.csv", *names)
+    run("contactlearn", "init", "pucks.csv", "--name", "two", cwd=tmp_path)
+    (tmp_path / "other.yaml").write_text("_target_: contactlearn.data.tracks.load\npath: other.csv\nbody: ???\n")
+    words = ["impacts", "data=two", "data.mass=0.1", "data.shape={kind: disc, radius: 0.03}", "-o", "a.csv"]
+    said = run("contactlearn", *words, cwd=tmp_path, status=2)
+    wanted = "data.body=…, or in two.yaml; data.body is red or blue, in names of columns"
+    assert said == f"error: data.body must be given: {wanted}\n"

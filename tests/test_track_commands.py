@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
 from contactlearn.mechanics.rigid_body import contact_velocity
 from contactlearn.mechanics.shapes import Ellipse
-from contactlearn.report.text.tracks import tracks_facts
+from contactlearn.report.text.tracks import tracks_facts, tracks_headline, tracks_summary
 from contactlearn.simulation import recordings
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, MASS, SEMI_AXES, simulate, write_recordings
@@ -308,3 +309,51 @@ def test_recordings_with_one_flight_each_say_how_they_must_go_on(tmp_path, ends,
     assert said.count("\n") == 1
     assert f"no impact in 10 recordings: each has one free flight, and {message}" in said
     assert f"8 frames or more {'after' if ends else 'before'} contact" in said
+
+
+@pytest.mark.parametrize(("rate", "wanted"), [(25, "film at"), (600, None)])
+def test_flights_of_few_frames_say_how_fast_to_film(tmp_path, rate, wanted):
+    """Bodies that fall from 20 cm and bounce once, filmed too slowly; or a clock that runs too fast."""
+    rng, rows = np.random.default_rng(5), []
+    for k in range(12):
+        t = np.arange(rng.uniform(0, 0.04), 0.5, 0.04)
+        fall = (2 * 0.2 / 9.81) ** 0.5
+        bounce = 0.4 * 9.81 * fall
+        y = np.where(t < fall, 0.2 - 4.905 * t**2, np.maximum(bounce * (t - fall) - 4.905 * (t - fall) ** 2, 0))
+        y = 0.03 + y + 3e-4 * rng.normal(size=len(t))
+        rows += [(k, i / rate, 0.2 * t[i], y[i], 1 + 2 * t[i]) for i in range(len(t))]
+    pd.DataFrame(rows, columns=["recording", "time", "x", "y", "theta"]).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(DataError, match="no free flight is seen") as caught:
+        found_in(tmp_path / "a.csv")
+    if wanted is None:
+        assert "check that frames are 0.001667 s apart" in str(caught.value)
+    else:
+        assert re.search(
+            r"flights have about [4-6] frames at 25 frames a second .*, and 11 are needed", str(caught.value)
+        )
+        assert re.search(r"film at (50|60|70) frames a second or more, or let the body fall", str(caught.value))
+
+
+def test_small_errors_are_no_zero_and_a_star_is_explained(plain):
+    _, found = plain
+    told = tracks_summary(found, Path("a.csv"), Path("b.csv"))
+    assert re.search(r"± [\d.]+ mm/s \([\d.]+\s% of them\), written to", told[0])
+    assert not any(" *, from" in line or line.startswith("  * ") for line in told)
+    exact = replace(found, impacts=found.impacts.replace(v_pre_cov=1e-8 * found.impacts.v_pre_cov))
+    assert re.search(r"± [\d.e−]+ mm/s$", tracks_headline(exact))
+    gravity = replace(found.impacts.apparatus.gravity, value=9.7, error=0.01)
+    off = replace(found, impacts=found.impacts.replace(apparatus=replace(found.impacts.apparatus, gravity=gravity)))
+    told = "\n".join(tracks_summary(off, Path("a.csv"), Path("b.csv")))
+    assert re.search(
+        r"assumed 9\.81.* \*, from[^*]*\n  \* differs from what is assumed or stated by more than three", told
+    )
+
+
+def test_each_part_between_flights_is_a_contact_or_refused(plain):
+    """Before the first flight, between two, and behind the last one, where recordings end in the middle of a bounce."""
+    parts = 0
+    for one in plain[1].searched.values():
+        inner, outer = len(one.flights) - 1, [one.flights[0].first > 0, one.flights[-1].last < len(one.track) - 1]
+        assert len(one.contacts) + len(one.refusals) == inner + sum(outer)
+        parts += sum(outer)
+    assert parts  # of which the ends are some

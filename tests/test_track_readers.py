@@ -15,6 +15,8 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data import table
+from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.headers import propose, stated_by_header
 from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
@@ -886,12 +888,33 @@ def test_a_pickle_is_never_opened(name, tmp_path):
             use(tmp_path / name)
 
 
-def test_images_of_two_cameras_are_to_be_triangulated(tmp_path):
-    path = tmp_path / "two.csv"
-    path.write_text("frame,cam1_x,cam1_y,cam2_x,cam2_y\n" + "".join(f"{k},1,2,3,4\n" for k in range(30)))
-    for use in (propose, stated_by_header):
-        with refused(["has images of cameras cam1, cam2", "triangulate x, y and z first", "data.body=cam1"]):
+@pytest.mark.parametrize(
+    ("names", "cameras"),
+    [
+        ("frame,cam1_x,cam1_y,cam2_x,cam2_y", "cam1, cam2"),
+        ("t,cam1_u,cam1_v,cam2_u,cam2_v", "cam1, cam2"),
+        ("time,left_x_px,left_y_px,right_x_px,right_y_px", "left, right"),
+        ("t,u1,v1,u2,v2", "1, 2"),
+        ("t,cam_front_x,cam_front_y,cam_side_x,cam_side_y", "camfront, camside"),
+        ("t,u_camA,v_camA,u_camB,v_camB", "cama, camb"),
+    ],
+)
+def test_images_of_two_cameras_are_to_be_triangulated(tmp_path, names, cameras):
+    path, (_, across, down, *_) = tmp_path / "two.csv", names.split(",")
+    path.write_text(f"{names}\n" + "".join(f"{k},1,2,3,4\n" for k in range(30)))
+    for use in (propose, stated_by_header, lambda file: table.load(file, {"kind": "sphere", "radius": 0.03})):
+        with refused([f"has images of cameras {cameras}", "triangulate x, y and z first", f"[{across}, {down}]"]):
             use(path)
+
+
+def test_positions_and_velocities_are_no_images():
+    """Of bodies, of markers, in space, or before (u) and after (v) an impact."""
+    assert not images_of_cameras(["t", "x1", "y1", "x2", "y2"])
+    assert not images_of_cameras(["trial", "u1", "v1", "u2", "v2"])
+    assert not images_of_cameras(["t", "left_x", "left_y", "left_z", "right_x", "right_y", "right_z"])
+    assert not images_of_cameras(["t", "u_px", "v_px"])
+    assert not images_of_cameras(["t", "left_hand_x", "left_hand_y", "right_hand_x", "right_hand_y"])
+    assert not images_of_cameras(["t", "red_x", "red_y", "blue_x", "blue_y"])
 
 
 @pytest.mark.parametrize("kind", ["npz", "npy", "pt", "mat", "h5", "iam.h5"])

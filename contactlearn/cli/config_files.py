@@ -257,7 +257,7 @@ def check_choices(words: list[str], command: str) -> None:
             if name != "null" and name not in choices(group):
                 absent = group == "data" and not suggest(name, choices(group), _MISTYPED)
                 hint = f": no file {name}.yaml is in this folder; `contactlearn init FILE --name {name}` writes it"
-                raise UnknownNameError(group, name, choices(group), hint if absent else "")
+                raise UnknownNameError(group, name, () if absent else choices(group), hint if absent else "")
             if group == "experiment" and name not in ("null", *experiments(command)):
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")

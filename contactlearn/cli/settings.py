@@ -11,6 +11,7 @@ run.  Laws and effects of the user's own are tried on a few drops; a class that 
 """
 
 import inspect
+import re
 import traceback
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -29,7 +30,7 @@ from torch import Tensor
 
 from contactlearn import laws
 from contactlearn.cli.checkpoints import TrainedModel, load_model, load_models
-from contactlearn.cli.config_files import BEST, NAME, UNUSED, choices, shipped_settings, without_hydra
+from contactlearn.cli.config_files import BEST, NAME, UNUSED, choices, own_data, shipped_settings, without_hydra
 from contactlearn.cli.config_security import leaf_values
 from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import usable_cores
@@ -139,10 +140,28 @@ class SourceSettings:
             ContactLearnError: naming all of them.
         """
         if self.missing:
+            file, comments = self._file_of_user()
+            where = f"{file}" if file else "the file NAME.yaml of data=NAME, which contactlearn init writes"
+            said = "".join(f"; {name} is {comments[name]}" for name in self.missing if name in comments)
             raise ContactLearnError(
-                f"{', '.join(self.missing)} must be given: {self.missing[0]}=…, or in the file NAME.yaml of data=NAME, "
-                "which contactlearn init writes"
+                f"{', '.join(self.missing)} must be given: {self.missing[0]}=…, or in {where}{said}"
             )
+
+    def _file_of_user(self) -> tuple[str, dict[str, str]]:
+        """The file of settings in the working directory with this path, and what it says of names in the data file."""
+        files = {
+            file: file.read_text(encoding="utf-8", errors="replace") for file in own_data().values() if file.is_file()
+        }
+        line = re.compile(rf"^path: [\"']?{re.escape(str(self.options.get('path')))}[\"']?\s*(?:#|$)", re.MULTILINE)
+        matching = [file for file, text in files.items() if line.search(text)]
+        if len(matching) != 1:  # several files of settings may have one path
+            return "", {}
+        (file,) = matching
+        asked = {
+            name.rpartition(".")[2]: name for name in self.missing if name.endswith(".body") or ".columns." in name
+        }
+        comments = re.findall(r"^ *(\w+): \?\?\? *# *(.*\S)", files[file], re.MULTILINE)
+        return file.name, {asked[key]: comment for key, comment in comments if key in asked}
 
 
 def plain_values(part: DictConfig) -> dict[str, Any]:

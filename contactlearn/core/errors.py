@@ -35,7 +35,8 @@ class UnknownNameError(ContactLearnError):
     def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = ""):
         known = list(known)
         self._arguments = (kind, name, known, hint)
-        super().__init__(f"unknown {kind} {name!r}{hint or suggest(name, known)}; known: {', '.join(known)}")
+        listed = f"; known: {', '.join(known)}" if known else ""
+        super().__init__(f"unknown {kind} {name!r}{hint or suggest(name, known)}{listed}")
 
     def __reduce__(self):  # so that it can come back from a worker process
         return type(self), self._arguments

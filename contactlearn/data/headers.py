@@ -12,6 +12,7 @@ from typing import Any
 
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.data import table
+from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
     JSON,
@@ -46,6 +47,7 @@ from contactlearn.data.table.columns import (
     trial_column,
 )
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -139,12 +141,6 @@ def propose(path: Path) -> FileContents:
     frames, markers = recognise(header, _frame_units()), _markers(header)
     _refuse_sensors(first, header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
-    cameras = [name for name in bodies if re.match(r"(?:cam|kamera|view|left|right|links|rechts)", name, re.IGNORECASE)]
-    if len(cameras) > 1 and not {"z", "qw"} & {one for names in bodies.values() for one in names.values()}:
-        raise DataError(
-            f"{first}: has images of cameras {', '.join(cameras)}: calibrate them and triangulate x, y and z first; "
-            f"or, of motion across the view, use one, data.body={cameras[0]} data.unit=…, the size of a pixel in m"
-        )
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in header)], _frame_units())
@@ -156,6 +152,8 @@ def propose(path: Path) -> FileContents:
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
+    if why := refusal_of_cameras(header):
+        raise DataError(f"{first}: {why}")
     posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
     if posed and first.suffix.lower() not in RECORDING_SUFFIXES:
         raise DataError(
@@ -175,6 +173,8 @@ def propose(path: Path) -> FileContents:
     timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
     if timed and frames.others:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
+    if why := refusal_of_several(header):
+        raise DataError(f"{first}: {why}")
     if hint := _computable(header):
         raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
     raise DataError(

@@ -54,7 +54,8 @@ def write_settings(path: Path, name: str | None) -> str:
         else []
     )
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
-    lines.append(f"then     contactlearn audit data={word}, and data={word} on every command in this folder")
+    first = f"contactlearn impacts data={word} -o impacts.parquet, " if contents.source == "tracks" else ""
+    lines.append(f"then     {first}contactlearn audit data={word}, and data={word} on every command in this folder")
     return "\n".join(lines)
 
 

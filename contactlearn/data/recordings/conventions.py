@@ -53,6 +53,8 @@ _ACCELERATION_SIGMAS = 8.0  # standard deviations of an acceleration that is not
 _DISTINCT_SIGMAS = 6.0  # standard errors between rest and flight in a window that can distinguish them
 _SAME_ACCELERATION = 0.05  # relative distance of accelerations that are the same
 _MAX_CANDIDATES = 300
+_BENT_SHARE = 0.6  # of second differences with one sign, from which on flights are seen: noise has half of them
+_SHORTEST_FLIGHT = 0.05  # s: 3 mm high, between two bounces; less is noise
 _ROUNDS = 4
 
 
@@ -128,11 +130,58 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         for best in agree[np.argsort(-explained, kind="stable")]:
             if best.sum() >= NEEDED.windows_of_gravity and (found := _shared(motions, best, drag)) is not None:
                 return found
-    raise DataError(
-        f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; check "
-        f"that frames are {mean_step(recordings[0].time):.4g} s apart (time stamps, data.rate), and that the body "
-        f"flies for {_DURATION:g} s or longer"
+    step = mean_step(recordings[0].time)
+    why = _few_frames(recordings, step) or (
+        f"check that frames are {step:.4g} s apart (time stamps, data.rate), and that the body flies for "
+        f"{_needed(step) * step:.2g} s or longer"
     )
+    raise DataError(
+        f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; {why}"
+    )
+
+
+def _window(step: float) -> int:
+    """Frames of a window."""
+    return int(np.clip(round(_DURATION / step), _NARROWEST, _WIDEST))
+
+
+def _needed(step: float) -> int:
+    """Frames of a flight that has a window whose neighbours hold one motion too."""
+    frames = _window(step)
+    return frames + 2 * (frames // _EDGE_SHARE)
+
+
+def _few_frames(recordings: Sequence[Recording], step: float) -> str:
+    """How to film flights that have fewer frames than needed; empty if they have enough, or none are seen."""
+    needed, frames = _needed(step), _longest_bent(recordings)
+    lasts = frames * step
+    if not _SHORTEST_FLIGHT < lasts < needed * step:
+        return ""
+    rate = 10 * math.ceil(_needed(_DURATION / _NARROWEST) / lasts / 10)
+    faster = f"film at {rate} frames a second or more, or " if _needed(1 / rate) / rate <= lasts else ""
+    return (
+        f"flights have about {frames:.0f} frames at {1 / step:.4g} frames a second (time stamps, data.rate), and "
+        f"{needed} are needed: {faster}let the body fall from so high that a flight lasts {needed * step:.2g} s"
+    )
+
+
+def _longest_bent(recordings: Sequence[Recording]) -> float:
+    """Frames in a row in which the path bends as it mostly does: the most of a recording, in the median; 0 of none.
+
+    Along gravity most second differences of the position have its sign, and those at contact the other.
+    """
+    bends = [np.diff(one.position[one.seen], 2, axis=0) for one in recordings]
+    bends = [bend for bend in bends if len(bend)]
+    if not bends:
+        return 0.0
+    every = np.concatenate(bends)
+    usual = np.median(every, axis=0)
+    axis = int(np.abs(usual).argmax())
+    alike = np.sign(every[:, axis]) == np.sign(usual[axis])
+    if usual[axis] == 0 or alike.mean() < _BENT_SHARE:
+        return 0.0
+    rows = [np.flatnonzero(np.append(np.append(True, bend[:, axis] * usual[axis] <= 0), True)) for bend in bends]
+    return float(np.median([np.diff(ends).max() + 1 for ends in rows]))
 
 
 def _together(parts: Sequence[_Motions]) -> _Motions:
@@ -193,7 +242,7 @@ def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]
 def _motions(recording: Recording, number: int) -> _Motions:
     """Windows of a recording that hold one motion."""
     time, width = recording.time, recording.position.shape[1]
-    frames = int(np.clip(round(_DURATION / np.median(np.diff(time))), _NARROWEST, _WIDEST))
+    frames = _window(float(np.median(np.diff(time))))
     if len(time) < frames or not recording.seen.any():
         none = np.zeros((0, width))
         return _Motions(acceleration=none, error=none[:, 0], velocity=none, flight=none[:, 0])

@@ -20,6 +20,7 @@ from difflib import SequenceMatcher
 from itertools import product
 
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
+from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
     NAMES,
     Recognised,
@@ -29,6 +30,7 @@ from contactlearn.data.table.names import (
     recognise,
     unit_in,
 )
+from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.apparatus import APPLIED, PAIRS, PROPERTIES, Apparatus, Estimate
@@ -248,7 +250,8 @@ def name_columns(
     free = [column for column in every if column not in known_elsewhere and column not in names]
     slips = _slips(unused, needed, free)
     if slips or needed:
-        why = _doubtful(known, needed) or _missing(space, slips, needed, unused, computed)
+        why = refusal_of_cameras(cells.header) or refusal_of_several(cells.header) or _doubtful(known, needed)
+        why = why or _missing(space, slips, needed, unused, computed)
         raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index

@@ -35,7 +35,7 @@ from contactlearn.data.table.names import (
     unit_in,
 )
 from contactlearn.data.table.reshaped import by_component, by_trial
-from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -137,7 +137,8 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
         if len(pair) < 2 and not cells.gaps:
             row = next(iter(pair.values())) + 1
             lacking = _said(next(time for time in ("pre", "post") if time not in pair))
-            raise DataError(f"{cells.path}: row {row}, trial {trial!r} has no row {lacking} contact", row=row)
+            few = f"row {row}, trial {trial!r} has no row {lacking} contact"
+            raise DataError(f"{cells.path}: {few}: add it, or {LEAVE_OUT}", row=row)
     before, after = ([pair.get(time) for pair in rows.values()] for time in ("pre", "post"))
     either = [min(pair.values()) for pair in rows.values()]
     whole = [(pair["pre"], pair["post"]) for pair in rows.values() if len(pair) == 2]

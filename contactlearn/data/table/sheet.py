@@ -19,7 +19,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, written_in
 from contactlearn.data.table.names import name_words
 
-_LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
+LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
+"""A way out that ends a message about a missing number or row."""
 _MORE_THAN_NUMBERS = re.compile(r"[^\d.,eE+\-\n ]")
 Cells = list[Any] | np.ndarray
 """One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
@@ -178,7 +179,7 @@ def _number(cell: Any, numerals: Numerals) -> float:
     """The number in a cell; the message of its ValueError ends a sentence."""
     if is_missing(cell):
         seen = f"got {cell.strip()}" if isinstance(cell, str) and cell.strip() else "the cell is empty"
-        raise ValueError(f"{seen}: fill it in or {_LEAVE_OUT}")
+        raise ValueError(f"{seen}: fill it in or {LEAVE_OUT}")
     # float() alone would also take True, "1_000" and other things that are not measurements.
     if isinstance(cell, bool) or not isinstance(cell, str | int | float | Decimal) or "_" in str(cell):
         raise ValueError(f"got {cell!r}")
@@ -191,5 +192,5 @@ def _number(cell: Any, numerals: Numerals) -> float:
             hint = f": a decimal comma? write {cell.strip().replace(',', '.')}"
         raise ValueError(f"got {cell!r}{hint}") from None
     if not math.isfinite(value):
-        raise ValueError(f"got {cell}: {_LEAVE_OUT}")
+        raise ValueError(f"got {cell}: {LEAVE_OUT}")
     return value

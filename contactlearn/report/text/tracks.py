@@ -16,6 +16,11 @@ from contactlearn.report.text.numbers import percent
 
 _OF_THE_BODY = ("inertia", "corner", "oblong")  # rows beside which stands the user's shape or inertia
 _SENSES = {"as_read": "turning as the axes do", "mirrored": "turning against the axes, such as clockwise"}
+_STAR = (
+    "  * differs from what is assumed or stated by more than three standard errors; corrected before any fit, unless "
+    "data.correct=[]"
+)
+_LEAST_SHARE = 5e-4  # that is not 0.0 %
 _SLOW = 60.0  # frames a second, below which the rate limits velocities
 
 
@@ -23,6 +28,8 @@ def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
     """Describe what was found and where it was written, line by line."""
     facts = [f"  {name:<8} {words}" for name, words in tracks_facts(tracked)]
     card = ["rig card", *(f"  {row.quantity:<29} {rig_text(row)}" for row in tracked.rig.rows())]
+    if any(row.differs for row in tracked.rig.rows()):
+        card.append(_STAR)
     return [f"{tracks_headline(tracked)}, written to {out}", *facts, *card, *_refused(tracked.survey.refusals, refused)]
 
 
@@ -40,7 +47,8 @@ def tracks_headline(tracked: Tracked) -> str:
         return counts
     error = impacts.v_pre_cov[:, up, up].sqrt().median().item()
     share = error / max(impacts.v_pre[:, up].abs().median().item(), 1e-12)
-    return f"{counts}, normal velocities before contact ± {number(1e3 * error, 2)} mm/s ({percent(share, 1)} of them)"
+    of_them = f" ({percent(share, 1)} of them)" if share >= _LEAST_SHARE else ""
+    return f"{counts}, normal velocities before contact ± {number(1e3 * error, 2)} mm/s{of_them}"
 
 
 def tracks_facts(tracked: Tracked) -> list[tuple[str, str]]:

@@ -1,0 +1,43 @@
+"""Tables with the impacts of several bodies in a row: red_vx_before, blue_vx_before, red_vx_after, blue_vx_after."""
+
+import json
+import re
+from collections.abc import Sequence
+
+from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.mechanics.space import PLANE
+
+_NEEDED = ("vx", "vy", "vx_post", "vy_post")
+_BETWEEN = re.compile(r"[\W_]+")
+
+
+def refusal_of_several(header: Sequence[str]) -> str:
+    """Return how to choose one of several bodies whose impacts share each row; empty of a table of any other kind."""
+    bodies = _bodies_in_row(header)
+    if len(bodies) < 2:
+        return ""
+    (first, columns), *_ = bodies.items()
+    mapped = ", ".join(
+        f"{ours}: {name if name.isidentifier() else json.dumps(name, ensure_ascii=False)}"
+        for ours, name in columns.items()
+    )
+    return (
+        f"each row has the impacts of {len(bodies)} bodies, {', '.join(bodies)}; choose one, for {first} "
+        f"'data.columns={{{mapped}}}', or write a row for each body, with its name in a column object"
+    )
+
+
+def _bodies_in_row(header: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Names of columns by ours, of each word without which some names are those of a whole table of impacts."""
+    parts = {name: [part for part in _BETWEEN.split(name) if part] for name in header}
+    bodies = dict[str, dict[str, str]]()
+    for word in dict.fromkeys(part for split in parts.values() for part in split):
+        without = {
+            "_".join(part for part in split if part != word): name for name, split in parts.items() if word in split
+        }
+        known = recognise([*without], impact_vocabulary(PLANE))
+        if {*_NEEDED} <= {*known.names}:
+            bodies[word] = {ours: without[name] for ours, name in known.names.items()}
+    whole = [*bodies.values()]
+    apart = all(not {*one.values()} & {*other.values()} for k, one in enumerate(whole) for other in whole[:k])
+    return bodies if apart else {}
