@@ -23,8 +23,12 @@ from contactlearn.mechanics.space import BOTH
 COMMENT = ("#", "%", "//", "!")
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
+_MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
 _MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+WIDE = "  "
+"""The separator of columns that two or more blanks part, so that one blank is a part of a cell."""
+_BLANKS = re.compile(r"[ \t]*(?:\t| {2})[ \t]*")
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
 _MISSING = frozenset(
@@ -36,7 +40,8 @@ _GROUPS = re.compile(
 )
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][-+]?\d+)?")
 _FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]?\d+$)")
-_SPACES = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ") | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
+_BLANK = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ")
+_SPACES = _BLANK | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
 _STARS = " *\t\r\n\f\v\u00a0"  # a number that is too long for its field in Fortran is stars
 _MARKS = re.compile(r"(?<=[\d.,])\s*[*†‡§¶#ªº¹²³ᵃᵇᶜ]+$")
 _ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
@@ -143,7 +148,9 @@ class Dialect:
 
     def read_as(self) -> tuple[str, ...]:
         """Return what differs from a table as `save` writes it, in words."""
-        parts = [] if self.separator == "," else [_SEPARATORS[self.separator]]
+        parts = (
+            [] if self.separator == "," else [_SEPARATORS.get(self.separator, "columns parted by two or more blanks")]
+        )
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
         parts += [] if self.encoding.startswith("utf-8") else [{"cp1252": "Windows-1252"}.get(self.encoding, "UTF-16")]
@@ -225,6 +232,8 @@ def _encoding(path: Path, head: bytes) -> str:
 
 def csv_rows(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line and cells of every row that is not blank; csv.Error with the line where quotes are wrong."""
+    if separator == WIDE:
+        lines, separator = (_BLANKS.sub("\t", line.translate(_BLANK).strip()) + "\n" for line in lines), "\t"
     reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
     try:
         for cells in reader:
@@ -263,7 +272,20 @@ def _separator(path: Path, text: str) -> str:
     if len(best) > 1 and shares[best[1]] > 0.9 * shares[best[0]]:
         readings = " or ".join(f"{_SEPARATORS[one]} ({len(_rows(text, one)[-1])} columns)" for one in best[:2])
         raise DataError(f"{path}: columns may be separated by {readings}; write it with one of them only")
-    return best[0]
+    return WIDE if best[0] == " " and _is_wide(text) else best[0]
+
+
+def _is_wide(text: str) -> bool:
+    """Whether two or more blanks part columns: more rows are of one width then, and no fewer of their cells numbers."""
+    shares, counts = list[float](), list[int]()
+    for separator in (" ", WIDE):
+        rows = _rows(text, separator)
+        widths = [len(row) for row in rows]
+        width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+        cells = [cell for row in rows if len(row) == width for cell in row if not is_missing(cell)]
+        shares.append(sum(written_in(cell) is not None for cell in cells) / max(len(cells), 1) if width > 1 else 0)
+        counts.append(widths.count(width))
+    return counts[1] > counts[0] and shares[1] >= _MIN_SHARE * shares[0]
 
 
 def is_numeral(cell: Any) -> bool:

@@ -51,7 +51,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                 pass
             first, numeric = 0, None
             while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
-                kept = impactful(block, dialect.header, aligned=dialect.separator == " ", numeric=numeric)
+                kept = impactful(block, dialect.header, aligned=not dialect.separator.strip(" "), numeric=numeric)
                 numeric = kept.numeric
                 cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
