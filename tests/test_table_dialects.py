@@ -1040,3 +1040,23 @@ def test_an_index_says_before_and_after_where_both_stand(frame, names):
     assert "vx_post" not in known  # without ω2, the indices may be of something else
     of_bodies = recognise(["m1", "m2", *names], impact_vocabulary(PLANE)).names
     assert "vx_post" not in of_bodies or "1" not in "".join(names)
+
+
+def test_output_of_fortran(tmp_path, frame):
+    names, path = [*COLUMNS], tmp_path / "fort21.dat"
+    rows = ["".join(f"{x * (1 if name in ('theta', 'omega', 'omega_post') else 100):14.6E}".replace("E", "D")
+                    for name, x in zip(names, row, strict=True)) for row in frame.to_numpy().tolist()]  # fmt: skip
+    rows[4] = rows[4][:-14] + 14 * "*"
+    above = [
+        "C     DROPS OF 1988   M=0.0364 KG",
+        "C     CGS UNITS: CM, CM/S, RAD, RAD/S",
+        "C   N " + " ".join(names).upper(),
+    ]
+    path.write_text("\n".join([*above, *(f"{k:5}{row}" for k, row in enumerate(rows, 1))]), "ascii")
+    found = table.read(path, **BODY, drop_incomplete=True)
+    np.testing.assert_allclose(numbers(found.impacts), frame.drop(index=4), rtol=1e-6)
+    assert found.impacts.incomplete == ("5",)
+    assert "names in the last comment" in found.read_as
+    path.write_text(path.read_text().replace("C   N X", "C   N X 2"))
+    with refused(["row 1 (line 2)", "C DROPS OF 1988"]):
+        table.read(path, **BODY)

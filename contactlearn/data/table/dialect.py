@@ -43,6 +43,8 @@ _FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]?\d+$)")
 _BLANK = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ")
 _SPACES = _BLANK | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
 _STARS = " *\t\r\n\f\v\u00a0"  # a number that is too long for its field in Fortran is stars
+_GLUED = re.compile(r"(?<=[\d.])(?=\*{4})|(?<=\*{4})(?=[-+\d.])")  # fields of Fortran, which are as wide as numbers
+_MARK = re.compile(r"[Cc*](?=\s)")
 _MARKS = re.compile(r"(?<=[\d.,])\s*[*†‡§¶#ªº¹²³ᵃᵇᶜ]+$")
 _ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
 _POWER = re.compile(r"\s*[×x·*]\s*10\s*(?:(?:\^|\*\*)\s*([-+]?\d+)|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))(?=\D*$)")
@@ -179,7 +181,9 @@ def sniffed(path: Path) -> Dialect:
     lines = [*io.StringIO(text, newline="")]
     lines = lines if whole else lines[:-1]
     above = _comments_above(lines)
-    comments = [line for line in lines[:above] if line.strip()]
+    fortran = _fortran_comments(lines[above:])
+    above += fortran
+    comments = [_MARK.sub("", line) if fortran else line for line in lines[:above] if line.strip()]
     body = "".join(lines[above:])
     separator = _separator(path, body)
     rows = _rows(body, separator)
@@ -213,6 +217,17 @@ def _comments_above(lines: Sequence[str]) -> int:
     return len(lines)
 
 
+def _fortran_comments(lines: Sequence[str]) -> int:
+    """The number of lines, at the top, that are comments of Fortran: the last of them names the columns below it.
+
+    A column may be called C: then that line has as many names as the numbers below it.
+    """
+    count = next((k for k, line in enumerate(lines) if line.strip() and not _MARK.match(line)), 0)
+    names = next((_MARK.sub("", line) for line in reversed(lines[:count]) if line.strip()), "")
+    first = _rows("".join(lines[count : count + 1]), " ")
+    return count if names and first and is_numeric(first[0]) and len(names.split()) == len(first[0]) else 0
+
+
 def _encoding(path: Path, head: bytes) -> str:
     """The encoding of a file: that of its byte-order mark, UTF-8, or what Windows writes in Western Europe."""
     for mark, name in _BYTE_ORDER_MARKS.items():
@@ -234,6 +249,8 @@ def csv_rows(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[s
     """Yield line and cells of every row that is not blank; csv.Error with the line where quotes are wrong."""
     if separator == WIDE:
         lines, separator = (_BLANKS.sub("\t", line.translate(_BLANK).strip()) + "\n" for line in lines), "\t"
+    elif separator == " ":
+        lines = (_GLUED.sub(" ", line) for line in lines)
     reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
     try:
         for cells in reader:

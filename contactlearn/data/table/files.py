@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a prime
 _ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
+_SHOWN = 60  # letters of a header, in errors
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
 
@@ -75,9 +76,11 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
     if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
         return cells[: len(header)]
     hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
+    taken = " ".join(header)
+    taken = taken if len(taken) <= _SHOWN else f"{taken[:_SHOWN]}…"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
-    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)}; {hint}"
+    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)} ({taken!r}); {hint}"
     raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
 
 
