@@ -1060,3 +1060,12 @@ def test_output_of_fortran(tmp_path, frame):
     path.write_text(path.read_text().replace("C   N X", "C   N X 2"))
     with refused(["row 1 (line 2)", "C DROPS OF 1988"]):
         table.read(path, **BODY)
+
+
+def test_the_height_of_a_known_shape_needs_no_column(frame):
+    there = frame.drop(columns=["x", "y"]).assign(**{"Drop height [m]": 1.0})
+    found = table.read(there, **BODY)
+    assert {"r", "height"} <= {*found.computed} and found.unused == ("Drop height [m]",)
+    torch.testing.assert_close(found.impacts.q[:, 1], -found.impacts.r[:, 1])
+    with refused(["missing column y"]):
+        table.read(there.assign(rx=0.0, ry=-0.03), **BODY)
