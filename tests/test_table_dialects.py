@@ -1065,7 +1065,38 @@ def test_output_of_fortran(tmp_path, frame):
 def test_the_height_of_a_known_shape_needs_no_column(frame):
     there = frame.drop(columns=["x", "y"]).assign(**{"Drop height [m]": 1.0})
     found = table.read(there, **BODY)
-    assert {"r", "height"} <= {*found.computed} and found.unused == ("Drop height [m]",)
+    assert {"r", "height"} <= {*found.computed}
+    assert found.unused == ("Drop height [m]",)
     torch.testing.assert_close(found.impacts.q[:, 1], -found.impacts.r[:, 1])
     with refused(["missing column y"]):
         table.read(there.assign(rx=0.0, ry=-0.03), **BODY)
+
+
+@pytest.mark.parametrize("name", ["COR", "restitution coefficient (%)", "e_n"])
+def test_a_drop_height_and_a_coefficient_of_restitution_are_bounces(tmp_path, name):
+    rows = [(40, 38.2, 21.5), (100, 47.8, 45.7), (20, 34.2, 20.7)]
+    e = "{:.3f}" if name == "e_n" else "{:.1f}" if "%" in name else "{:.1f}%"
+    scale = 0.01 if name == "e_n" else 1
+    lines = [f'#{k},"{h}""",{t} °C,{e.format(scale * c)}' for k, (h, c, t) in enumerate(rows, 1)]
+    path = tmp_path / "squash.csv"
+    path.write_text("\n".join([f"Ball,Drop height,Temp.,{name}", *lines]), "utf-8")
+    found = table.read(path, **BALL, covariates=["Temp."])
+    speed = np.sqrt(2 * GRAVITY * 0.0254 * np.array([h for h, *_ in rows]))
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1].numpy(), -speed, rtol=ROUNDING)
+    np.testing.assert_allclose(found.impacts.v_post[:, 1].numpy(), [c / 100 for _, c, _ in rows] * speed, rtol=ROUNDING)
+    assert found.impacts.covariates["temp"].tolist() == [t for *_, t in rows]
+    assert {"'Temp.' in °C, as its cells say", "'Drop height' in in, as its cells say"} <= {*found.read_as}
+    assert propose(path).source == "table"
+    path.write_text(path.read_text("utf-8").replace("%", ""), "utf-8")
+    if name == "COR":
+        with refused(["'COR' is up to 47.8", "per cent", "no ratio of heights"]):
+            table.read(path, **BALL)
+
+
+def test_numbers_that_cannot_be_groups_are_no_covariate(frame):
+    there = frame.assign(temperature=[f"{20 + k} °C" for k in range(len(frame))])
+    assert table.load(there, **BODY, covariates=["temperature"]).covariates["temperature"][1].item() == 21
+    with refused(["'temperature' has 30 names in 30 rows", "20 °C warm"]):
+        table.read(
+            there.assign(temperature=there.temperature + [" warm", " cold"] * 15), **BODY, covariates=["temperature"]
+        )

@@ -45,7 +45,7 @@ from contactlearn.data.table.columns import (
     required_in,
     trial_column,
 )
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.names import COEFFICIENTS, Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -59,7 +59,6 @@ _SHAPE = (
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
 _FLIGHT = re.compile(r"(?:time|t|dt|interval|flight|zeit|temps|tiempo|tempo) ?\d+( m?s)?")
-_COEFFICIENTS = {"en", "et", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution"}
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
@@ -219,7 +218,7 @@ def _computable(header: Sequence[str]) -> str:
             f"are {', '.join(map(repr, times))} times between bounces? A body is in flight for t = 2 v/g: write a row "
             "a bounce, with v_in = g t/2 of the flight before it and v_out = g t/2 of that after it, in m/s"
         )
-    coefficients = [name for name in header if "".join(name_words(name)) in _COEFFICIENTS]
+    coefficients = [name for name in header if "".join(name_words(name)) in {*COEFFICIENTS, "et"}]
     if coefficients:
         return (
             f"the coefficients {', '.join(map(repr, coefficients))} give those after it: add vy_post = −e_n vy along "

@@ -48,6 +48,8 @@ _MARK = re.compile(r"[Cc*](?=\s)")
 _MARKS = re.compile(r"(?<=[\d.,])\s*[*†‡§¶#ªº¹²³ᵃᵇᶜ]+$")
 _ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
 _POWER = re.compile(r"\s*[×x·*]\s*10\s*(?:(?:\^|\*\*)\s*([-+]?\d+)|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))(?=\D*$)")
+_QUANTITY = re.compile(r"(?P<number>[-+]?[\d.,]*\d[.,]?)\s*(?P<unit>[^\d\s.,+\-±(].*)")
+_INCHES = re.compile(r"(?<=[\d.,])\s*(?:[\"″”]|'')$")
 _UNIT_AFTER = re.compile(r"(?P<number>.*[\d.,])\s*(?P<unit>(?:[^\W\d]|°).*)")
 
 
@@ -67,7 +69,7 @@ class Written:
 
 def written_in(text: str) -> Written | None:
     """Return the number in a cell with a unit, an error, a mark of a footnote or a power of ten; None without one."""
-    plain, unit, beside = text.strip().translate(_SPACES), "", list[str]()
+    plain, unit, beside = _INCHES.sub(" in", text.strip().translate(_SPACES)), "", list[str]()
     plain = _POWER.sub(lambda power: "e" + normalize("NFKC", power[1] or power[2]).replace("\u2212", "-"), plain)
     for rule, said in ((_MARKS, "marks of footnotes"), (_ERROR, "errors (±)")):
         if (shorter := rule.sub("", plain)) != plain:
@@ -76,6 +78,18 @@ def written_in(text: str) -> Written | None:
     if not is_numeral(plain) and (parts := _UNIT_AFTER.fullmatch(plain)) and is_unit(parts["unit"]):
         plain, unit = parts["number"], parts["unit"].strip()
     return Written(number=plain, unit=unit, beside=tuple(beside)) if is_numeral(plain) else None
+
+
+def with_one_unit(cells: Sequence[Any]) -> tuple[list[Any], str] | None:
+    """Return the numbers of a column all of whose cells have a number and one unit, whatever it is, and the unit."""
+    numbers, units = list[Any](), set[str]()
+    for cell in cells:
+        parts = _QUANTITY.fullmatch(cell.strip().translate(_SPACES)) if isinstance(cell, str) else None
+        if parts is None and not is_missing(cell):
+            return None
+        numbers.append(parts["number"] if parts else None)
+        units |= {parts["unit"].strip()} if parts else set()
+    return (numbers, units.pop()) if len(units) == 1 else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,8 @@ _WORDS = {
     **dict.fromkeys(("zeit", "temps", "tiempo", "tempo"), "time"),
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova"), "trial"),
 }  # fmt: skip
+COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
+"""Names of a coefficient of restitution along the normal."""
 SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
 """Words for what a body hits, in names of columns."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, written_in
+from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, with_one_unit, written_in
 from contactlearn.data.table.names import name_words
 
 _LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
@@ -131,6 +131,16 @@ class Sheet:
             said += [f"{name!r} without {' and '.join(beside)}"] if beside else []
             said += [f"{name!r} in {unit}, as its cells say"] if unit else []
         return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
+
+    def measured(self, names: Collection[str]) -> "Sheet":
+        """Return the sheet with plain numbers in some columns, if all their cells have one unit, of whatever kind."""
+        columns, said = [*self.columns], list[str]()
+        for name in names:
+            cells = columns[place := self.header.index(name)]
+            if isinstance(cells, list) and (found := with_one_unit(cells)):
+                columns[place], unit = found
+                said.append(f"{name!r} in {unit}, as its cells say")
+        return replace(self, columns=columns, read_as=(*self.read_as, *said))
 
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""
