@@ -1100,3 +1100,18 @@ def test_numbers_that_cannot_be_groups_are_no_covariate(frame):
         table.read(
             there.assign(temperature=there.temperature + [" warm", " cold"] * 15), **BODY, covariates=["temperature"]
         )
+
+
+def test_texts_with_decimal_commas_in_spreadsheets_and_frames(tmp_path, frame):
+    commas = frame.map(lambda x: f"{x!r}".replace(".", ","))
+    commas["theta"] = frame.theta  # a spreadsheet keeps numbers that were typed as its own language has them
+    commas.to_excel(tmp_path / "drops.xlsx", index=False)
+    commas.to_json(tmp_path / "drops.json", orient="records")
+    for source in (tmp_path / "drops.xlsx", tmp_path / "drops.json", commas):
+        np.testing.assert_allclose(numbers(table.load(source, **BODY)), frame, rtol=ROUNDING)
+    assert "decimal commas" in table.read(tmp_path / "drops.xlsx", **BODY).read_as
+    mixed = commas.assign(vy=frame.vy.map(repr), vx=["1,25", "2,25"] * 15)
+    mixed.to_excel(tmp_path / "mixed.xlsx", index=False)
+    for reading in (lambda: table.read(tmp_path / "mixed.xlsx", **BODY), lambda: propose(tmp_path / "mixed.xlsx")):
+        with refused(["column x", "a decimal comma?", "30 rows of the column are like this one"]):
+            reading()

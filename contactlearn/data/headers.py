@@ -153,6 +153,10 @@ def propose(path: Path) -> FileContents:
         if cells is not None and "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
+        if cells is not None:
+            for column, name in impacts.names.items():
+                if column in columns_of(space) and column not in table.NAMES:
+                    replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
     posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})

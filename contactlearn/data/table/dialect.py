@@ -215,7 +215,7 @@ def sniffed(path: Path) -> Dialect:
         header = replace(header, names=named, read_as=(*header.read_as, *said))
     return Dialect(
         encoding=encoding, separator=separator, above=above, comments=len(comments),
-        numerals=_numerals(path, rows[header.rows :]), header=header,
+        numerals=numerals_of(str(path), rows[header.rows :]), header=header,
     )  # fmt: skip
 
 
@@ -333,8 +333,13 @@ def is_numeric(cells: Sequence[Any]) -> bool:
     return bool(present) and 2 * sum(map(is_numeral, present)) >= len(present)
 
 
-def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
-    """The decimal mark and the groups of thousands that the numbers show."""
+def numerals_of(source: str, rows: Sequence[Sequence[Any]]) -> Numerals:
+    """Return the decimal mark and the groups of thousands that the numbers among the texts of some rows show.
+
+    Raises:
+        DataError: they have two readings.
+    """
+    rows = [[cell if isinstance(cell, str) else "" for cell in row] for row in rows]
     marks, grouped, doubtful = set[str](), False, ""
     for cell in (cell.strip().translate(_SPACES) for row in rows for cell in row):
         if not is_numeral(cell) and (written := written_in(cell)):
@@ -355,8 +360,8 @@ def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
         grouped, marks = True, marks | ({*".,"} - thousands)
     if doubtful and not marks:
         raise DataError(
-            f"{path}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a decimal comma, "
-            "and no other number says which; write it with decimal points and without groups of thousands"
+            f"{source}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a comma "
+            "for decimals (no other number says which); write it with decimal points and without groups of thousands"
         )
     return Numerals(decimal="," if marks == {","} else ".", grouped=grouped)
 

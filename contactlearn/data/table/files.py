@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, sniffed
+from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
@@ -28,6 +28,7 @@ _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a
 _ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
 _SHOWN = 60  # letters of a header, in errors
+_NUMERALS = 1000  # rows, at most, in which texts show how numbers are written
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
 
@@ -163,7 +164,10 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
     ]
     read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
-    yield Sheet(path, top.names, columns, [line for line, _ in body.rows], read_as=read_as)
+    numerals = numerals_of(str(path), [row for _, row in body.rows[:_NUMERALS]])
+    read_as += ("decimal commas",) if numerals.decimal == "," else ()
+    lines = [line for line, _ in body.rows]
+    yield Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
 
 
 def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -194,7 +198,9 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
         raise DataError(f"{path}: its records are empty")
-    yield Sheet(path, header, [[record.get(name) for record in records] for name in header])
+    columns: list[Cells] = [[record.get(name) for record in records] for name in header]
+    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
+    yield Sheet(path, header, columns, numerals=numerals)
 
 
 def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
@@ -260,7 +266,8 @@ def sheet_of(frame: "DataFrame") -> Sheet:
         plain = values.dtype.kind in "fiu" and not values.hasnans
         columns.append(values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist())
     names = [" ".join(map(str, name)).strip() if isinstance(name, tuple) else str(name) for name in named.columns]
-    return Sheet("DataFrame", names, columns)
+    texts = [column[:_NUMERALS] for column in columns if isinstance(column, list)]
+    return Sheet("DataFrame", names, columns, numerals=numerals_of("DataFrame", [*zip(*texts, strict=True)]))
 
 
 def write_csv(frames: Iterable["DataFrame"], path: Path) -> None:

@@ -60,12 +60,20 @@ class Sheet:
                 values.append(factor * _number(cell.item() if isinstance(cell, np.generic) else cell, self.numerals))
             except ValueError as error:
                 place = f"row {self.first + row + 1}" + (f" (line {self.lines[row]})" if self.lines else "")
-                missing = sum(map(_is_missing, cells)) if _is_missing(cell) else 1
+                alike = _is_missing if _is_missing(cell) else self._is_no_number
+                missing = sum(map(alike, cells))
                 others = f" ({missing} rows of the column are like this one)" if missing > 1 else ""
                 rule = f"must be a finite number in {unit}; {error}{others}"
                 name = self.written.get(column, column)
                 raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=self.first + row + 1) from None
         return np.array(values, float)
+
+    def _is_no_number(self, cell: Any) -> bool:
+        try:
+            _number(cell.item() if isinstance(cell, np.generic) else cell, self.numerals)
+        except ValueError:
+            return not _is_missing(cell)
+        return False
 
     def place(self, row: int, column: str | None) -> str:
         """Where a row (of the sheet, from 1) is in a text file, and the content of one of our columns there."""
