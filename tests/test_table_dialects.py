@@ -1115,3 +1115,24 @@ def test_texts_with_decimal_commas_in_spreadsheets_and_frames(tmp_path, frame):
     for reading in (lambda: table.read(tmp_path / "mixed.xlsx", **BODY), lambda: propose(tmp_path / "mixed.xlsx")):
         with refused(["column x", "a decimal comma?", "30 rows of the column are like this one"]):
             reading()
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
+    from scipy.io import savemat
+
+    drops, path = synthetic.load(size=30), tmp_path / f"drops{suffix}"
+    arrays = {
+        "mass_g": 1e3 * drops.mass[0].item(), "th": drops.q[:, 2:].numpy(), "vi": drops.v_pre.numpy(),
+        "vf": drops.v_post.numpy(), "contact_mm": 1e3 * drops.r.T.numpy(),
+    }  # fmt: skip
+    savemat(path, {"drops": {**arrays, "comment": "of 1988"}}) if suffix == ".mat" else np.savez(path, **arrays)
+    found = table.read(path, shape=SHAPE, units={"length": "m"})
+    for read, there in ((found.impacts.v_pre, drops.v_pre), (found.impacts.v_post, drops.v_post)):
+        torch.testing.assert_close(read, there, rtol=ROUNDING, atol=0)
+    torch.testing.assert_close(found.impacts.r, drops.r, rtol=ROUNDING, atol=ROUNDING)
+    assert "'vf' holds vx_post, vy_post, omega_post" in found.read_as
+    assert propose(path).source == "table"
+    np.savez(tmp_path / "none.npz", a=np.zeros(3), b=np.zeros(4))
+    with refused(["no table of impacts", "it has a, b", "as CSV"]):
+        table.read(tmp_path / "none.npz", **BODY)

@@ -14,7 +14,6 @@ from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.data import table
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
-    JSON,
     SUFFIXES as RECORDING_SUFFIXES,
     TUM_COLUMNS,
     is_motive,
@@ -122,10 +121,10 @@ def propose(path: Path) -> FileContents:
         DataError: it cannot be read, or is neither.
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
-    cells = _impacts_of_json(first)
+    cells = _impacts_of(first)
     frames = nested_table(first) if cells is None else None
     nested = None if frames is None else [*map(str, frames.columns)]
-    if nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
+    if cells is None and nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
         body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
         unnamed = [one for one in _UNNAMED if one.name != "body" or len(bodies) < 2]
@@ -189,9 +188,9 @@ def propose(path: Path) -> FileContents:
     )
 
 
-def _impacts_of_json(first: Path) -> Sheet | None:
-    """The cells of a JSON file that is a table of impacts, and no recording."""
-    if first.suffix.lower() not in JSON:
+def _impacts_of(first: Path) -> Sheet | None:
+    """The cells of a file of JSON or of arrays that is a table of impacts, and no recording."""
+    if first.suffix.lower() not in table.SHARED:
         return None
     try:
         cells = table.preview(first)

@@ -88,11 +88,14 @@ _READERS = {
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
     **dict.fromkeys((".json", ".jsonl", ".ndjson"), files.read_json),
+    **dict.fromkeys((".mat", ".npz"), files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
 PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
-SUFFIXES = tuple(_READERS)
-"""Of the files that can be read."""
+SHARED = (".json", ".jsonl", ".ndjson", ".mat", ".npz")
+"""Suffixes of files that may be recordings as well."""
+SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in (".mat", ".npz"))
+"""Of the files that are tables first, of those that can be read."""
 
 
 @dataclass(frozen=True, kw_only=True)

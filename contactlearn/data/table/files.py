@@ -8,13 +8,17 @@ come in blocks of rows, so that a file need not fit in memory.
 import csv
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
+import numpy as np
+
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+from contactlearn.data.array_files import loaded
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.data.table.rows import impactful
@@ -232,6 +236,53 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
         else:
             found[str(name)] = value
     return found
+
+
+def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of arrays of MATLAB (.mat) or NumPy (.npz), a row or a column an impact; single numbers hold for all.
+
+    Raises:
+        DataError: the file cannot be read, or its arrays are not of one length.
+    """
+    del rows  # arrays are read as a whole
+    try:
+        content = loaded(path)
+    except (DataError, OSError):
+        raise
+    except Exception as error:  # a damaged file can break the library anywhere
+        raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
+    while (
+        isinstance(content, Mapping) and len(content) == 1 and isinstance(one := next(iter(content.values())), Mapping)
+    ):
+        content = one
+    arrays = {str(name): np.asarray(one) for name, one in content.items()} if isinstance(content, Mapping) else {}
+    arrays = {name: one for name, one in arrays.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    lengths = Counter(max(one.shape) for one in arrays.values() if one.size > 1)
+    size = max(lengths, key=lambda length: (lengths[length], length), default=0)
+    header, columns = list[str](), list[Cells]()
+    for name, one in arrays.items():
+        if one.size == 1:
+            columns.append([one.item()] * size)
+        elif size in one.shape:
+            table = one if one.shape[0] == size else one.T
+            columns.append(table.reshape(size).astype(float) if table.size == size else table.tolist())
+        else:
+            continue
+        header.append(name)
+    if not columns or lengths[size] < 2:
+        seen = ", ".join(map(str, content)) if isinstance(content, Mapping) else "one array"
+        raise DataError(
+            f"{path}: is no table of impacts, which is arrays of one length, a row an impact; it has {seen}; export it "
+            "as CSV with a column for each component, such as vx, vy, omega, vx_post, vy_post, omega_post"
+        )
+    yield Sheet(path, header, [_without_gaps(column) for column in columns])
+
+
+def _without_gaps(column: Cells) -> Cells:
+    """A column in which a number that is missing is an empty cell."""
+    if isinstance(column, list) or np.isfinite(column).all():
+        return column
+    return [value if np.isfinite(value) else None for value in column.tolist()]
 
 
 def _of_impacts(frame: "DataFrame") -> bool:

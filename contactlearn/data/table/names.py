@@ -213,12 +213,52 @@ def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tupl
         sizes: number of components of each column.
         opposite: whether in and out are before and after.
     """
-    found = {name: _components(name, size, opposite=opposite) for name, size in sizes.items()}
+    spelled = {**_indexed_vectors(sizes, opposite=opposite), **_contact(sizes)}
+    found = {name: _components(spelled.get(name, name), size, opposite=opposite) for name, size in sizes.items()}
     in_space = any({"q0", "qw", "wx"} & {*names} for names in found.values()) or bool(
         recognise([*sizes], impact_vocabulary(SPACE)).names.keys() & {"qw", "wx"}
     )
     flat = any("z" in name.split(" ")[0].split("_")[0] for names in found.values() for name in names) and not in_space
+    if (
+        flat
+        and "theta" in recognise([*sizes], impact_vocabulary(PLANE)).names
+        and not any(one.startswith("omega") for names in found.values() for one in names)
+    ):  # velocities of a body in a plane have a spin, and no z
+        return {
+            name: tuple(f"omega{one[2:]}" if one.startswith("vz") else one for one in names)
+            for name, names in found.items()
+            if names and (len(names) != len("xyz") or names[-1] in ("vz", "vz_post"))
+        }
     return {name: names for name, names in found.items() if names and not (flat and len(names) == len("xyz"))}
+
+
+def _indexed_vectors(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, str]:
+    """Names of vectors that an index tells apart, as `_indexed` has them, with words for the times."""
+    for indices in ("12", "if"):
+        found: dict[str, dict[tuple[str, ...], str]] = {index: {} for index in indices}
+        for name, size in sizes.items():
+            for index, words in _without_index(name, indices):
+                if size > 1 and _components(" ".join(words), size, opposite=opposite):
+                    found[index][(*words,)] = name
+                    break
+        before, after = (found[index] for index in indices)
+        if before and before.keys() == after.keys():
+            said = ((before, "before"), (after, "after"))
+            return {name: " ".join((*words, time)) for each, time in said for words, name in each.items()}
+    return {}
+
+
+def _contact(sizes: Mapping[str, int]) -> dict[str, str]:
+    """The name of a contact point, with that of its vector from the centre of mass, where no place is known."""
+    known = recognise([*sizes], impact_vocabulary(PLANE)).names
+    if "x" in known or "rx" in known:
+        return {}
+    words = {name: name_words(name) for name, size in sizes.items() if size in (2, 3)}
+    return {
+        name: " ".join(("r", *(word for word in one[1:] if word != "point")))
+        for name, one in words.items()
+        if one[:1] == ["contact"]
+    }
 
 
 def _components(name: str, size: int, *, opposite: bool) -> tuple[str, ...]:
