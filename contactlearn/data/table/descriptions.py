@@ -457,7 +457,7 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
     if len(names) != 1:
         return None
     name = names[0]
-    found = with_one_unit(cells.columns[cells.header.index(name)])
+    found = with_one_unit([*cells.columns[cells.header.index(name)]])
     values = cells.measured(names).numbers(name, "1 or %")
     if _PER_CENT.search(name) or (found is not None and found[1] == "%"):
         return name, values / 100
