@@ -1001,3 +1001,138 @@ def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
     columns = {"omega": "side in (rev/s)", "omega_post": "side in (rev/s) "}
     found = table.read(spun.assign(**{columns["omega_post"]: 1.0}), columns=columns, units={"angle": None}, **BALL)
     assert found.impacts.v_pre[0, 2].item() == pytest.approx(2 * math.pi * frame.omega[0])
+
+
+def pasted(frame: pd.DataFrame, rows: int = 12) -> str:
+    """The table as a reader of a PDF copies it: a title, errors, and after some rows a new page."""
+    header = "No.  " + "  ".join(
+        ("θ (rad)", "vx1 (m/s)", "vy1 (m/s)", "ω1 (rad/s)", "vx2 (m/s)", "vy2 (m/s)", "ω2 (rad/s)")
+    )
+    values = [[f"{x!r} ± 0.02".replace("-", "−") for x in row] for row in frame[[*COLUMNS[2:]]].to_numpy().tolist()]
+    lines = ["  ".join([f"{k}{'a' * (k == 3)}", *row]) for k, row in enumerate(values, 1)]
+    page = ["", "413    Am. J. Exp. Mech., Vol. 12, No. 3", "", "Table 2. (continued)", header]
+    title = "Table 2. Bounces (m = 36.4 g). Errors are one standard error."
+    return "\n".join([title, "", header, *lines[:rows], *page, *lines[rows:], "a Ball cleaned before this bounce.", ""])
+
+
+def test_a_table_out_of_a_pdf_has_columns_parted_by_two_blanks(tmp_path, frame):
+    path = tmp_path / "table.txt"
+    path.write_text(pasted(frame), "utf-8")
+    found = table.read(path, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts)[:, 2:], frame[[*COLUMNS[2:]]], rtol=ROUNDING)
+    assert found.read_as[0] == "columns parted by two or more blanks"
+    assert any("left out 4 rows" in part and "Am. J. Exp. Mech." in part for part in found.read_as)
+
+
+INDEXED = {
+    "suffix": ("vx1", "vy1", "ω1 [rad/s]", "vx2", "vy2", "ω2 [rad/s]"),
+    "infix": ("v1x", "v1y", "w1", "v2x", "v2y", "w2"),
+    "letters": ("v_ix (m/s)", "v_iy (m/s)", "omega_i", "v_fx (m/s)", "v_fy (m/s)", "omega_f"),
+    "letters last": ("vxi", "vyi", "ωi", "vxf", "vyf", "ωf"),
+}
+
+
+@pytest.mark.parametrize("names", INDEXED.values(), ids=INDEXED)
+def test_an_index_says_before_and_after_where_both_stand(frame, names):
+    there = frame.set_axis([*COLUMNS[:3], *names], axis=1)
+    np.testing.assert_allclose(numbers(table.load(there, **BODY)), frame, rtol=ROUNDING)
+    known = recognise([*names[:3], *names[3:5]], impact_vocabulary(PLANE)).names
+    assert "vx_post" not in known  # without ω2, the indices may be of something else
+    of_bodies = recognise(["m1", "m2", *names], impact_vocabulary(PLANE)).names
+    assert "vx_post" not in of_bodies or "1" not in "".join(names)
+
+
+def test_output_of_fortran(tmp_path, frame):
+    names, path = [*COLUMNS], tmp_path / "fort21.dat"
+    rows = ["".join(f"{x * (1 if name in ('theta', 'omega', 'omega_post') else 100):14.6E}".replace("E", "D")
+                    for name, x in zip(names, row, strict=True)) for row in frame.to_numpy().tolist()]  # fmt: skip
+    rows[4] = rows[4][:-14] + 14 * "*"
+    above = [
+        "C     DROPS OF 1988   M=0.0364 KG",
+        "C     CGS UNITS: CM, CM/S, RAD, RAD/S",
+        "C   N " + " ".join(names).upper(),
+    ]
+    path.write_text("\n".join([*above, *(f"{k:5}{row}" for k, row in enumerate(rows, 1))]), "ascii")
+    found = table.read(path, **BODY, drop_incomplete=True)
+    np.testing.assert_allclose(numbers(found.impacts), frame.drop(index=4), rtol=1e-6)
+    assert found.impacts.incomplete == ("5",)
+    assert "names in the last comment" in found.read_as
+    path.write_text(path.read_text().replace("C   N X", "C   N X 2"))
+    with refused(["row 1 (line 2)", "C DROPS OF 1988"]):
+        table.read(path, **BODY)
+
+
+def test_the_height_of_a_known_shape_needs_no_column(frame):
+    there = frame.drop(columns=["x", "y"]).assign(**{"Drop height [m]": 1.0})
+    found = table.read(there, **BODY)
+    assert {"r", "height"} <= {*found.computed}
+    assert found.unused == ("Drop height [m]",)
+    torch.testing.assert_close(found.impacts.q[:, 1], -found.impacts.r[:, 1])
+    with refused(["missing column y"]):
+        table.read(there.assign(rx=0.0, ry=-0.03), **BODY)
+
+
+@pytest.mark.parametrize("name", ["COR", "restitution coefficient (%)", "e_n"])
+def test_a_drop_height_and_a_coefficient_of_restitution_are_bounces(tmp_path, name):
+    rows = [(40, 38.2, 21.5), (100, 47.8, 45.7), (20, 34.2, 20.7)]
+    e = "{:.3f}" if name == "e_n" else "{:.1f}" if "%" in name else "{:.1f}%"
+    scale = 0.01 if name == "e_n" else 1
+    lines = [f'#{k},"{h}""",{t} °C,{e.format(scale * c)}' for k, (h, c, t) in enumerate(rows, 1)]
+    path = tmp_path / "squash.csv"
+    path.write_text("\n".join([f"Ball,Drop height,Temp.,{name}", *lines]), "utf-8")
+    found = table.read(path, **BALL, covariates=["Temp."])
+    speed = np.sqrt(2 * GRAVITY * 0.0254 * np.array([h for h, *_ in rows]))
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1].numpy(), -speed, rtol=ROUNDING)
+    np.testing.assert_allclose(found.impacts.v_post[:, 1].numpy(), [c / 100 for _, c, _ in rows] * speed, rtol=ROUNDING)
+    assert found.impacts.covariates["temp"].tolist() == [t for *_, t in rows]
+    assert {"'Temp.' in °C, as its cells say", "'Drop height' in in, as its cells say"} <= {*found.read_as}
+    assert propose(path).source == "table"
+    path.write_text(path.read_text("utf-8").replace("%", ""), "utf-8")
+    if name == "COR":
+        with refused(["'COR' is up to 47.8", "per cent", "no ratio of heights"]):
+            table.read(path, **BALL)
+
+
+def test_numbers_that_cannot_be_groups_are_no_covariate(frame):
+    there = frame.assign(temperature=[f"{20 + k} °C" for k in range(len(frame))])
+    assert table.load(there, **BODY, covariates=["temperature"]).covariates["temperature"][1].item() == 21
+    with refused(["'temperature' has 30 names in 30 rows", "20 °C warm"]):
+        table.read(
+            there.assign(temperature=there.temperature + [" warm", " cold"] * 15), **BODY, covariates=["temperature"]
+        )
+
+
+def test_texts_with_decimal_commas_in_spreadsheets_and_frames(tmp_path, frame):
+    commas = frame.map(lambda x: f"{x!r}".replace(".", ","))
+    commas["theta"] = frame.theta  # a spreadsheet keeps numbers that were typed as its own language has them
+    commas.to_excel(tmp_path / "drops.xlsx", index=False)
+    commas.to_json(tmp_path / "drops.json", orient="records")
+    for source in (tmp_path / "drops.xlsx", tmp_path / "drops.json", commas):
+        np.testing.assert_allclose(numbers(table.load(source, **BODY)), frame, rtol=ROUNDING)
+    assert "decimal commas" in table.read(tmp_path / "drops.xlsx", **BODY).read_as
+    mixed = commas.assign(vy=frame.vy.map(repr), vx=["1,25", "2,25"] * 15)
+    mixed.to_excel(tmp_path / "mixed.xlsx", index=False)
+    for reading in (lambda: table.read(tmp_path / "mixed.xlsx", **BODY), lambda: propose(tmp_path / "mixed.xlsx")):
+        with refused(["column x", "a decimal comma?", "30 rows of the column are like this one"]):
+            reading()
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npz"])
+def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
+    from scipy.io import savemat
+
+    drops, path = synthetic.load(size=30), tmp_path / f"drops{suffix}"
+    arrays = {
+        "mass_g": 1e3 * drops.mass[0].item(), "th": drops.q[:, 2:].numpy(), "vi": drops.v_pre.numpy(),
+        "vf": drops.v_post.numpy(), "contact_mm": 1e3 * drops.r.T.numpy(),
+    }  # fmt: skip
+    savemat(path, {"drops": {**arrays, "comment": "of 1988"}}) if suffix == ".mat" else np.savez(path, **arrays)
+    found = table.read(path, shape=SHAPE, units={"length": "m"})
+    for read, there in ((found.impacts.v_pre, drops.v_pre), (found.impacts.v_post, drops.v_post)):
+        torch.testing.assert_close(read, there, rtol=ROUNDING, atol=0)
+    torch.testing.assert_close(found.impacts.r, drops.r, rtol=ROUNDING, atol=ROUNDING)
+    assert "'vf' holds vx_post, vy_post, omega_post" in found.read_as
+    assert propose(path).source == "table"
+    np.savez(tmp_path / "none.npz", a=np.zeros(3), b=np.zeros(4))
+    with refused(["no table of impacts", "it has a, b", "as CSV"]):
+        table.read(tmp_path / "none.npz", **BODY)

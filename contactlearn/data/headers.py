@@ -15,7 +15,6 @@ from contactlearn.data import table
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
-    JSON,
     SUFFIXES as RECORDING_SUFFIXES,
     TUM_COLUMNS,
     is_motive,
@@ -46,7 +45,7 @@ from contactlearn.data.table.columns import (
     required_in,
     trial_column,
 )
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.names import COEFFICIENTS, Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -61,7 +60,6 @@ _SHAPE = (
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
 _FLIGHT = re.compile(r"(?:time|t|dt|interval|flight|zeit|temps|tiempo|tempo) ?\d+( m?s)?")
-_COEFFICIENTS = {"en", "et", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution"}
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
@@ -125,10 +123,10 @@ def propose(path: Path) -> FileContents:
         DataError: it cannot be read, or is neither.
     """
     first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
-    cells = _impacts_of_json(first)
+    cells = _impacts_of(first)
     frames = nested_table(first) if cells is None else None
     nested = None if frames is None else [*map(str, frames.columns)]
-    if nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
+    if cells is None and nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
         body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
         unnamed = [one for one in _UNNAMED if one.name != "body" or len(bodies) < 2]
@@ -150,6 +148,10 @@ def propose(path: Path) -> FileContents:
         if cells is not None and "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
+        if cells is not None:
+            for column, name in impacts.names.items():
+                if column in columns_of(space) and column not in table.NAMES:
+                    replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
         settings = (*_table(path, space, impacts),)
         return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
     if why := refusal_of_cameras(header):
@@ -186,9 +188,9 @@ def propose(path: Path) -> FileContents:
     )
 
 
-def _impacts_of_json(first: Path) -> Sheet | None:
-    """The cells of a JSON file that is a table of impacts, and no recording."""
-    if first.suffix.lower() not in JSON:
+def _impacts_of(first: Path) -> Sheet | None:
+    """The cells of a file of JSON or of arrays that is a table of impacts, and no recording."""
+    if first.suffix.lower() not in table.SHARED:
         return None
     try:
         cells = table.preview(first)
@@ -219,7 +221,7 @@ def _computable(header: Sequence[str]) -> str:
             f"are {', '.join(map(repr, times))} times between bounces? A body is in flight for t = 2 v/g: write a row "
             "a bounce, with v_in = g t/2 of the flight before it and v_out = g t/2 of that after it, in m/s"
         )
-    coefficients = [name for name in header if "".join(name_words(name)) in _COEFFICIENTS]
+    coefficients = [name for name in header if "".join(name_words(name)) in {*COEFFICIENTS, "et"}]
     if coefficients:
         return (
             f"the coefficients {', '.join(map(repr, coefficients))} give those after it: add vy_post = −e_n vy along "

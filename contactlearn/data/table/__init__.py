@@ -80,6 +80,7 @@ __all__ = [
 ]  # fmt: skip
 
 _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quaternion are seen
+_MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the rows
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _READERS = {
@@ -87,11 +88,14 @@ _READERS = {
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
     **dict.fromkeys((".json", ".jsonl", ".ndjson"), files.read_json),
+    **dict.fromkeys((".mat", ".npz"), files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
 PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
-SUFFIXES = tuple(_READERS)
-"""Of the files that can be read."""
+SHARED = (".json", ".jsonl", ".ndjson", ".mat", ".npz")
+"""Suffixes of files that may be recordings as well."""
+SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in (".mat", ".npz"))
+"""Of the files that are tables first, of those that can be read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +222,9 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells = restated(cells, known_units, columns, known_shape, stated=stated, gaps=drop_incomplete)
+        cells = restated(
+            cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
+        )
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
@@ -390,7 +396,14 @@ def _covariates(cells: Sheet, numeric: dict[str, bool]) -> dict[str, Tensor | tu
         if numeric.setdefault(column, cells.is_numeric(column)):
             found[column.removeprefix(COVARIATE)] = torch.from_numpy(cells.numbers(column, "its unit"))
         else:
-            found[column.removeprefix(COVARIATE)] = cells.names(column)
+            names = found[column.removeprefix(COVARIATE)] = cells.names(column)
+            if len({*names}) > max(_MAX_GROUPS, len(names) / 2):
+                name = cells.written.get(column, column)
+                raise DataError(
+                    f"{cells.path}: data.covariates: the column {name!r} has {len({*names})} names in {len(names)} "
+                    f"rows, such as {names[0]!r}, and groups need several rows each; of numbers, write nothing else "
+                    "into the cells, and their unit into the column's name"
+                )
     return found
 
 

@@ -193,7 +193,7 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
         fields = [field for field in fields if field not in ("spin", "slip")]
     if "spin" not in fields or words & {"x", *_SPEEDS}:
         fields = [field for field in fields if field != "slip"]
-    heights = words & {"y", "z", "height", "h"}
+    heights = words & {"y", "z", "height", "h"} if "r" not in fields else set[str]()  # else it follows of the shape
     doubtful = {"height": heights, "place": words & {"x", "y", "z"}, "orientation": words & _ANGLES}
     return tuple(field for field in fields if not doubtful.get(field))
 

@@ -22,8 +22,10 @@ import torch
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.dialect import with_one_unit
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
+    COEFFICIENTS,
     MOMENTA,
     NAMES,
     OTHERS,
@@ -418,7 +420,8 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
         end: next((f"{one}{end}" for one in ("speed", "height") if f"{one}{end}" in known.names), None)
         for end in ("", "_post")
     }
-    if None in ends.values():
+    coefficient = _coefficient(cells, known) if ends["_post"] is None else None
+    if ends[""] is None or (ends["_post"] is None and coefficient is None):
         return cells
     speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
     angles = [name for name in known.others if _ANGLES.intersection(name_words(name))]
@@ -429,15 +432,45 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
         )
     header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
     factor = Units(units.stated).factor("vy")
-    for end, column in ends.items():
-        assert column is not None
+    for end, column in ((end, column) for end, column in ends.items() if column is not None):
         place = header.index(known.names[column])
         values = cells.numbers(known.names[column], sheet_units.text(column), sheet_units.factor(column))
         speeds = np.sqrt(2 * GRAVITY * np.abs(values)) if column.startswith("height") else np.abs(values)
         header[place], columns[place] = f"vy{end}", (speeds if end else -speeds) / factor
-    said = " and ".join(repr(known.names[column]) for column in ends.values() if column)
+    used = [known.names[column] for column in ends.values() if column]
+    if coefficient is not None:
+        name, values = coefficient
+        place = header.index(name)
+        header[place], columns[place] = "vy_post", -values * np.asarray(columns[header.index("vy")], float)
+        used.append(name)
+    said = " and ".join(map(repr, used))
     read_as = (*cells.read_as, f"bounces along the normal by {said}")
     return replace(cells, header=header, columns=columns, read_as=read_as)
+
+
+def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | None:
+    """The column of a coefficient of restitution, a speed after contact over that before it, and its numbers.
+
+    Raises:
+        DataError: they are above 1, and not said to be in per cent.
+    """
+    names = [name for name in known.others if "".join(name_words(_PER_CENT.sub("", name))) in COEFFICIENTS]
+    if len(names) != 1:
+        return None
+    name = names[0]
+    found = with_one_unit([*cells.columns[cells.header.index(name)]])
+    values = cells.measured(names).numbers(name, "1 or %")
+    if _PER_CENT.search(name) or (found is not None and found[1] == "%"):
+        return name, values / 100
+    if (values > 1).any():
+        raise DataError(
+            f"{cells.path}: the coefficient of restitution {name!r} is up to {values.max():.4g}: call it '{name} [%]' "
+            "if it is in per cent; it is the speed after contact over that before it, and no ratio of heights"
+        )
+    return name, values
+
+
+_PER_CENT = re.compile(r"[\[(]?\s*(?:%|per ?cent|pct)\s*[\])]?", re.IGNORECASE)
 
 
 def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:

@@ -23,8 +23,12 @@ from contactlearn.mechanics.space import BOTH
 COMMENT = ("#", "%", "//", "!")
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
+_MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
 _MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+WIDE = "  "
+"""The separator of columns that two or more blanks part, so that one blank is a part of a cell."""
+_BLANKS = re.compile(r"[ \t]*(?:\t| {2})[ \t]*")
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
 _MISSING = frozenset(
@@ -36,11 +40,16 @@ _GROUPS = re.compile(
 )
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][-+]?\d+)?")
 _FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]?\d+$)")
-_SPACES = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ") | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
+_BLANK = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ")
+_SPACES = _BLANK | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
 _STARS = " *\t\r\n\f\v\u00a0"  # a number that is too long for its field in Fortran is stars
+_GLUED = re.compile(r"(?<=[\d.])(?=\*{4})|(?<=\*{4})(?=[-+\d.])")  # fields of Fortran, which are as wide as numbers
+_MARK = re.compile(r"[Cc*](?=\s)")
 _MARKS = re.compile(r"(?<=[\d.,])\s*[*†‡§¶#ªº¹²³ᵃᵇᶜ]+$")
 _ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
 _POWER = re.compile(r"\s*[×x·*]\s*10\s*(?:(?:\^|\*\*)\s*([-+]?\d+)|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))(?=\D*$)")
+_QUANTITY = re.compile(r"(?P<number>[-+]?[\d.,]*\d[.,]?)\s*(?P<unit>[^\d\s.,+\-±(].*)")
+_INCHES = re.compile(r"(?<=[\d.,])\s*(?:[\"″”]|'')$")
 _UNIT_AFTER = re.compile(r"(?P<number>.*[\d.,])\s*(?P<unit>(?:[^\W\d]|°).*)")
 
 
@@ -60,7 +69,7 @@ class Written:
 
 def written_in(text: str) -> Written | None:
     """Return the number in a cell with a unit, an error, a mark of a footnote or a power of ten; None without one."""
-    plain, unit, beside = text.strip().translate(_SPACES), "", list[str]()
+    plain, unit, beside = _INCHES.sub(" in", text.strip().translate(_SPACES)), "", list[str]()
     plain = _POWER.sub(lambda power: "e" + normalize("NFKC", power[1] or power[2]).replace("\u2212", "-"), plain)
     for rule, said in ((_MARKS, "marks of footnotes"), (_ERROR, "errors (±)")):
         if (shorter := rule.sub("", plain)) != plain:
@@ -69,6 +78,18 @@ def written_in(text: str) -> Written | None:
     if not is_numeral(plain) and (parts := _UNIT_AFTER.fullmatch(plain)) and is_unit(parts["unit"]):
         plain, unit = parts["number"], parts["unit"].strip()
     return Written(number=plain, unit=unit, beside=tuple(beside)) if is_numeral(plain) else None
+
+
+def with_one_unit(cells: Sequence[Any]) -> tuple[list[Any], str] | None:
+    """Return the numbers of a column all of whose cells have a number and one unit, whatever it is, and the unit."""
+    numbers, units = list[Any](), set[str]()
+    for cell in cells:
+        parts = _QUANTITY.fullmatch(cell.strip().translate(_SPACES)) if isinstance(cell, str) else None
+        if parts is None and not is_missing(cell):
+            return None
+        numbers.append(parts["number"] if parts else None)
+        units |= {parts["unit"].strip()} if parts else set()
+    return (numbers, units.pop()) if len(units) == 1 else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +164,9 @@ class Dialect:
 
     def read_as(self) -> tuple[str, ...]:
         """Return what differs from a table as `save` writes it, in words."""
-        parts = [] if self.separator == "," else [_SEPARATORS[self.separator]]
+        parts = (
+            [] if self.separator == "," else [_SEPARATORS.get(self.separator, "columns parted by two or more blanks")]
+        )
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
         parts += [] if self.encoding.startswith("utf-8") else [{"cp1252": "Windows-1252"}.get(self.encoding, "UTF-16")]
@@ -172,7 +195,9 @@ def sniffed(path: Path) -> Dialect:
     lines = [*io.StringIO(text, newline="")]
     lines = lines if whole else lines[:-1]
     above = _comments_above(lines)
-    comments = [line for line in lines[:above] if line.strip()]
+    fortran = _fortran_comments(lines[above:])
+    above += fortran
+    comments = [_MARK.sub("", line) if fortran else line for line in lines[:above] if line.strip()]
     body = "".join(lines[above:])
     separator = _separator(path, body)
     rows = _rows(body, separator)
@@ -190,7 +215,7 @@ def sniffed(path: Path) -> Dialect:
         header = replace(header, names=named, read_as=(*header.read_as, *said))
     return Dialect(
         encoding=encoding, separator=separator, above=above, comments=len(comments),
-        numerals=_numerals(path, rows[header.rows :]), header=header,
+        numerals=numerals_of(str(path), rows[header.rows :]), header=header,
     )  # fmt: skip
 
 
@@ -204,6 +229,17 @@ def _comments_above(lines: Sequence[str]) -> int:
             return k
         inside = inside and not text.endswith("*/")
     return len(lines)
+
+
+def _fortran_comments(lines: Sequence[str]) -> int:
+    """The number of lines, at the top, that are comments of Fortran: the last of them names the columns below it.
+
+    A column may be called C: then that line has as many names as the numbers below it.
+    """
+    count = next((k for k, line in enumerate(lines) if line.strip() and not _MARK.match(line)), 0)
+    names = next((_MARK.sub("", line) for line in reversed(lines[:count]) if line.strip()), "")
+    first = _rows("".join(lines[count : count + 1]), " ")
+    return count if names and first and is_numeric(first[0]) and len(names.split()) == len(first[0]) else 0
 
 
 def _encoding(path: Path, head: bytes) -> str:
@@ -225,6 +261,10 @@ def _encoding(path: Path, head: bytes) -> str:
 
 def csv_rows(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
     """Yield line and cells of every row that is not blank; csv.Error with the line where quotes are wrong."""
+    if separator == WIDE:
+        lines, separator = (_BLANKS.sub("\t", line.translate(_BLANK).strip()) + "\n" for line in lines), "\t"
+    elif separator == " ":
+        lines = (_GLUED.sub(" ", line) for line in lines)
     reader = csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
     try:
         for cells in reader:
@@ -263,7 +303,20 @@ def _separator(path: Path, text: str) -> str:
     if len(best) > 1 and shares[best[1]] > 0.9 * shares[best[0]]:
         readings = " or ".join(f"{_SEPARATORS[one]} ({len(_rows(text, one)[-1])} columns)" for one in best[:2])
         raise DataError(f"{path}: columns may be separated by {readings}; write it with one of them only")
-    return best[0]
+    return WIDE if best[0] == " " and _is_wide(text) else best[0]
+
+
+def _is_wide(text: str) -> bool:
+    """Whether two or more blanks part columns: more rows are of one width then, and no fewer of their cells numbers."""
+    shares, counts = list[float](), list[int]()
+    for separator in (" ", WIDE):
+        rows = _rows(text, separator)
+        widths = [len(row) for row in rows]
+        width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+        cells = [cell for row in rows if len(row) == width for cell in row if not is_missing(cell)]
+        shares.append(sum(written_in(cell) is not None for cell in cells) / max(len(cells), 1) if width > 1 else 0)
+        counts.append(widths.count(width))
+    return counts[1] > counts[0] and shares[1] >= _MIN_SHARE * shares[0]
 
 
 def is_numeral(cell: Any) -> bool:
@@ -280,8 +333,13 @@ def is_numeric(cells: Sequence[Any]) -> bool:
     return bool(present) and 2 * sum(map(is_numeral, present)) >= len(present)
 
 
-def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
-    """The decimal mark and the groups of thousands that the numbers show."""
+def numerals_of(source: str, rows: Sequence[Sequence[Any]]) -> Numerals:
+    """Return the decimal mark and the groups of thousands that the numbers among the texts of some rows show.
+
+    Raises:
+        DataError: they have two readings.
+    """
+    rows = [[cell if isinstance(cell, str) else "" for cell in row] for row in rows]
     marks, grouped, doubtful = set[str](), False, ""
     for cell in (cell.strip().translate(_SPACES) for row in rows for cell in row):
         if not is_numeral(cell) and (written := written_in(cell)):
@@ -302,8 +360,8 @@ def _numerals(path: Path, rows: Sequence[Sequence[str]]) -> Numerals:
         grouped, marks = True, marks | ({*".,"} - thousands)
     if doubtful and not marks:
         raise DataError(
-            f"{path}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a decimal comma, "
-            "and no other number says which; write it with decimal points and without groups of thousands"
+            f"{source}: {doubtful} is {doubtful.replace(',', '')}, or {doubtful.replace(',', '.')} with a comma "
+            "for decimals (no other number says which); write it with decimal points and without groups of thousands"
         )
     return Numerals(decimal="," if marks == {","} else ".", grouped=grouped)
 

@@ -8,14 +8,18 @@ come in blocks of rows, so that a file need not fit in memory.
 import csv
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
+import numpy as np
+
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, sniffed
+from contactlearn.data.array_files import loaded
+from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
@@ -27,6 +31,8 @@ if TYPE_CHECKING:
 _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a prime
 _ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
+_SHOWN = 60  # letters of a header, in errors
+_NUMERALS = 1000  # rows, at most, in which texts show how numbers are written
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
 
@@ -51,7 +57,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                 pass
             first, numeric = 0, None
             while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
-                kept = impactful(block, dialect.header, aligned=dialect.separator == " ", numeric=numeric)
+                kept = impactful(block, dialect.header, aligned=not dialect.separator.strip(" "), numeric=numeric)
                 numeric = kept.numeric
                 cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
@@ -75,9 +81,11 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
     if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
         return cells[: len(header)]
     hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
+    taken = " ".join(header)
+    taken = taken if len(taken) <= _SHOWN else f"{taken[:_SHOWN]}…"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
-    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)}; {hint}"
+    seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)} ({taken!r}); {hint}"
     raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
 
 
@@ -160,7 +168,10 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
     ]
     read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
-    yield Sheet(path, top.names, columns, [line for line, _ in body.rows], read_as=read_as)
+    numerals = numerals_of(str(path), [row for _, row in body.rows[:_NUMERALS]])
+    read_as += ("decimal commas",) if numerals.decimal == "," else ()
+    lines = [line for line, _ in body.rows]
+    yield Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
 
 
 def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -191,7 +202,9 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
         raise DataError(f"{path}: its records are empty")
-    yield Sheet(path, header, [[record.get(name) for record in records] for name in header])
+    columns: list[Cells] = [[record.get(name) for record in records] for name in header]
+    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
+    yield Sheet(path, header, columns, numerals=numerals)
 
 
 def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
@@ -223,6 +236,53 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
         else:
             found[str(name)] = value
     return found
+
+
+def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of arrays of MATLAB (.mat) or NumPy (.npz), a row or a column an impact; single numbers hold for all.
+
+    Raises:
+        DataError: the file cannot be read, or its arrays are not of one length.
+    """
+    del rows  # arrays are read as a whole
+    try:
+        content = loaded(path)
+    except (DataError, OSError):
+        raise
+    except Exception as error:  # a damaged file can break the library anywhere
+        raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
+    while (
+        isinstance(content, Mapping) and len(content) == 1 and isinstance(one := next(iter(content.values())), Mapping)
+    ):
+        content = one
+    arrays = {str(name): np.asarray(one) for name, one in content.items()} if isinstance(content, Mapping) else {}
+    arrays = {name: one for name, one in arrays.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    lengths = Counter(max(one.shape) for one in arrays.values() if one.size > 1)
+    size = max(lengths, key=lambda length: (lengths[length], length), default=0)
+    header, columns = list[str](), list[Cells]()
+    for name, one in arrays.items():
+        if one.size == 1:
+            columns.append([one.item()] * size)
+        elif size in one.shape:
+            table = one if one.shape[0] == size else one.T
+            columns.append(table.reshape(size).astype(float) if table.size == size else table.tolist())
+        else:
+            continue
+        header.append(name)
+    if not columns or lengths[size] < 2:
+        seen = ", ".join(map(str, content)) if isinstance(content, Mapping) else "one array"
+        raise DataError(
+            f"{path}: is no table of impacts, which is arrays of one length, a row an impact; it has {seen}; export it "
+            "as CSV with a column for each component, such as vx, vy, omega, vx_post, vy_post, omega_post"
+        )
+    yield Sheet(path, header, [_without_gaps(column) for column in columns])
+
+
+def _without_gaps(column: Cells) -> Cells:
+    """A column in which a number that is missing is an empty cell."""
+    if isinstance(column, list) or np.isfinite(column).all():
+        return column
+    return [value if np.isfinite(value) else None for value in column.tolist()]
 
 
 def _of_impacts(frame: "DataFrame") -> bool:
@@ -257,7 +317,8 @@ def sheet_of(frame: "DataFrame") -> Sheet:
         plain = values.dtype.kind in "fiu" and not values.hasnans
         columns.append(values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist())
     names = [" ".join(map(str, name)).strip() if isinstance(name, tuple) else str(name) for name in named.columns]
-    return Sheet("DataFrame", names, columns)
+    texts = [column[:_NUMERALS] for column in columns if isinstance(column, list)]
+    return Sheet("DataFrame", names, columns, numerals=numerals_of("DataFrame", [*zip(*texts, strict=True)]))
 
 
 def write_csv(frames: Iterable["DataFrame"], path: Path) -> None:

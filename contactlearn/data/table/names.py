@@ -5,7 +5,7 @@ column is taken for ours if no other has the same words, and its unit is one tha
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -43,6 +43,8 @@ _WORDS = {
     **dict.fromkeys(("zeit", "temps", "tiempo", "tempo"), "time"),
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova"), "trial"),
 }  # fmt: skip
+COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
+"""Names of a coefficient of restitution along the normal."""
 SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
 """Words for what a body hits, in names of columns."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
@@ -100,6 +102,8 @@ _VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
 }  # fmt: skip
 """Components of a vector by the words of its name and their number."""
 _ORDERED = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
+_INDEXED = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", "speed")
+_LETTERED = re.compile(r"(v|ω|w|omega|θ|theta)([xyznt]?)([if])([xyznt]?)")
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
@@ -209,12 +213,52 @@ def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tupl
         sizes: number of components of each column.
         opposite: whether in and out are before and after.
     """
-    found = {name: _components(name, size, opposite=opposite) for name, size in sizes.items()}
+    spelled = {**_indexed_vectors(sizes, opposite=opposite), **_contact(sizes)}
+    found = {name: _components(spelled.get(name, name), size, opposite=opposite) for name, size in sizes.items()}
     in_space = any({"q0", "qw", "wx"} & {*names} for names in found.values()) or bool(
         recognise([*sizes], impact_vocabulary(SPACE)).names.keys() & {"qw", "wx"}
     )
     flat = any("z" in name.split(" ")[0].split("_")[0] for names in found.values() for name in names) and not in_space
+    if (
+        flat
+        and "theta" in recognise([*sizes], impact_vocabulary(PLANE)).names
+        and not any(one.startswith("omega") for names in found.values() for one in names)
+    ):  # velocities of a body in a plane have a spin, and no z
+        return {
+            name: tuple(f"omega{one[2:]}" if one.startswith("vz") else one for one in names)
+            for name, names in found.items()
+            if names and (len(names) != len("xyz") or names[-1] in ("vz", "vz_post"))
+        }
     return {name: names for name, names in found.items() if names and not (flat and len(names) == len("xyz"))}
+
+
+def _indexed_vectors(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, str]:
+    """Names of vectors that an index tells apart, as `_indexed` has them, with words for the times."""
+    for indices in ("12", "if"):
+        found: dict[str, dict[tuple[str, ...], str]] = {index: {} for index in indices}
+        for name, size in sizes.items():
+            for index, words in _without_index(name, indices):
+                if size > 1 and _components(" ".join(words), size, opposite=opposite):
+                    found[index][(*words,)] = name
+                    break
+        before, after = (found[index] for index in indices)
+        if before and before.keys() == after.keys():
+            said = ((before, "before"), (after, "after"))
+            return {name: " ".join((*words, time)) for each, time in said for words, name in each.items()}
+    return {}
+
+
+def _contact(sizes: Mapping[str, int]) -> dict[str, str]:
+    """The name of a contact point, with that of its vector from the centre of mass, where no place is known."""
+    known = recognise([*sizes], impact_vocabulary(PLANE)).names
+    if "x" in known or "rx" in known:
+        return {}
+    words = {name: name_words(name) for name, size in sizes.items() if size in (2, 3)}
+    return {
+        name: " ".join(("r", *(word for word in one[1:] if word != "point")))
+        for name, one in words.items()
+        if one[:1] == ["contact"]
+    }
 
 
 def _components(name: str, size: int, *, opposite: bool) -> tuple[str, ...]:
@@ -251,9 +295,10 @@ def unit_as_written(text: str, column: str) -> Stated:
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
     """Match each of our columns with the file's column of that name, or with the only other that names it."""
     opposite = any("out" in name_words(name) for name in header)
-    matches: dict[str, dict[str, Stated]] = {}
+    matches, timed = dict[str, dict[str, Stated]](), _indexed(header, vocabulary, opposite=opposite)
     for name in header:
-        ours, stated = (name, {}) if name in vocabulary else _match(name_words(name), vocabulary, opposite=opposite)
+        words = timed.get(name) or name_words(name)
+        ours, stated = (name, {}) if name in vocabulary else _match(words, vocabulary, opposite=opposite)
         matches.setdefault(ours, {})[name] = stated
     matches.pop("", None)
     names: dict[str, str] = {}
@@ -267,6 +312,41 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
         others=tuple(name for name in header if name not in names.values()),
         doubtful={ours: tuple(candidates) for ours, candidates in matches.items() if ours not in names},
     )
+
+
+def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, list[str]]:
+    """Words of names that an index tells apart, 1 or i before and 2 or f after, with words for these times.
+
+    Both stand for the same velocities, and no other name says a time: v1 and v2 beside m1 and m2 are of two bodies.
+    """
+    if "vx_post" not in vocabulary or any(times_in(name, opposite=opposite) for name in header):
+        return {}
+    for indices in ("12", "if"):
+        found: dict[str, dict[str, list[str]]] = {index: {} for index in indices}
+        ours: dict[str, set[str]] = {index: set() for index in indices}
+        for name in header:
+            for index, words in _without_index(name, indices):
+                if column := _match(words, vocabulary, opposite=opposite)[0]:
+                    found[index][name] = [*words, "before" if index == indices[0] else "after"]
+                    ours[index].add(column)
+                    break
+        both = ours[indices[0]] & ours[indices[1]]
+        velocities = {column for each in ours.values() for column in each if column in _INDEXED}
+        if velocities and velocities <= both and "mass" not in both:
+            return {name: words for each in found.values() for name, words in each.items()}
+    return {}
+
+
+def _without_index(name: str, indices: str) -> Iterator[tuple[str, list[str]]]:
+    """The index of a name, a word of it or the second or last letter of its first word, and its other words."""
+    words = name_words(name)
+    for k, word in enumerate(words[1:3], 1):
+        if word in indices:
+            yield word, words[:k] + words[k + 1 :]
+    for k in (1, 2):
+        letters = _LETTERED.fullmatch("".join(words[:k]))
+        if letters and letters[3] in indices:
+            yield letters[3], [letters[1] + letters[2] + letters[4], *words[k:]]
 
 
 def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:

@@ -121,6 +121,9 @@ def _is_note(cells: Sequence[Any], width: int, *, aligned: bool) -> bool:
     label, split = cells[place], aligned and len(cells) != width
     if not isinstance(label, str) or (not split and not all(map(is_blank, cells[place + 1 :]))):
         return False
+    words = [word for cell in cells for word in str(cell).split() if any(map(str.isalpha, word))]
+    if split and is_numeral(label) and len(words) > _MOST_WORDS:  # a page's number, and a running title
+        return 2 * sum(map(is_numeral, cells)) <= len(cells)
     if is_numeral(label) or is_missing(label):
         return False
     if split:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, written_in
+from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, with_one_unit, written_in
 from contactlearn.data.table.names import name_words
 
 LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
@@ -61,12 +61,20 @@ class Sheet:
                 values.append(factor * _number(cell.item() if isinstance(cell, np.generic) else cell, self.numerals))
             except ValueError as error:
                 place = f"row {self.first + row + 1}" + (f" (line {self.lines[row]})" if self.lines else "")
-                missing = sum(map(_is_missing, cells)) if _is_missing(cell) else 1
+                alike = _is_missing if _is_missing(cell) else self._is_no_number
+                missing = sum(map(alike, cells))
                 others = f" ({missing} rows of the column are like this one)" if missing > 1 else ""
                 rule = f"must be a finite number in {unit}; {error}{others}"
                 name = self.written.get(column, column)
                 raise DataError(f"{self.path}: {place}, column {name}: {rule}", row=self.first + row + 1) from None
         return np.array(values, float)
+
+    def _is_no_number(self, cell: Any) -> bool:
+        try:
+            _number(cell.item() if isinstance(cell, np.generic) else cell, self.numerals)
+        except ValueError:
+            return not _is_missing(cell)
+        return False
 
     def place(self, row: int, column: str | None) -> str:
         """Where a row (of the sheet, from 1) is in a text file, and the content of one of our columns there."""
@@ -132,6 +140,16 @@ class Sheet:
             said += [f"{name!r} without {' and '.join(beside)}"] if beside else []
             said += [f"{name!r} in {unit}, as its cells say"] if unit else []
         return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
+
+    def measured(self, names: Collection[str]) -> "Sheet":
+        """Return the sheet with plain numbers in some columns, if all their cells have one unit, of whatever kind."""
+        columns, said = [*self.columns], list[str]()
+        for name in names:
+            cells = columns[place := self.header.index(name)]
+            if isinstance(cells, list) and (found := with_one_unit(cells)):
+                columns[place], unit = found
+                said.append(f"{name!r} in {unit}, as its cells say")
+        return replace(self, columns=columns, read_as=(*self.read_as, *said))
 
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""

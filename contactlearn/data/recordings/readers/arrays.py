@@ -19,9 +19,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import torch
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.array_files import loaded
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import LIKELY, Layout
@@ -44,21 +44,7 @@ _UNIT = 0.01  # by which the length of a quaternion in a pose may differ from 1
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the recordings of a file of NumPy (.npy, .npz), PyTorch (.pt) or MATLAB (.mat)."""
-    yield from recordings_of(path, _loaded(path), layout)
-
-
-def _loaded(path: Path) -> Any:
-    if path.suffix.lower() == ".pt":
-        return torch.load(path, map_location="cpu", weights_only=True)
-    if path.suffix.lower() == ".mat":
-        from scipy.io import loadmat
-
-        try:
-            return {name: one for name, one in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
-        except NotImplementedError:
-            raise DataError(f"{path}: is of MATLAB's version 7.3; save it with -v7, or rename it .h5") from None
-    found = np.load(path, allow_pickle=False)
-    return {name: found[name] for name in found.files} if isinstance(found, np.lib.npyio.NpzFile) else found
+    yield from recordings_of(path, loaded(path), layout)
 
 
 def recordings_of(path: Path, content: Any, layout: Layout) -> Iterator[Recording]:
