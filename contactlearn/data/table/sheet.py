@@ -117,6 +117,7 @@ class Sheet:
             DataError: a column has cells with different units, or with and without, or another than its name says.
         """
         header, columns, said = [*self.header], [*self.columns], list[str]()
+        bare = dict[str, list[str]]()
         for place, name in enumerate(self.header):
             cells = self.columns[place]
             if name not in (*names, *mapped) or not isinstance(cells, list) or not _has_marks(cells):
@@ -137,8 +138,11 @@ class Sheet:
             columns[place] = [cell if one is None else one.number for cell, one in zip(cells, written, strict=True)]
             words = name_words(f"[{unit}]")
             header[place] = name if not unit or name_words(name)[-len(words) :] == words else f"{name} [{unit}]"
-            said += [f"{name!r} without {' and '.join(beside)}"] if beside else []
+            if beside:
+                bare.setdefault(" and ".join(beside), []).append(name)
             said += [f"{name!r} in {unit}, as its cells say"] if unit else []
+        for left_out, (first, *others) in bare.items():
+            said.append(f"{first!r}{f' and {len(others)} more columns' if others else ''} without {left_out}")
         return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
 
     def measured(self, names: Collection[str]) -> "Sheet":
