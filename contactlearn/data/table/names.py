@@ -11,6 +11,7 @@ from functools import cache
 from itertools import product
 from unicodedata import normalize
 
+from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.table.units import POWERS, UNIT_FACTORS, Units
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -320,6 +321,8 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
     Both stand for the same velocities, and no other name says a time: v1 and v2 beside m1 and m2 are of two bodies.
     """
     if "vx_post" not in vocabulary or any(times_in(name, opposite=opposite) for name in header):
+        return {}
+    if len(images_of_cameras(header)) > 1:  # u1, v1, u2, v2 beside times
         return {}
     for indices in ("12", "if"):
         found: dict[str, dict[str, list[str]]] = {index: {} for index in indices}
