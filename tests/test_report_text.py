@@ -9,6 +9,7 @@ from pathlib import Path
 
 from diagnoses import SIX, made_up, missing, remainder
 from evaluations import evaluation, joint_estimate
+from rich.console import Console
 
 import contactlearn
 from contactlearn.core.numerics import measured
@@ -17,6 +18,7 @@ from contactlearn.diagnosis import result
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.report import terminal as terminal_lines
 from contactlearn.report.events import TerminalObserver, show_verdict
 from contactlearn.report.text import (
     names as text_names,
@@ -325,6 +327,22 @@ def test_friction_is_open_where_no_spin_was_measured():
     assert "μ = 0.000010" in text.phrase("coefficients", found)
     unspun = replace(found, findings=(replace(NOTED, name="spin_not_measured"),))
     assert "μ is open, ε = 0.78" in text.phrase("coefficients", unspun)
+
+
+def test_sentences_fold_at_words_of_a_terminal_and_commands_do_not(monkeypatch):
+    long = "  " + "a sentence of many words " * 4
+    for is_terminal in (True, False):
+        shown = io.StringIO()
+        monkeypatch.setattr(terminal_lines, "console", Console(file=shown, width=40, force_terminal=is_terminal))
+        terminal_lines.print_line(long)
+        terminal_lines.print_line(long, copied=True)
+        *folded, whole = shown.getvalue().splitlines()
+        assert whole.strip() == long.strip()
+        assert (len(folded) > 1) is is_terminal
+        if is_terminal:
+            assert max(map(len, folded)) <= 40
+            assert " ".join(line.strip() for line in folded) == long.strip()
+            assert all(line.startswith("    ") for line in folded[1:])
 
 
 if __name__ == "__main__":

@@ -437,6 +437,14 @@ def test_deviations_that_follow_something_stay_unknown(structure):
     assert any("no scatter" in one for one in grounds(found))
 
 
+def test_what_deviations_follow_is_no_noise_of_an_estimated_floor():
+    """Similar trials differ by it as well, where nobody stated the noise."""
+    found = diagnosed(structure="memory", stated=False)
+    assert found.scatter.dependences
+    assert found.budget.noise_source is NoiseSource.SCATTER
+    assert found.budget.shares.unexplained > 0.6
+
+
 @cache
 def with_speed_loss(loss):
     """Impacts whose restitution falls with speed and scatters as well, and their scatter."""

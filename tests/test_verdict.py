@@ -106,6 +106,16 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
     return replace(shown, physics=physics, verdict=physics), better
 
 
+def test_the_error_of_an_integrator_is_no_unknown_effect():
+    """However predictable it is; a model that errs by more has something unknown."""
+    found = made_up(12, *NAMES)
+    flags = {"predictable": True, "better_law": False, "complete": True, "thresholds": Thresholds()}
+    for error, physics in ((4e-4, Verdict.NONE), (6e-4, Verdict.UNKNOWN)):
+        budget = replace(found.budget, named=around(error, 0.1))
+        assert verdict(budget, named=False, **flags) is physics
+    assert verdict(replace(found.budget, named=around(4e-4, 0.1)), named=True, **flags) is Verdict.EFFECTS
+
+
 def test_no_verdict_sentence_and_budget_contradict_each_other():
     rng, seen, found = np.random.default_rng(0), set(), made_up(12, *NAMES)
     for _ in range(3000):

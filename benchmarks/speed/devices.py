@@ -78,7 +78,7 @@ def works(quick: bool) -> dict[str, Work]:
     }
     for n in (30,) if quick else (100, 450):
         found[f"30 exact processes, n = {n}"] = ours, draw(load("synthetic"), n)[:2]
-    size = 500 if quick else 20_000
+    size = 500 if quick else 5000
     x = torch.randn(size, 5, generator=generator, dtype=torch.float64)
     y = torch.stack([x.sin().sum(-1), x.square().sum(-1) / 5, x[:, 0]])
     y = y + 0.1 * torch.randn(3, size, generator=generator, dtype=torch.float64)

@@ -83,18 +83,19 @@ _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quate
 _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the rows
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
+_JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz")
 _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
-    **dict.fromkeys((".json", ".jsonl", ".ndjson"), files.read_json),
-    **dict.fromkeys((".mat", ".npz"), files.read_arrays),
+    **dict.fromkeys(_JSON, files.read_json),
+    **dict.fromkeys(_ARRAYS, files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
 PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
-SHARED = (".json", ".jsonl", ".ndjson", ".mat", ".npz")
+SHARED = (*_JSON, *_ARRAYS)
 """Suffixes of files that may be recordings as well."""
-SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in (".mat", ".npz"))
+SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in _ARRAYS)
 """Of the files that are tables first, of those that can be read."""
 
 
