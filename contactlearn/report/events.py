@@ -131,7 +131,7 @@ def show_verdict(diagnosis: Diagnosis, command: str, *, verbose: bool = False) -
     for line in _verdict_lines(diagnosis):
         print_line(line)
     if diagnosis.missing:
-        print_line(f"use it: {command}", copied=True)
+        print_line(f"next: {command}", copied=True)
 
 
 def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
