@@ -11,10 +11,18 @@ from contactlearn.scatter.base import Component
 from contactlearn.scatter.contact_point import ContactPoint
 from contactlearn.scatter.friction import Friction
 from contactlearn.scatter.normal import Normal
+from contactlearn.scatter.normal_with_point import NormalWithPoint
 from contactlearn.scatter.orientation import Orientation
 from contactlearn.scatter.restitution import Restitution
 
-COMPONENTS: tuple[type[Component], ...] = (Restitution, Friction, Normal, ContactPoint, Orientation)
+COMPONENTS: tuple[type[Component], ...] = (
+    Restitution,
+    Friction,
+    Normal,
+    NormalWithPoint,
+    ContactPoint,
+    Orientation,
+)
 """All components; the last is noise of the instrument, which is like scatter of the contact."""
 
 __all__ = [
@@ -23,6 +31,7 @@ __all__ = [
     "ContactPoint",
     "Friction",
     "Normal",
+    "NormalWithPoint",
     "Orientation",
     "Restitution",
     "find_component",

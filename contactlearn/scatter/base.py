@@ -30,6 +30,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
 from contactlearn.core.numerics import is_number, measured
 from contactlearn.effects.state import State
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import Space
 
 Perturbed = tuple[State, Float[Tensor, "..."], Float[Tensor, "..."]]
@@ -86,6 +87,10 @@ class Component(Frozen, ABC):
     def deviations(self, space: Space) -> int:
         """Number of independent deviations of one impact."""
         return 1
+
+    def suits(self, impacts: Impacts) -> bool:
+        """Whether these impacts can show it beside the other components."""
+        return True
 
     def draw(self, shape: tuple[int, ...], space: Space, generator: torch.Generator | None) -> Float[Tensor, "... k"]:
         """Draw deviations [*shape, k]."""

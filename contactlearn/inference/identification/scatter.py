@@ -200,7 +200,7 @@ def fit_scatter(
     Args:
         impacts: measurements, with or without covariances of their velocities.
         model: a law with effects, fitted to these impacts; their values are where the estimate begins.
-        components: that may scatter; all that there are if None.
+        components: that may scatter; all that suit the impacts if None.
         thresholds: of the statements.
         quick: whether all sets are compared about the deviations of all components, in a third of the time.  That is
             good enough for weights.
@@ -214,7 +214,9 @@ def fit_scatter(
         raise ContactLearnError(f"scatter is estimated around a law with effects, not around {model}")
     if len(impacts) < MIN_TRIALS:
         raise DataError(f"{impacts.source}: scatter needs at least {MIN_TRIALS} impacts, got {len(impacts)}")
-    candidates = [kind() for kind in COMPONENTS] if components is None else list(components)
+    candidates = list(components or ())
+    if components is None:
+        candidates = [one for one in (kind() for kind in COMPONENTS) if one.suits(impacts)]
     try:
         return _fitted(impacts, model, candidates, thresholds, quick)
     except torch.linalg.LinAlgError as error:  # pyright: ignore[reportPrivateImportUsage]
@@ -450,7 +452,7 @@ def _estimate(problem: _Problem, theta: Tensor, free: Tensor, start: _Estimate |
         model = problem.mixed(about)
         fit = model.fit(variances, free, mixture)
         variances, mixture = fit.variances, fit.mixture
-        theta = (theta + fit.step).clamp(problem.low, problem.high)
+        theta = _stepped(problem, about, fit, theta, u, delta)
         settled = abs(fit.log_likelihood - last) < _SETTLED
         if settled or left == 0:
             return _Estimate(
@@ -484,6 +486,19 @@ def _prior(problem: _Problem, variances: Tensor) -> Tensor:
     """Variance [q] of each deviation."""
     each = variances[_FIRST:]
     return torch.cat([x.expand(size) for x, size in zip(each, problem.sizes, strict=True)]) if len(each) else each
+
+
+def _stepped(
+    problem: _Problem, about: _Linearised, fit: MixedFit, theta: Tensor, u: Tensor, delta: Tensor
+) -> Tensor:
+    """Parameters after a step, shortened where the full law, whose contacts change their mode, is less likely there."""
+    lengths = torch.tensor(_LENGTHS, dtype=torch.float64)[:, None]
+    tried = (theta + lengths * fit.step).clamp(problem.low, problem.high)
+    beside = matvec(about.slope_deviations, u) - matvec(about.slope_before, delta)
+    left = problem.impacts.v_post - problem.outcome(tried[:, None], u, delta) + beside
+    distance = (left * matvec(fit.inverse, left)).sum(-1)
+    likelihood = fit.mixture.log_density(distance.flatten(), left.shape[-1]).logsumexp(-1).view_as(distance).sum(-1)
+    return tried[likelihood.nan_to_num(-torch.inf).argmax()]
 
 
 def _most_probable(

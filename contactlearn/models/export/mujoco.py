@@ -56,7 +56,8 @@ _NEAR = 1e-3  # m above the floor up to which deviations are drawn
 _DRAWS = 256  # for each impact, for a table of ranges
 _SET_BY = {
     "friction": "model.pair_friction[:, :2]", "restitution": "solref", "damping": "-model.pair_solref[:, 1]",
-    "normal": "model.geom_quat[floor]", "contact_point": "model.geom_pos[parts]",
+    "normal": "model.geom_quat[floor]", "normal_with_point": "model.geom_quat[floor]",
+    "contact_point": "model.geom_pos[parts]",
 }  # fmt: skip
 _GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error", "corner_radius")
 
@@ -229,7 +230,7 @@ def ranges(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_
     for name, one in model.scatter.items():
         u = one.draw((_DRAWS, n), space, generator)
         state, mu, eps = one.perturb(state, mu, eps, u)
-        if name in ("normal", "contact_point"):
+        if name in ("normal", "normal_with_point", "contact_point"):
             names = [name] if space is PLANE else [f"{name}_x", f"{name}_y"]
             columns |= zip(names, u.unbind(-1), strict=True)
     eps = eps.clamp(LEAST, 1)
@@ -237,7 +238,7 @@ def ranges(model: ContactModel, impacts: Impacts, contact_time: float = CONTACT_
     columns = {"friction": mu, "restitution": eps, "damping": 2 * damping(eps).ratio * omega} | columns
     table = torch.stack([x.reshape(-1) for x in columns.values()])
     low, high = table.quantile(torch.tensor([0.05, 0.95], dtype=torch.float64), dim=1)
-    units = {"damping": "1/s", "normal": "rad", "contact_point": "m"}
+    units = {"damping": "1/s", "normal": "rad", "normal_with_point": "rad", "contact_point": "m"}
     quantities = {}
     for k, name in enumerate(columns):
         kind = name.removesuffix("_x").removesuffix("_y")
