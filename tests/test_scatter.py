@@ -447,6 +447,8 @@ def test_stated_noise_serves_as_covariances():
     assert (found.verdict, found.scatter.stated) == (Verdict.NONE, True)
     assert found.scatter.components[0].deviation.name == "normal"
     assert found.scatter.instrument == ()
+    (law,) = found.laws  # its error has the weights of the full model's, with which it is compared
+    assert law.error == pytest.approx(found.budget.named.mean)
 
 
 @pytest.mark.parametrize("structure", ["pose", "speed", "memory"])

@@ -531,16 +531,22 @@ def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:
-    """Refit the laws alone where velocities were averaged, and add their errors with the missing effects."""
+    """Refit the laws alone where velocities were averaged, and add their errors with the missing effects.
+
+    Where the trials are weighed by the scatter of the contact, the errors of laws alone are those with these weights.
+    """
     selection = search.selection
+    weighed = selection.impacts.outcome_cov is not None
     if all(fit.name != selection.law.name for fit in fits):
         fits = [*fits, LawFit.of(selection.base.fit.model.law, selection.base.mean_error)]
     if search.notes:
         alone = [_fit_alone(question.laws[fit.name], selection.impacts, question.options) for fit in fits]
         fits = [LawFit.of(law, fit.error) for law, fit in zip(alone, fits, strict=True)]
+    around = {fit.name: selection.error_around(question.laws[fit.name]) for fit in fits} if missing or weighed else {}
     if missing:
-        around = selection.error_around
-        fits = [replace(fit, error_with_effects=around(question.laws[fit.name])) for fit in fits]
+        fits = [replace(fit, error_with_effects=around[fit.name]) for fit in fits]
+    elif weighed:
+        fits = [replace(fit, error=around[fit.name] or fit.error) for fit in fits]
     return tuple(fits)
 
 

@@ -488,9 +488,7 @@ def _prior(problem: _Problem, variances: Tensor) -> Tensor:
     return torch.cat([x.expand(size) for x, size in zip(each, problem.sizes, strict=True)]) if len(each) else each
 
 
-def _stepped(
-    problem: _Problem, about: _Linearised, fit: MixedFit, theta: Tensor, u: Tensor, delta: Tensor
-) -> Tensor:
+def _stepped(problem: _Problem, about: _Linearised, fit: MixedFit, theta: Tensor, u: Tensor, delta: Tensor) -> Tensor:
     """Parameters after a step, shortened where the full law, whose contacts change their mode, is less likely there."""
     lengths = torch.tensor(_LENGTHS, dtype=torch.float64)[:, None]
     tried = (theta + lengths * fit.step).clamp(problem.low, problem.high)
