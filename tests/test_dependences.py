@@ -70,6 +70,11 @@ def after_fast(drops):
     return -0.06 * torch.cat((v_n.new_zeros(1), v_n[:-1] - v_n.mean()))
 
 
+def along_the_last(drops):
+    way = State.of(drops).v_t.sign()
+    return 0.05 * torch.cat((way.new_zeros(1), way[1:] * way[:-1]))
+
+
 def symbols(found):
     return {one.symbol for one in found.variables}
 
@@ -269,7 +274,8 @@ def test_a_state_dependence_in_words():
     ({"friction": sawtooth}, Coefficient.FRICTION, {LaggedVariable.PERIOD, LaggedVariable.ORDER}),
     ({"restitution": after_fast}, Coefficient.RESTITUTION,
         {LaggedVariable.NORMAL_SPEED, LaggedVariable.NORMAL_IMPULSE}),
-], ids=["friction that is wiped", "restitution that remembers"])  # fmt: skip
+    ({"friction": along_the_last}, Coefficient.FRICTION, {LaggedVariable.SLIP_ALONG}),
+], ids=["friction that is wiped", "restitution that remembers", "friction against the nap"])  # fmt: skip
 def test_a_serially_dependent_coefficient_is_found(change, coefficient, followed):
     drops, fit = fitted(300, 1, **change)
     found = find_serial_dependence(drops, fit, OPTIONS)

@@ -60,7 +60,8 @@ class LaggedVariable(StrEnum):
     """A variable that is no part of a trial's own state: its place in the sequence, or a quantity of earlier impacts.
 
     Impulses are those that the model predicts; slip, spin and tangential impulse count with their signs, their sizes
-    without.  Of a place it is the number of earlier impacts near it.
+    without.  Slip and spin along those of the present trial are positive where both have the same sense.  Of a place it
+    is the number of earlier impacts near it.
     """
 
     ORDER = "order"
@@ -72,6 +73,8 @@ class LaggedVariable(StrEnum):
     SPIN = "spin"
     SPIN_RATE = "spin_rate"
     TANGENTIAL_IMPULSE = "tangential_impulse"
+    SLIP_ALONG = "slip_along"
+    SPIN_ALONG = "spin_along"
     PLACE = "place"
 
 

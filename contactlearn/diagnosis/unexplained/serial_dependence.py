@@ -5,7 +5,7 @@ Screening tests what remains against the sequence:
     order      sums of neighbouring scores over windows of 2, 4, 8 … trials spread more than under random signs
     period     the largest power of a periodogram of the scores
     history    scores that correlate with quantities of the previous impact, or of the last few; for the previous one
-               residuals as well
+               residuals as well, and whether it slid and turned in the same sense
     place      scores that correlate with the number of earlier impacts near the same contact place
 
 Every statistic is converted to −log p, and the largest of all is compared with those of the same residuals under random
@@ -108,6 +108,12 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
         for name, x in values.items()
         if x.std() > 1e-9 * x.abs().max()
     }
+    vectors = {LaggedVariable.SLIP_ALONG: state.v_c[..., : d - 1], LaggedVariable.SPIN_ALONG: spin}
+    found |= {
+        Memory(name, 1.0): torch.where(consecutive, along, 0.0)
+        for name, vector in vectors.items()
+        if (along := _along_the_last(vector)).std() > 0
+    }
     return found | _visited(state) if impacts.space is PLANE else found
 
 
@@ -186,6 +192,14 @@ def _remembered(x: Float[Tensor, " n"], decay: float) -> Float[Tensor, " n"]:
     """Standardised sum of earlier values, each less by the decay than the one after it."""
     found = _earlier((x - x.mean()) / x.std().clamp_min(1e-300), decay)
     return found / found.std().clamp_min(1e-300)
+
+
+def _along_the_last(vector: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
+    """Standardised product of each vector with the one before it, over the root of their lengths."""
+    lengths = vector.norm(dim=-1)
+    products = (vector[1:] * vector[:-1]).sum(-1) / (lengths[1:] * lengths[:-1]).sqrt().clamp_min(1e-300)
+    along = torch.cat((products.mean()[None], products))  # of the first trial nothing is known
+    return (along - along.mean()) / along.std().clamp_min(1e-300)
 
 
 def _visited(state: State) -> dict[Memory, Float[Tensor, " n"]]:

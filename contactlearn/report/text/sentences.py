@@ -70,6 +70,8 @@ _LAGGED_QUANTITIES = {
     LaggedVariable.SPIN: "signed spin",
     LaggedVariable.SPIN_RATE: "spin rate",
     LaggedVariable.TANGENTIAL_IMPULSE: "signed tangential impulse",
+    LaggedVariable.SLIP_ALONG: "slip along the present one",
+    LaggedVariable.SPIN_ALONG: "spin along the present one",
 }
 
 
@@ -229,7 +231,7 @@ def dependence_variable(variable: str) -> str:
         lagged = LaggedVariable(quantity)
         if lagged is LaggedVariable.PLACE:
             return "earlier impacts near the same place"
-        return f"the {_LAGGED_QUANTITIES[lagged]} of {earlier}"
+        return f"{earlier}' {_LAGGED_QUANTITIES[lagged]}"
     named = {"pose": "the pose", "order": "the sequence", "period": "the sequence, periodically"}
     return named.get(variable) or " together with ".join(map(_symbol, variable.split(" × ")))
 
