@@ -93,7 +93,14 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
     candidate = Candidate(
         effect=EffectId("side_drag", "linear"), equation="", parameters=(), error_reduction=0.1 * base, confidence=0.3
     )
-    laws = tuple(replace(one, error=base * rng.uniform(0.9, 2.0)) for one in found.laws)
+    laws = tuple(
+        replace(
+            one,
+            error=base * rng.uniform(0.9, 2.0),
+            error_with_effects=rng.choice([None, named * rng.uniform(0.8, 2.0)]),
+        )
+        for one in found.laws
+    )
     complete = bool(rng.integers(2))
     shown = replace(
         found, missing=missing, ladder=(Rung(kind=RungKind.LAW, error=budget.base), *rungs, *budget.rungs),
