@@ -385,10 +385,10 @@ def test_what_cannot_be_estimated_is_refused():
 
 @pytest.mark.parametrize(
     ("structure", "variable"),
-    [("pose", "pose"), ("speed", "vn"), ("memory", "normal_speed of earlier impacts")],
+    [("pose", "pose"), ("speed", "vn"), ("memory", "normal_speed of earlier impacts"), ("heading", "heading")],
 )
 def test_structure_is_not_scatter(structure, variable):
-    impacts, scatter = scattered(structure=structure, trials=300)
+    impacts, scatter = scattered(space=structure == "heading", structure=structure, trials=300)
     first = screen_deviations(scatter, impacts)[0]
     assert (first.component, first.variable) == ("restitution", variable)
     assert first.share > 0.5
@@ -468,6 +468,7 @@ def test_what_deviations_follow_is_no_noise_of_an_estimated_floor():
     assert found.scatter.dependences
     assert found.budget.noise_source is NoiseSource.SCATTER
     assert found.budget.shares.unexplained > 0.6
+    assert found.verdict is Verdict.UNKNOWN
 
 
 @cache

@@ -109,6 +109,8 @@ def _structured(world: World, turn: Tensor, v: Tensor, approach: Tensor) -> Tens
     if world.structure == "pose":  # turns over every fifteen degrees
         angle = torch.atan2(turn[:, 1, 0], turn[:, 0, 0]) if not world.space else turn[:, 2, :].acos()[:, 0]
         return change + size * (24 * angle).sin()
+    if world.structure == "heading":  # of the slip, as over a weave
+        return change + size * (12 * torch.atan2(v[:, 1], v[:, 0])).sin()
     if world.structure == "speed":
         return change + size * (12 * v[:, -1]).sin()
     if world.structure == "memory":  # of the speed of the last impact

@@ -433,7 +433,7 @@ def decompose_error(
             floor = NoiseFloor(error=scatter.floor, source=NoiseSource.SCATTER)
         if follows or scatter.result.seen:
             budget = divided(floor=floor, instrument=scatter.instrument)
-        judged = budget if scatter.result.random else judged
+        judged = budget if follows or scatter.result.random else judged
     return ErrorDecomposition(learned=learned, formulas=described, scatter=scatter, budget=budget, judged=judged)
 
 

@@ -7,6 +7,7 @@ are tested like residuals, by random signs of all trials (`sign_flips`):
     state      sums of û_k times cosines over v_n, v_t, ω, x, harmonics of θ, and products of two (`state_dependence`)
     pose       harmonics of the orientation up to a period of nine degrees; in space of the angles between the normal
                and the body's axes
+    heading    in space as many harmonics of the direction of the slip, as a weave has
     order      spread of sums over windows of 2, 4, 8 … trials, and the peak of the periodogram
     history    sums of û_k times quantities of earlier impacts (`serial_dependence`)
 
@@ -39,9 +40,9 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.space import PLANE
 
-_POSE = "pose"
+_POSE, _HEADING = "pose", "heading"
 _SERIAL = {"order", "period"}
-_HARMONICS = 40  # of an orientation: a period of nine degrees
+_HARMONICS = 40  # of an orientation or a heading: a period of nine degrees
 _TRIALS = 1500  # that are tested, at most
 _MAX_DEPENDENCES = 3  # dependences of each component, the most significant ones
 
@@ -85,8 +86,8 @@ def screen_deviations(
         if (component, variable) not in best and sum(
             one.component == component for one in best.values()
         ) < _MAX_DEPENDENCES:
-            # A pose has more harmonics than there may be trials: its share is that of the strongest one.
-            own = functions[:, [n == variable and (n != _POSE or k == order) for n, k, _ in named]]
+            # An angle has more harmonics than there may be trials: its share is that of the strongest one.
+            own = functions[:, [n == variable and (n not in (_POSE, _HEADING) or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(
                 component=component, variable=variable, order=order, share=_explained(u, own), p_value=p_value
             )
@@ -140,16 +141,17 @@ def _tested(impacts: Impacts, scatter: Scatter) -> Iterator[tuple[str, float, Fl
     for orders, functions in screened_functions(state_variables(impacts)):
         for order, function in zip(orders, functions.unbind(-1), strict=True):
             yield " × ".join(order), max(order.values()), function
-    for angle in _angles(impacts):
+    for variable, angle in _angles(impacts):
         for k in range(1, _HARMONICS + 1):
-            yield _POSE, k, (k * angle).cos()
-            yield _POSE, k, (k * angle).sin()
+            yield variable, k, (k * angle).cos()
+            yield variable, k, (k * angle).sin()
     for memory, values in histories(impacts, scatter.model.base_prediction(impacts)).items():
         yield f"{memory.variable} of earlier impacts", memory.trials, values
 
 
-def _angles(impacts: Impacts) -> list[Float[Tensor, " n"]]:
-    """Orientation in rad, in space the angles between the normal and the body's axes."""
+def _angles(impacts: Impacts) -> list[tuple[str, Float[Tensor, " n"]]]:
+    """Orientation in rad, in space the angles between the normal and the body's axes, and the direction of the slip."""
     if impacts.space is PLANE:
-        return [impacts.q[:, 2]]
-    return [up.clamp(-1, 1).acos() for up in rotation(impacts.q[:, 3:])[:, 2].unbind(-1)]
+        return [(_POSE, impacts.q[:, 2])]
+    tilts = [(_POSE, up.clamp(-1, 1).acos()) for up in rotation(impacts.q[:, 3:])[:, 2].unbind(-1)]
+    return [*tilts, (_HEADING, torch.atan2(impacts.v_c[:, 1], impacts.v_c[:, 0]))]

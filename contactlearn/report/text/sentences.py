@@ -232,7 +232,12 @@ def dependence_variable(variable: str) -> str:
         if lagged is LaggedVariable.PLACE:
             return "earlier impacts near the same place"
         return f"{earlier}' {_LAGGED_QUANTITIES[lagged]}"
-    named = {"pose": "the pose", "order": "the sequence", "period": "the sequence, periodically"}
+    named = {
+        "pose": "the pose",
+        "heading": "the direction of the slip",
+        "order": "the sequence",
+        "period": "the sequence, periodically",
+    }
     return named.get(variable) or " together with ".join(map(_symbol, variable.split(" × ")))
 
 
