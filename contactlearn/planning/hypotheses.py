@@ -3,7 +3,8 @@
     plausible    models that the data cannot distinguish from the chosen one, by their shares
     doubted      the chosen model with a rival in the place of an effect, without one, or with a candidate; the frontier
 
-The doubt of a diagnosis, one less the probability of its least sure name, is spread evenly over the doubted models.
+The doubt of a diagnosis, one less the probability of its least sure name and at least a tenth, is spread evenly over
+the doubted models.
 `Candidates` are effects of the catalogue at values at which they change nothing, each known to a quarter of its range.
 """
 
