@@ -16,7 +16,8 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.discrimination.experiment import ModelDiscrimination, discriminations
 from contactlearn.mechanics.rigid_body import rotation
-from contactlearn.planning.criteria import NameInformation, ParameterInformation, SpaceFilling
+from contactlearn.planning.criteria import EffectSeparation, NameInformation, ParameterInformation, SpaceFilling
+from contactlearn.planning.hypotheses import Candidates, visible
 from contactlearn.planning.measurement import carry_out
 from contactlearn.planning.result import Goal, Look, Plan, Purpose, Stop
 from contactlearn.planning.rig import Limits, Rig, Specimen, settings_of, states
@@ -119,6 +120,42 @@ def test_parameters_are_updated_as_by_all_data_together():
     assert one.fall()[5].item() == pytest.approx(before - one.after(5).error() ** 2 * 3)
 
 
+def candidates(settings=6):
+    """Made-up effects a, b, b, c about a law with two coefficients."""
+    return Candidates(
+        names=("mu", "eps", "a", "b", "b", "c"),
+        slope=numbers(2 * settings, 3, 6),
+        model_parameters=2,
+        prior=torch.linspace(0.5, 1.0, 6, dtype=torch.float64),
+        information=covariances(6),
+    )
+
+
+def test_effects_are_apart_by_what_a_refit_of_the_others_leaves():
+    """By least squares with the prior as data; the gain is the growth of the harmonic mean over rivals."""
+    made = candidates()
+    one = EffectSeparation.of(made, repeats=2)
+    after, slope = one.after(4), made.slope[8]
+    root = torch.linalg.cholesky(made.information).mT
+    rows = torch.cat((root, slope))
+    for r, columns in enumerate(([0, 1], [0, 1, 2], [0, 1, 3, 4], [0, 1, 5])):
+        prior = made.prior[columns].reciprocal().diag()
+        left = torch.cat((rows[:, columns], prior))
+        for s in range(4):
+            change = torch.cat((one.size[s] * rows[:, 2 + s], torch.zeros(len(columns), dtype=torch.float64)))
+            residual = change - left @ torch.linalg.lstsq(left, change[:, None]).solution[:, 0]
+            if 2 + s not in columns:
+                assert after.squared()[r, s].item() == pytest.approx(residual.square().sum().item(), rel=1e-9)
+
+    def separation(squared):
+        near = [(1 / (1 + squared[one.rival[:, s], s])).mean().log() for s in range(4)]
+        return -(near[0] + (near[1] + near[2]) / 2 + near[3]) / 3
+
+    gain = separation(after.squared()) - separation(one.squared())
+    torch.testing.assert_close(one.gain()[4], gain, **ROUNDING)
+    assert (one.gain() > 0).all()
+
+
 def test_space_is_filled_away_from_what_is_there():
     places, measured = torch.linspace(0, 1, 21, dtype=torch.float64)[:, None], torch.zeros(3, 1, dtype=torch.float64)
     space = SpaceFilling.of(places, measured)
@@ -218,6 +255,30 @@ def test_a_first_design_keeps_the_limits_and_is_its_seed_s(first):
     assert from_json(Plan, to_json(first)) == first
 
 
+def test_a_first_design_separates_effects_better_than_random_drops():
+    """About a law at (μ, ε) of which the design knows nothing: each effect from the rival that is nearest to it."""
+    placed = replace(RIG, limits=RIG.limits | {"x": Limits(low=0.08, high=0.5, settable=False)})
+    rig, law = placed.completed([ELLIPSE]), cl.ContactModel(cl.laws.find("wang_mason").at(0.25, 0.55))
+    unit = torch.rand(80, len(rig.limits), generator=seeded(5), dtype=torch.float64)
+    values = {n: one.low + (one.high - one.low) * unit[:, k] for k, (n, one) in enumerate(rig.limits.items())}
+    cloud, _ = states([ELLIPSE], torch.zeros(80, dtype=torch.long), values, seeded())
+    planned = cl.plan(ELLIPSE, placed, count=20).drops
+    values = {n: torch.tensor([drop.settings[n] for drop in planned], dtype=torch.float64) for n in planned[0].settings}
+    made, _ = states([ELLIPSE], torch.zeros(20, dtype=torch.long), rig.reached(values, seeded()), seeded())
+    noise = torch.tensor((0.01, 0.01, 0.3), dtype=torch.float64).square().diag()
+    effects = {name: effect.prepare(cloud) for name, effect in visible(cloud)[0].items()}
+
+    def nearest(drops):
+        about = Candidates.about(law, effects, cloud, noise.expand(80, -1, -1), drops, noise)
+        one = EffectSeparation.of(about, repeats=1)
+        return torch.where(one.rival, one.squared(), torch.inf).amin(0)[one.weight > 0]
+
+    random = torch.stack([nearest(cloud[20 * k : 20 * k + 20]) for k in range(3)]).mean(0)
+    ratio = nearest(made) / random
+    assert ratio.median().item() > 2.1  # 2.4; 1.9 of a design that is D-optimal for all effects together
+    assert ratio.quantile(0.25).item() > 1.4  # 1.5 and 1.25
+
+
 def test_what_is_costly_to_change_is_changed_less(first):
     def levels(plan):
         heights = [drop.settings["height"] for drop in plan.drops]
@@ -268,6 +329,7 @@ def test_a_plan_from_a_diagnosis_has_a_forecast(diagnosed):
     plan = cl.plan(diagnosed, RIG, count=8)
     forecast = plan.forecast
     assert plan.looks[-1].trials == len(diagnosed.record.impacts)
+    assert 1 - sum(one.probability for one in plan.possibilities if one.effects == ("side_drag",)) > 0.05
     assert plan.possibilities[0].effects == diagnosed.effects == ("side_drag",)
     assert sum(one.probability for one in plan.possibilities) == pytest.approx(1)
     assert forecast.drops[:2] == (0, 8)

@@ -1,19 +1,24 @@
 """Do planned drops need less work than random ones?  Drop by drop, in worlds of `data=mystery`.
 
-    python benchmarks/accuracy/plan.py [--worlds 8] [--nulls 3] [--budget 120] [--keep looks.jsonl]
+    python benchmarks/accuracy/plan.py [--worlds SEED …] [--nulls SEED …] [--strength 2 5] [--keep looks.jsonl]
     python benchmarks/accuracy/plan.py --table [--keep looks.jsonl]
     python benchmarks/accuracy/plan.py --parameters
+    python benchmarks/accuracy/plan.py --twins
 
-Each world is measured in batches of 20 within the limits of one rig: heights 0.05–0.5 m to 2 mm, spins within 30 rad/s
-set to 10 %, any angle to 2°; the place on the floor comes by chance.  `planned` drops are those of `plan` from the
-diagnosis before them, `random` ones are drawn evenly within the same limits.  Both are diagnosed with the whole
-catalogue after every batch, and follow the rule of `planning.stopping` for names; with random drops no forecast ends
-them.  The ground truth is read only to judge.  Worlds are seeds from 9001 on, which nothing was tuned to.
+Each world is measured within the limits of one rig: heights 0.05–0.5 m to 2 mm, spins within 30 rad/s set to 10 %, any
+angle to 2°; the place on the floor comes by chance.  The first look is at 20 drops, the least that is diagnosed, the
+next at 30, 40, 60 and 80.  `planned` drops are those of `plan` from the diagnosis before them, `random` ones are drawn
+evenly within the same limits.  Both are diagnosed with the whole catalogue at every look, and follow the rule of
+`planning.stopping` for names; with random drops no forecast ends them.  The ground truth is read only to judge.
+`--strength` is the range of the size of an effect in units of the noise: 2 to 5 is usual.  Worlds are seeds that
+nothing was tuned to.
 
     drops    until the names found at ≥ 0.9 are those that are hidden, and none beside them is probable
     settled  the names at the end, if the rule settled some: right, part (some of them, nothing false), or false
     null     worlds without effects, to the end of the budget: looks with a found name, sequences that settle one
 
+    twins         drops that bring 3 nats of evidence, odds of 20, between two alike effects, of a size at which 1000
+                  random drops bring no more: expected, and by fits to drops that are made
     parameters    standard errors of a known law with a known effect from 20 random drops and 80 that are planned from
                   them (goal=parameters), over those from 100 random drops
 
@@ -23,6 +28,8 @@ Finished looks are lines of the file --keep, and an interrupted run resumes from
 import argparse
 import json
 from collections import defaultdict
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
@@ -34,12 +41,17 @@ from contactlearn import laws
 from contactlearn.data.blocks import joined
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.effects import catalogue
+from contactlearn.effects import catalogue, find_effect
 from contactlearn.inference.identification.joint import fit
-from contactlearn.planning.design import plan
+from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.mechanics.space import PLANE
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.planning.criteria import EffectSeparation
+from contactlearn.planning.design import NOISE, plan
+from contactlearn.planning.hypotheses import Candidates
 from contactlearn.planning.measurement import carry_out
 from contactlearn.planning.result import Goal, Look, PlannedDrop, Purpose, Stop
-from contactlearn.planning.rig import Limits, Rig, Specimen
+from contactlearn.planning.rig import Limits, Rig, Specimen, states
 from contactlearn.planning.stopping import decide
 from contactlearn.simulation.hidden_effects import draw
 from contactlearn.simulation.hidden_effects.drops import Laboratory
@@ -52,7 +64,14 @@ RIG = Rig(
         "x": Limits(low=0.08, high=0.5, settable=False),
     }
 )
-FIRST, BATCH = 9001, 20
+BATCHES = (20, 10, 10, 20, 20)
+BUDGET = sum(BATCHES)
+TWINS = (
+    ("incidence_dependent_friction", "velocity_dependent_friction"),
+    ("slip_dependent_restitution", "incidence_dependent_restitution"),
+    ("inertia_error", "spin_damping"),
+)
+NATS = 3.0
 ARMS = ("planned", "random")
 KNOWN = (
     "side_drag", "surface_tilt", "spin_damping", "com_offset", "velocity_dependent_restitution", "contact_patch",
@@ -65,26 +84,27 @@ def specimen(laboratory: Laboratory) -> Specimen:
     return Specimen(mass=laboratory.mass, inertia=laboratory.inertia, shape=laboratory.shape, name="ellipse")
 
 
-def looks(seed: int, arm: str, effects: tuple[str, ...] | None, budget: int) -> list[dict]:
-    """The looks at a world, one a batch, to the end of its sequence; a null world goes on to the end of the budget."""
-    laboratory, generator = Laboratory.of(seed, effects=effects), torch.Generator().manual_seed(seed)
+def looks(seed: int, arm: str, effects: tuple[str, ...] | None, strength: tuple[float, float]) -> list[dict]:
+    """The looks at a world, one a batch, to the end of its sequence; a null world goes on to the last batch."""
+    laboratory = Laboratory.of(seed, effects=effects, strength=strength)
+    generator = torch.Generator().manual_seed(seed)
     body = specimen(laboratory)
     rig, chosen, drops, made, found = RIG.completed([body]), None, [], list[Look](), list[dict]()
     truth = {e["name"] for e in draw(seed, effects=effects)[1]["effects"]}
-    while not found or not ended(found[-1], truth):
+    for count, following in pairwise((*BATCHES, BATCHES[-1])):
         if arm == "random":
-            batch = evenly(rig, generator)
+            batch = evenly(rig, generator, count)
         else:
-            chosen = plan(body, RIG, count=BATCH, budget=budget) if chosen is None else chosen
+            chosen = plan(body, RIG, count=count, budget=BUDGET) if chosen is None else chosen
             batch = chosen.drops
         first = 1 + sum(map(len, drops))
         drops.append(carry_out(rig, batch, [body], laboratory, generator=generator, first=first))
         known = diagnose(joined(drops))
         if arm == "random":
             made.append(Look.of(known, gain=1.0))
-            stop = decide(Goal.NAMES, made, budget, BATCH)
+            stop = decide(Goal.NAMES, made, BUDGET, following)
         else:
-            chosen = plan(known, RIG, count=BATCH, budget=budget, looks=made, seed=len(made))
+            chosen = plan(known, RIG, count=following, budget=BUDGET, looks=made, seed=len(made))
             made, stop = list(chosen.looks), chosen.stop
         look = made[-1]
         found.append(
@@ -97,25 +117,18 @@ def looks(seed: int, arm: str, effects: tuple[str, ...] | None, budget: int) -> 
                 "gain": look.gain,
                 "stop": stop,
                 "verdict": known.verdict,
-                "budget": budget,
                 "truth": sorted(truth),
-                "hidden": known.hidden,
                 "confidence": {one.effect.name: one.confidence for one in known.missing},
             }
         )
+        if truth and stop is Stop.SETTLED and {*look.found} == truth:
+            break
     return found
 
 
-def ended(look: dict, truth: set[str]) -> bool:
-    """Whether a sequence ends: at the budget, or where the rule has settled the right names."""
-    return look["trials"] + BATCH > look["budget"] or (
-        bool(truth) and look["stop"] == Stop.SETTLED and {*look["found"]} == truth
-    )
-
-
-def evenly(rig: Rig, generator: torch.Generator) -> list[PlannedDrop]:
+def evenly(rig: Rig, generator: torch.Generator, count: int) -> list[PlannedDrop]:
     """Drops at random within the limits."""
-    unit = torch.rand(BATCH, len(rig.limits), generator=generator, dtype=torch.float64)
+    unit = torch.rand(count, len(rig.limits), generator=generator, dtype=torch.float64)
     return [
         PlannedDrop(
             settings={
@@ -135,14 +148,16 @@ def parameter_errors() -> str:
     options = DiagnoseOptions(candidates={candidate.id: candidate()}, laws=[laws.find("wang_mason")])
     for number, name in enumerate(KNOWN):
         laboratory, generator = (
-            Laboratory.of(FIRST + 100 + number, effects=(name,)),
+            Laboratory.of(9101 + number, effects=(name,)),
             torch.Generator().manual_seed(number),
         )
         body, made = specimen(laboratory), []
         rig = RIG.completed([body])
         for _ in range(5):
             first = 1 + sum(map(len, made))
-            made.append(carry_out(rig, evenly(rig, generator), [body], laboratory, generator=generator, first=first))
+            made.append(
+                carry_out(rig, evenly(rig, generator, 20), [body], laboratory, generator=generator, first=first)
+            )
         found = diagnose(made[0], "wang_mason", [name], options=options)
         drops = plan(found, RIG, goal=Goal.PARAMETERS, count=80).drops
         planned = joined([made[0], carry_out(rig, drops, [body], laboratory, generator=generator, first=21)])
@@ -151,6 +166,57 @@ def parameter_errors() -> str:
         said.append(f"{name}: {ratios[-1]:.2f} of {', '.join(f'{x:.2f}' for x in (errors[0] / errors[1]).tolist())}")
         print(said[-1], flush=True)
     return f"standard errors, planned over random: median {median(ratios):.2f}, {min(ratios):.2f} to {max(ratios):.2f}"
+
+
+def twins() -> str:
+    """Drops that separate two alike effects, expected and in the evidence of fits to drops that were really made."""
+    law, noise = laws.find("wang_mason").at(0.15, 0.55), torch.tensor(NOISE[PLANE], dtype=torch.float64)
+    body = Specimen(mass=0.05, inertia=1.9e-5, shape=Ellipse((0.036, 0.024)), name="ellipse")
+    rig, generator = RIG.completed([body]), torch.Generator().manual_seed(1)
+    values, said = rig.draw(1600, 1, beyond=0.25), list[str]()
+    settings, _ = states([body], torch.zeros(1600, dtype=torch.long), values, generator)
+    unit = torch.rand(1600, len(rig.limits), generator=generator, dtype=torch.float64)
+    values = {
+        name: one.low + (one.high - one.low) * u for (name, one), u in zip(rig.limits.items(), unit.T, strict=True)
+    }
+    random, _ = states([body], torch.zeros(1600, dtype=torch.long), values, generator)
+    assert settings is not None
+    assert random is not None
+    for pair in TWINS:
+        effects = {name: find_effect(name)().prepare(settings) for name in pair}
+        covariance = noise.square().diag()
+        about = Candidates.about(
+            ContactModel(law), effects, settings, covariance.expand(len(settings), -1, -1), random[:1000], covariance
+        )
+        one = EffectSeparation.of(about, repeats=1)
+        value = one.size[0] * (2 * NATS / one.squared()[2, 0]).sqrt()  # of the first, against the second
+        one = replace(
+            one, size=value * torch.eye(len(one.size), dtype=torch.float64)[0], information=0 * one.information
+        )
+        picked = list[int]()
+        while one.squared()[2, 0] < 2 * NATS:
+            gain = one.gain()
+            gain[picked] = -torch.inf
+            picked.append(int(gain.argmax()))
+            one = one.after(picked[-1])
+        truth = ContactModel(law, effects={pair[0]: effects[pair[0]].at([value])})
+        evidence = []
+        for drops in (random[:1000], settings[picked]):
+            nats = []
+            for _ in range(8):
+                v_post = truth.predict(drops).v_post
+                v_post = v_post + noise * torch.randn(v_post.shape, generator=generator, dtype=torch.float64)
+                made = drops.replace(v_post=v_post)
+                fits = (fit(made, law, [effects[name]]).model.predict(made).v_post for name in pair)
+                chi = [((v_post - v) / noise).square().sum().item() for v in fits]
+                nats.append((chi[1] - chi[0]) / 2)
+            evidence.append(sum(nats) / len(nats))
+        said.append(
+            f"{pair[0]} against {pair[1]}: {NATS} nats by 1000 random or {len(picked)} planned drops; fits to drops "
+            f"that were made, 8 times: {evidence[0]:.1f} and {evidence[1]:.1f}"
+        )
+        print(said[-1], flush=True)
+    return f"planned drops in the place of 1000: {len(said)} pairs"
 
 
 def interval(count: int, of: int) -> str:
@@ -186,7 +252,7 @@ def table(lines: list[dict]) -> str:
         said.append(f"    settled: {'; '.join(kinds)}")
     both = [(one["planned"], one["random"]) for one in drops.values() if len(one) == 2]
     if both:
-        never = max(x["trials"] for x in lines) + BATCH
+        never = BUDGET + BATCHES[-1]
         ratios = sorted((a or never) / (b or never) for a, b in both)
         said.append(
             f"planned over random drops, {never} where never: median {median(ratios):.2f} of "
@@ -202,27 +268,26 @@ def table(lines: list[dict]) -> str:
 def main() -> None:
     """Run what the file does not have yet, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, value in (("worlds", 8), ("nulls", 3), ("budget", 120)):
-        parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--worlds", type=int, nargs="*", default=[], help="seeds")
+    parser.add_argument("--nulls", type=int, nargs="*", default=[], help="seeds of worlds without effects")
+    parser.add_argument("--strength", type=float, nargs=2, default=(2.0, 5.0))
     parser.add_argument("--keep", type=Path, default=Path("plan_looks.jsonl"))
     parser.add_argument("--table", action="store_true", help="of finished looks alone")
     parser.add_argument("--parameters", action="store_true", help="errors of parameters alone")
+    parser.add_argument("--twins", action="store_true", help="two alike effects alone")
     options = parser.parse_args()
-    if options.parameters:
-        torch.set_num_threads(1)
-        print(parameter_errors())
+    torch.set_num_threads(1)
+    if options.parameters or options.twins:
+        print(parameter_errors() if options.parameters else twins())
         return
     lines = [json.loads(line) for line in options.keep.read_text().splitlines()] if options.keep.exists() else []
     done = {(one["seed"], one["arm"]) for one in lines}
-    tasks = [(FIRST + k, arm, None) for k in range(options.worlds) for arm in ARMS]
-    nulls = [(FIRST + 1000 + k, "planned", ()) for k in range(options.nulls)]
-    for k, one in enumerate(nulls):  # among the others, so that an interrupted run has some of each
-        tasks.insert(min(3 * k + 2, len(tasks)), one)
-    torch.set_num_threads(1)
+    tasks = [(seed, arm, None) for seed in options.worlds for arm in ARMS]
+    tasks += [(seed, "planned", ()) for seed in options.nulls]
     with threadpool_limits(1):
         for seed, arm, effects in () if options.table else tasks:
             if (seed, arm) not in done:
-                found = looks(seed, arm, effects, options.budget)
+                found = looks(seed, arm, effects, tuple(options.strength))
                 lines += found
                 with options.keep.open("a") as file:
                     file.writelines(json.dumps(one) + "\n" for one in found)

@@ -1,6 +1,7 @@
 """Criteria of a drop: what it is expected to tell, given all drops before it.
 
     NameInformation       mutual information between the outcome and the name of the model, nats
+    EffectSeparation      growth of the distance between all effects of the catalogue, nats: T-optimality
     ParameterInformation  mutual information between the outcome and the parameters, nats: D-optimality
     SpaceFilling          fall of a Gaussian process's variance over all drops within the limits: an even spread
     PredictionVariance    fall of the variance of the prediction over all drops within the limits: I-optimality
@@ -12,8 +13,8 @@ models were refitted to its expected outcome, so that a batch is chosen drop by 
 The information about names has no closed form between Gaussians.  `NameInformation` has the bound of Kolchinsky &
 Tracey from below, −Σ_i p_i ln Σ_j p_j exp(−d²_ij/8): it adds over drops, and ends where two models are separated
 already.
-Sources: Lindley 1956; Box & Hill 1967; Chaloner & Verdinelli 1995; Cohn, Ghahramani & Jordan 1996; Kolchinsky & Tracey
-2017 (Entropy 19, 361).
+Sources: Lindley 1956; Box & Hill 1967; Atkinson & Fedorov 1975, for T-optimality; Chaloner & Verdinelli 1995; Cohn,
+Ghahramani & Jordan 1996; Kolchinsky & Tracey 2017 (Entropy 19, 361).
 """
 
 import math
@@ -23,11 +24,16 @@ from itertools import combinations
 from typing import Protocol, Self
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
+from torch.nn.utils.rnn import pad_sequence
 
 from contactlearn.diagnosis.discrimination.experiment import ModelDiscrimination
+from contactlearn.planning.hypotheses import Candidates
 
+_TYPICAL = 3.0  # size of an effect that may be missing: rms change of v_post over all settings, in units of the noise
+_SHOWN = 0.1  # of the noise: effects that change less at most are not sought
 _NUGGET = 0.05  # variance of an observation over that of the process that spreads drops evenly
 _LENGTH = 0.4  # length scale of that process, in widths of the limits
 _DRAWS = 256  # of outcomes, for a forecast
@@ -136,6 +142,99 @@ class NameInformation:
         square = x.new_full((m, m, x.shape[-1]), diagonal)
         square[first, second] = square[second, first] = x
         return square
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectSeparation:
+    """A model, and effects of which each may be the one that it lacks: T-optimality over all pairs of effects.
+
+    The distance of effect j from the model refitted with effect k is d²_jk = a_j² (F_jj − F_jr (F_rr + P_r)⁻¹ F_rj): F
+    is the Fisher information of all drops so far, r the parameters of the model and of k, P their prior precision, and
+    a_j a typical size of j.  The gain is the growth of −ln mean_k 1/(1 + d²_jk), averaged over the effects.  This
+    harmonic mean is dominated by the rivals from which j is not separated yet.
+
+    Args:
+        slope: derivative of v_post in all parameters at each setting, whitened by its noise; the last column is 0.
+        information: Fisher information of the parameters by all drops so far.
+        precision: of the parameters before anything is measured; 1 for the last.
+        refitted: parameters of the model alone, and with each rival; filled up with the last.
+        sought: parameters of the effects that may be missing.
+        size: typical value of each.
+        weight: of each in the mean over the effects; 0 for what no drop shows.
+        rival: whether each rival is another effect than that of the parameter.
+    """
+
+    slope: Float[Tensor, "n D K"]
+    information: Float[Tensor, "K K"]
+    precision: Float[Tensor, "K"]
+    refitted: Int[Tensor, "r l"]
+    sought: Int[Tensor, "s"]
+    size: Float[Tensor, "s"]
+    weight: Float[Tensor, "s"]
+    rival: Bool[Tensor, "r s"]
+
+    @classmethod
+    def of(cls, candidates: Candidates, *, repeats: int) -> Self:
+        """Set candidates about a model against each other, at the first of the realisations of each setting."""
+        names, first = candidates.names, candidates.model_parameters
+        effects = {effect: [k for k, name in enumerate(names) if name == effect] for effect in names[first:]}
+        columns = [torch.tensor([*range(first), *own]) for own in ([], *effects.values())]
+        sought = torch.arange(first, len(names))
+        change = candidates.slope[..., first:].square().sum(-2).mean(0).sqrt()
+        size = (_TYPICAL / change.clamp_min(1e-12)).minimum(2 * candidates.prior[first:])
+        share = torch.tensor([1 / len(effects[name]) for name in names[first:]], dtype=torch.float64)
+        weight = torch.where(size * change > _SHOWN, share, 0.0)
+        return cls(
+            slope=pad(candidates.slope[::repeats], (0, 1)),
+            information=pad(candidates.information, (0, 1, 0, 1)),
+            precision=pad(candidates.prior.square().reciprocal(), (0, 1), value=1.0),
+            refitted=pad_sequence(columns, batch_first=True, padding_value=len(names)),
+            sought=sought,
+            size=size,
+            weight=weight / weight.sum().clamp_min(1e-12),
+            rival=torch.tensor([[name != effect for name in names[first:]] for effect in (None, *effects)]),
+        )
+
+    def gain(self) -> Float[Tensor, "n"]:
+        covariance, change, squared = self._refit()
+        J = self.slope[..., self.refitted].permute(2, 0, 1, 3)  # [r n D l]
+        residual = self.slope[..., self.sought] - J @ change[:, None]
+        spread = J @ covariance[:, None] @ J.mT + torch.eye(J.shape[-2], dtype=J.dtype)
+        growth = self.size.square() * (residual * (torch.linalg.inv(spread) @ residual)).sum(-2)
+        return self._separation(squared[:, None] + growth) - self._separation(squared[:, None])
+
+    def after(self, k: int) -> Self:
+        return replace(self, information=self.information + self.slope[k].mT @ self.slope[k])
+
+    def squared(self) -> Float[Tensor, "r s"]:
+        """Compute d² of each effect from the model alone and from each rival, by all drops so far."""
+        return self._refit()[2]
+
+    def _refit(self) -> tuple[Float[Tensor, "r l l"], Float[Tensor, "r l s"], Float[Tensor, "r s"]]:
+        """Covariance of the refitted parameters of each rival, their change by each effect, and d² that it leaves."""
+        F, r = self.information, self.refitted
+        covariance = torch.linalg.inv(F[r[:, :, None], r[:, None, :]] + torch.diag_embed(self.precision[r]))
+        across = F[r][..., self.sought]
+        change = covariance @ across
+        squared = self.size.square() * (F.diagonal()[self.sought] - (across * change).sum(1))
+        return covariance, change, squared.clamp_min(0.0)
+
+    def _separation(self, squared: Float[Tensor, "r n s"]) -> Float[Tensor, "n"]:
+        near = torch.where(self.rival[:, None], 1 / (1 + squared), 0.0).sum(0) / self.rival.sum(0)
+        return -near.log() @ self.weight
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanCriterion:
+    """The mean of a criterion over several models that may be true."""
+
+    criteria: tuple[Criterion, ...]
+
+    def gain(self) -> Float[Tensor, "n"]:
+        return torch.stack([one.gain() for one in self.criteria]).mean(0)
+
+    def after(self, k: int) -> Self:
+        return replace(self, criteria=tuple(one.after(k) for one in self.criteria))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,10 +6,10 @@
                 since the truth may be in no model; each drop is the best after all before it
     forecast    the same criteria after the batch, and after further ones like it
 
-Before anything is measured there is no model to doubt: the batch is D-optimal for a law at several (μ, ε) and all
-effects of the catalogue around it together, so that drops of one kind for each effect come out, and none that confounds
-two.  A setting whose change has a cost must bring that much more.
-Sources: see `criteria`; Atkinson & Fedorov 1975; Chaloner & Larntz 1989, for the average over values of parameters.
+Before anything is measured each effect of the catalogue may be the one that is missing: the batch separates every one
+from the law alone and from every other, about a law at several (μ, ε).  After a diagnosis it does so about the chosen
+model, and about its law alone.  A setting whose change has a cost must bring that much more.
+Sources: see `criteria`; Chaloner & Larntz 1989, for the average over values of parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,6 +35,8 @@ from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.planning.criteria import (
     Criterion,
+    EffectSeparation,
+    MeanCriterion,
     NameInformation,
     ParameterInformation,
     PredictionVariance,
@@ -58,10 +60,10 @@ NOISE = {PLANE: (0.01, 0.01, 0.3), SPACE: (0.01, 0.01, 0.01, 0.3, 0.3, 0.3)}
 """Noise before anything is measured, of a rig that states none: m/s and rad/s, as of a good camera."""
 _DRAWN, _SETTINGS, _REPEATS = 2048, 512, 2  # settings drawn, kept, and realisations of each
 _BEYOND = 0.25  # of the width: a sixth of the settings is at each limit, where most is learnt
-_COEFFICIENTS = (0.1, 0.5), (0.35, 0.7)  # (μ, ε) about which effects are looked for, whatever a fit says
+_COEFFICIENTS = (0.1, 0.5), (0.2, 0.6), (0.3, 0.7)  # (μ, ε) about which effects are looked for before a diagnosis
 _SCHEDULE = {
-    None: (Purpose.EFFECTS, Purpose.EFFECTS, Purpose.EFFECTS, Purpose.SPACE),
-    Goal.NAMES: (Purpose.NAMES, Purpose.EFFECTS, Purpose.NAMES, Purpose.SPACE),
+    None: (*[Purpose.EFFECTS] * 7, Purpose.SPACE),
+    Goal.NAMES: (*[Purpose.NAMES, Purpose.EFFECTS] * 3, Purpose.NAMES, Purpose.SPACE),
     Goal.PARAMETERS: (*[Purpose.PARAMETERS] * 7, Purpose.SPACE),
     Goal.PREDICTION: (Purpose.PREDICTION, Purpose.PREDICTION, Purpose.PREDICTION, Purpose.SPACE),
 }
@@ -298,10 +300,10 @@ def _belief(diagnosis: Diagnosis | None, measured: Impacts | None, drops: Impact
     stated = torch.tensor(rig.noise or NOISE[drops.space], dtype=torch.float64).square().diag()
     exact = {"v_pre_cov": None, "v_post_cov": None, "outcome_cov": None, "outcome_shift": None}  # for a linearisation
     plain = None if measured is None else measured.replace(**exact)
-    law, (added, silent) = all_laws(drops.space)[0], visible(drops)
-    usual = [ContactModel(law.at(mu, eps)) for mu, eps in _COEFFICIENTS]
+    added, silent = visible(drops)
     if diagnosis is None:
-        noise = stated.expand(len(drops), -1, -1)
+        noise, law = stated.expand(len(drops), -1, -1), all_laws(drops.space)[0]
+        usual = (ContactModel(law.at(mu, eps)) for mu, eps in _COEFFICIENTS)
         about = tuple(Candidates.about(one, added, drops, noise, plain, stated) for one in usual)
         return _Belief(
             models=(), means=drops.v_pre[None], slopes=(), noise=noise, candidates=about, silent=silent, unexplained=1.0
@@ -313,7 +315,10 @@ def _belief(diagnosis: Diagnosis | None, measured: Impacts | None, drops: Impact
     noise = spread.expand(len(drops), -1, -1) if told is None else told
     models = hypotheses(diagnosis)
     left = 0.0 if diagnosis.remainder is None else min(max(diagnosis.remainder.share.mean, 0.0), 0.9)
-    about = tuple(Candidates.about(one, added, drops, noise, plain, spread) for one in (models[0].model, *usual))
+    whole = models[0].model
+    given = {one.name: whole.effects[one.name] for one in diagnosis.given if one.name in whole.effects}
+    bare = ContactModel(whole.law, effects=given)  # about which the effects that were found are in question too
+    about = tuple(Candidates.about(one, added, drops, noise, plain, spread) for one in (whole, bare))
     return _Belief(
         models=models,
         means=torch.stack([one.model.outcome(drops).v_post for one in models]),
@@ -332,14 +337,7 @@ def _criteria(
     places = features(drops)[::_REPEATS]
     some = measured if measured is None or len(measured) <= _MEASURED else measured[-_MEASURED:]
     space = SpaceFilling.of(places, places[:0] if some is None else features(some))
-    about = belief.candidates
-    largest = max(len(one.prior) for one in about)
-    effects = ParameterInformation(
-        slope=torch.stack([pad(one.slope, (0, largest - len(one.prior))) for one in about]),
-        covariance=torch.stack([pad(one.covariance, (0, largest - len(one.prior)) * 2) for one in about]),
-        probability=torch.full((len(about),), 1 / len(about), dtype=torch.float64),
-        repeats=_REPEATS,
-    )
+    effects = MeanCriterion(criteria=tuple(EffectSeparation.of(one, repeats=_REPEATS) for one in belief.candidates))
     criteria: dict[Purpose, Criterion] = {Purpose.SPACE: space, Purpose.EFFECTS: effects}
     if not belief.models:
         return criteria

@@ -3,7 +3,8 @@
     plausible    models that the data cannot distinguish from the chosen one, by their shares
     doubted      the chosen model with a rival in the place of an effect, without one, or with a candidate; the frontier
 
-The doubt of a diagnosis, one less the probability of its least sure name, is spread evenly over the doubted models.
+The doubt of a diagnosis, one less the probability of its least sure name and at least a tenth, is spread evenly over
+the doubted models.
 `Candidates` are effects of the catalogue at values at which they change nothing, each known to a quarter of its range.
 """
 
@@ -25,8 +26,7 @@ from contactlearn.laws import Law, find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
-_LEAST_DOUBT, _MOST_DOUBT = 0.02, 0.9
-_NONE_DOUBT = 0.1  # that an effect is missing where none is found
+_LEAST_DOUBT, _MOST_DOUBT = 0.1, 0.9
 _MAX_MODELS = 12  # models
 _LOOKED_AT = 100  # states by which an effect is found to act on none
 _SHARE = 0.25  # of its plausible range, to which a parameter is known before anything is measured
@@ -59,7 +59,7 @@ def hypotheses(diagnosis: Diagnosis) -> tuple[PossibleModel, ...]:
     every |= dict.fromkeys((one.law, frozenset(one.effects)) for one in diagnosis.frontier)
     named = {name.name for name in own}
     others = [spec for spec in every if {effect.name for effect in spec[1]} != named and spec not in shares]
-    sure = min((effect.confidence for effect in diagnosis.missing), default=1 - _NONE_DOUBT)
+    sure = min((effect.confidence for effect in diagnosis.missing), default=1.0)
     sure = min(sure, *(1 - (candidate.confidence or 0.0) for candidate in diagnosis.candidates), 1.0)
     sure = sure / 2 if diagnosis.verdict is Verdict.UNKNOWN else sure
     doubt = min(max(1 - sure, _LEAST_DOUBT), _MOST_DOUBT) if others else 0.0
@@ -98,14 +98,16 @@ class Candidates:
     Args:
         names: of the effect of each parameter; `mu` and `eps` of the law's own.
         slope: derivative of v_post in the parameters, whitened by its noise.
+        model_parameters: number of the first parameters, which are those of the law and of the model's effects.
         prior: standard deviations of the parameters before anything is measured.
-        covariance: of the parameters, given what is measured.
+        information: Fisher information of the parameters by what is measured.
     """
 
     names: tuple[str, ...]
     slope: Float[Tensor, "n D k"]
+    model_parameters: int
     prior: Float[Tensor, "k"]
-    covariance: Float[Tensor, "k k"]
+    information: Float[Tensor, "k k"]
 
     @classmethod
     def about(
@@ -148,16 +150,17 @@ class Candidates:
 
         parameters = named_parameters({**model.effects, **added}, Box(), states)
         prior = torch.tensor([_SHARE * (p.high - p.low) for p in parameters], dtype=torch.float64)
-        precision = prior.square().reciprocal().diag()
+        information = torch.zeros(len(prior), len(prior), dtype=torch.float64)
         if measured is not None:
             assert spread is not None
             known = whitened(measured, spread).flatten(0, 1)
-            precision = precision + known.T @ known
+            information = known.T @ known
         return cls(
             names=tuple(p.name.partition(".")[0] for p in parameters),
             slope=whitened(states, noise),
+            model_parameters=2 + sum(len(effect.parameters) for effect in model.effects.values()),
             prior=prior,
-            covariance=torch.linalg.inv(precision),
+            information=information,
         )
 
     def shown(self) -> set[str]:
