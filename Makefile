@@ -8,7 +8,8 @@
 # make release    the release checklist, up to the upload
 PYTHON ?= python3
 PY := .venv/bin/python
-PIP := $(PY) -m pip install --disable-pip-version-check
+# Compiling all modules of all packages takes a bare machine of CI a minute; the tests compile the few that they import.
+PIP := $(PY) -m pip install --disable-pip-version-check $(if $(CI),--no-compile)
 # Measured data is not in the repository; a folder of it in or beside the checkout is found.
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA

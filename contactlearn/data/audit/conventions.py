@@ -11,11 +11,11 @@ Constants of units come before constants of bodies: where a known unit explains 
 is fitted to them, it is the unit.  Last comes a floor that is inclined by any angle, beyond what an effect describes.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
 from typing import NamedTuple
 
 import torch
@@ -118,12 +118,12 @@ class Hypothesis:
     impacts: Impacts
     thresholds: AuditThresholds
 
-    @cached_property
+    @functools.cached_property
     def answers(self) -> dict[str, Float[Tensor, " n"]]:
         """Contradictions of each trial by question."""
         return contradictions(self.impacts)
 
-    @cached_property
+    @functools.cached_property
     def total(self) -> Float[Tensor, " n"]:
         """Sum of the contradictions of each trial."""
         first, *others = self.answers.values()
@@ -134,7 +134,7 @@ class Hypothesis:
         """Mean sum of the contradictions."""
         return self.total.mean().item()
 
-    @cached_property
+    @functools.cached_property
     def balance(self) -> Balance:
         """The moment balance, fitted."""
         return balance(self.impacts)
@@ -208,8 +208,9 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         if given.score > thresholds.sound and (accepted or depth == 1):
             axes = [name for name in min(accepted, key=lambda h: h.score).names if name in AXES] if accepted else []
             pairs = _pairs_of_units(axes)
-            hopeful = [pair for pair in pairs if _score(given.impacts, pair) < thresholds.consistent]
-            applied = (_applied(given, pair) for pair in hopeful)
+            scores = _total(_under(given.impacts, pairs)).mean(-1).tolist()
+            closed = [pair for pair, score in zip(pairs, scores, strict=True) if score < thresholds.consistent]
+            applied = (_applied(given, pair) for pair in closed)
             accepted += [h for h in applied if h is not None and _better(h, given) and h.fits]
             tried += len(pairs)
         if doubtful is not None:
@@ -241,12 +242,19 @@ def _settles(longer: Hypothesis, doubtful: Hypothesis) -> bool:
     return clearly and longer.score < min(_MAX_CONTRADICTIONS_OF_UNIT, _SETTLED * doubtful.score)
 
 
-def _score(impacts: Impacts, names: tuple[str, ...]) -> float:
-    """Mean sum of the contradictions after corrections of units and axes, without what impacts are checked for."""
-    columns = Columns.of(impacts)
-    for name in names:
-        columns = units_and_axes(columns, name)
-    return sum(contradictions(columns).values(), torch.zeros(())).mean().item()
+def _under(impacts: Impacts, hypotheses: list[tuple[str, ...]]) -> Columns:
+    """The columns under each of some hypotheses of units and axes."""
+    given = Columns.of(impacts)
+    columns = given.room(len(hypotheses))
+    for k, names in enumerate(hypotheses):
+        columns[k : k + 1] = functools.reduce(units_and_axes, names, given)
+    return columns
+
+
+def _total(columns: Columns) -> Float[Tensor, "hypotheses n"]:
+    """Sum of the contradictions of each trial under each hypothesis."""
+    first, *others = contradictions(columns).values()
+    return sum(others, first)
 
 
 def _pairs_of_units(axes: list[str]) -> list[tuple[str, ...]]:
@@ -361,10 +369,9 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
     if depth > 1 and len(impacts) > _SAMPLE:
         impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
     names, columns = combinations(impacts, depth, thresholds)
-    first, *others = contradictions(columns).values()
     shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
     shrunk &= torque(columns).explained <= EXPLAINED
-    return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
+    return _Screened(names, _total(columns).mean(-1).masked_fill(shrunk, math.inf))
 
 
 def combinations(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> tuple[list[tuple[str, ...]], Columns]:
@@ -381,10 +388,9 @@ def combinations(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> t
     return [names[k] for k in chosen], columns[torch.tensor(chosen, dtype=torch.long)]
 
 
-@cache
+@functools.cache
 def _sequences(space: str, depth: int) -> tuple[list[tuple[str, ...]], list[tuple[str, Tensor, Tensor]]]:
-    """All sensible hypotheses of at most so many corrections by name; by step its correction, and the places of the
-    hypotheses that it follows and of those that it makes."""
+    """All sensible hypotheses of at most so many corrections; by correction the places of those before and after it."""
     names: list[tuple[str, ...]] = [()]
     made = list[tuple[str, Tensor, Tensor]]()
     for step, name in enumerate(_STEPS[space]):
@@ -566,15 +572,19 @@ def exchanged_findings(comparison: ConventionComparison) -> list[Finding]:
     """Two columns of velocities that were mixed up: their exchange closes what no other hypothesis does; fatal."""
     best, impacts = comparison.best, comparison.given.impacts
     velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
-    exchanges = []
+    orders = list[list[int]]()
     for pair in itertools.combinations(range(velocities.shape[-1]), 2):
         order = [*range(velocities.shape[-1])]
         order[pair[0]], order[pair[1]] = reversed(pair)
-        v_pre, v_post = velocities[:, order].split(3, -1)
-        exchanged = impacts.replace(validate=False, v_pre=v_pre, v_post=v_post)
-        names = tuple(_VELOCITIES[k] for k in pair)
-        exchanges.append(Hypothesis(names=names, impacts=exchanged, thresholds=best.thresholds))
-    exchange = min(exchanges, key=lambda tried: tried.score)
+        orders.append(order)
+    columns = _under(impacts, [()] * len(orders))
+    v_pre, v_post = velocities[:, torch.tensor(orders)].movedim(1, 0).split(3, -1)
+    least = int(_total(columns.replace(v_pre=v_pre, v_post=v_post)).mean(-1).argmin())
+    exchange = Hypothesis(
+        names=tuple(name for k, name in enumerate(_VELOCITIES) if orders[least][k] != k),
+        impacts=impacts.replace(validate=False, v_pre=v_pre[least], v_post=v_post[least]),
+        thresholds=best.thresholds,
+    )
     clearly = exchange.score < _EXCHANGED * best.score and _sigmas(best.total - exchange.total) > _SIGMAS
     if not exchange.closed or not clearly:
         return []
