@@ -13,6 +13,8 @@ PIP := $(PY) -m pip install --disable-pip-version-check $(if $(CI),--no-compile)
 # Measured data is not in the repository; a folder of it in or beside the checkout is found.
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA
+# Machines that forbid compiled files, as images of containers do, would compile every module again in every process.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo quick browser style test test-all bench docs versions release clean
 
