@@ -41,6 +41,7 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_collection_finish():
+    gc.collect()  # laws and effects of which nothing is left but their class
     gc.freeze()
     gc.enable()
 
