@@ -8,10 +8,13 @@
 # make release    the release checklist, up to the upload
 PYTHON ?= python3
 PY := .venv/bin/python
-PIP := $(PY) -m pip install --disable-pip-version-check
+# Compiling all modules of all packages takes a bare machine of CI a minute; the tests compile the few that they import.
+PIP := $(PY) -m pip install --disable-pip-version-check $(if $(CI),--no-compile)
 # Measured data is not in the repository; a folder of it in or beside the checkout is found.
 CONTACTLEARN_DATA ?= $(firstword $(abspath $(wildcard data ../data ../shared/data)))
 export CONTACTLEARN_DATA
+# Machines that forbid compiled files, as images of containers do, would compile every module again in every process.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo quick browser style test test-all bench docs versions release clean
 

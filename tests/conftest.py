@@ -1,5 +1,6 @@
 """Fixtures that several test files share, and the inner loop `--quick`."""
 
+import gc
 import os
 import signal
 import sys
@@ -14,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from contactlearn.core.errors import DataError
 from contactlearn.data import ellipse_drops as source
 
+gc.disable()  # what is loaded while tests are collected stays: passing over it again and again finds no garbage
 # Machines that forbid compiled files, as images of containers do, would have each process of the tests compile the
 # package and rewrite the assertions again, which takes longer than many a test.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -36,6 +38,12 @@ def pytest_collection_modifyitems(config, items):
         chosen = list(quick.kept(items, quick.changed()))
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
+
+
+def pytest_collection_finish():
+    gc.collect()  # laws and effects of which nothing is left but their class
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -554,7 +554,7 @@ def test_impossible_data_say_what_was_seen_most():
 
 
 def test_shuffled_outcomes_are_impossible():
-    for body, known in itertools.product(BODIES, KNOWN.values()):
+    for body, known in zip(BODIES, itertools.cycle(KNOWN.values())):
         clean = drops(body, size=400, known=known)
         rows = torch.randperm(len(clean), generator=torch.Generator().manual_seed(0))
         (finding,) = audit(clean.replace(v_post=clean.v_post[rows]))

@@ -70,7 +70,7 @@ def tested(which, python):
                 print("A fresh install was not tried: no package index can be reached.")
                 return True
             # The torch of the lock file, which pip has in its cache: a newer one may be a download of gigabytes.
-            install = ran(*pip, "install", ROOT, locked("torch"))
+            install = ran(*pip, "install", "--no-compile", ROOT, locked("torch"))  # Python compiles what it imports
             return install and ran(own, "-c", snippet(), cwd=folder, home=folder)
         (folder / "bounds.txt").write_text("\n".join(lower_bounds() if which == "oldest" else ()))
         if not ran(*pip, "install", "-e", f"{ROOT}[test]", "-c", folder / "bounds.txt"):

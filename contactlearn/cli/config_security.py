@@ -181,7 +181,10 @@ def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
         ContactLearnError: naming the setting, and the word that would allow it.
     """
     typed = list(words)
-    for key, target in _targets({str(name): _resolved(cfg, name) for name in cfg if name != "hydra"}):
+    for path, target in leaf_values({str(name): _resolved(cfg, name) for name in cfg if name != "hydra"}):
+        if path[-1] != "_target_" or target is None:
+            continue
+        key, target = ".".join(path), str(target)
         module = key.startswith("model.") and target.startswith(("gpytorch.", "torch.optim."))
         if not module and not _is_declared(target) and not _is_typed(target, typed):
             raise ContactLearnError(
@@ -200,13 +203,6 @@ def _resolved(cfg: DictConfig, name: Any) -> Any:
     except (OmegaConfBaseException, ValueError):  # a job, which refers to the same, fails
         written = OmegaConf.to_container(cfg)
         return written[name] if isinstance(written, dict) else None
-
-
-def _targets(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Dotted keys and values of every `_target_`."""
-    return (
-        (".".join(path), str(one)) for path, one in leaf_values(content) if path[-1] == "_target_" and one is not None
-    )
 
 
 def _is_declared(target: str) -> bool:

@@ -126,7 +126,8 @@ def _command(name: str) -> Callable[[], None]:
                     write_output(_help(name, words) + "\n")
                     return
                 if line.flags == ("--settings",):
-                    write_output(_settings(name, words) + "\n")
+                    settings = without_hydra(compose(name, words, return_hydra_config=True))
+                    write_output(OmegaConf.to_yaml(settings) + "\n")
                     return
                 if name != "diagnose":
                     _refuse_default_data(words, line)
@@ -250,11 +251,6 @@ def _help(config_name: str, overrides: list[str]) -> str:
             line = f"  {name}: {told[name]}" if name in told else f"  {name}"
             parts.append(fill(line, _WIDTH - 1, subsequent_indent=" " * 6))
     return Template(cfg.hydra.help.template).substitute(APP_CONFIG_GROUPS="\n".join(parts))
-
-
-def _settings(config_name: str, overrides: list[str]) -> str:
-    """Every setting with its value, as YAML."""
-    return OmegaConf.to_yaml(without_hydra(compose(config_name, overrides, return_hydra_config=True)))
 
 
 train, evaluate, diagnose = map(_command, ("train", "evaluate", "diagnose"))

@@ -363,14 +363,11 @@ def print_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str
             made.add_row(*(Text(row[column]) for column in (0, *columns)))
         return made
 
-    left = [*range(1, len(headings))]
-    while left:
-        fits = [k for k in range(1, len(left) + 1) if _width(wide, table(left[:k], "")) <= wide.width]
-        count = max(fits, default=1)
-        wide.print(table(left[:count], title))
-        left, title = left[count:], ""
+    unlimited = wide.options.update(max_width=1000)
+    width = lambda columns: Measurement.get(wide, unlimited, table(columns, "")).maximum  # noqa: E731
+    columns = [*range(1, len(headings))]
+    while columns:
+        count = max((k for k in range(1, len(columns) + 1) if width(columns[:k]) <= wide.width), default=1)
+        wide.print(table(columns[:count], title))
+        columns, title = columns[count:], ""
     _log.info("\n%s", wide.export_text().rstrip())
-
-
-def _width(on: Console, table: Table) -> int:
-    return Measurement.get(on, on.options.update(max_width=1000), table).maximum

@@ -11,11 +11,11 @@ Constants of units come before constants of bodies: where a known unit explains 
 is fitted to them, it is the unit.  Last comes a floor that is inclined by any angle, beyond what an effect describes.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -118,12 +118,12 @@ class Hypothesis:
     impacts: Impacts
     thresholds: AuditThresholds
 
-    @cached_property
+    @functools.cached_property
     def answers(self) -> dict[str, Float[Tensor, " n"]]:
         """Contradictions of each trial by question."""
         return contradictions(self.impacts)
 
-    @cached_property
+    @functools.cached_property
     def total(self) -> Float[Tensor, " n"]:
         """Sum of the contradictions of each trial."""
         first, *others = self.answers.values()
@@ -134,7 +134,7 @@ class Hypothesis:
         """Mean sum of the contradictions."""
         return self.total.mean().item()
 
-    @cached_property
+    @functools.cached_property
     def balance(self) -> Balance:
         """The moment balance, fitted."""
         return balance(self.impacts)
@@ -207,8 +207,11 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         accepted = [h for h in applied if h is not None and _better(h, given)]
         if given.score > thresholds.sound and (accepted or depth == 1):
             axes = [name for name in min(accepted, key=lambda h: h.score).names if name in AXES] if accepted else []
-            pairs = _pairs_of_units(given, axes)
-            accepted += [h for h in pairs if _better(h, given) and h.fits]
+            pairs = _pairs_of_units(axes)
+            scores = _total(_under(given.impacts, pairs)).mean(-1).tolist()
+            closed = [pair for pair, score in zip(pairs, scores, strict=True) if score < thresholds.consistent]
+            applied = (_applied(given, pair) for pair in closed)
+            accepted += [h for h in applied if h is not None and _better(h, given) and h.fits]
             tried += len(pairs)
         if doubtful is not None:
             accepted = [h for h in accepted if _settles(h, doubtful.best)]
@@ -239,8 +242,23 @@ def _settles(longer: Hypothesis, doubtful: Hypothesis) -> bool:
     return clearly and longer.score < min(_MAX_CONTRADICTIONS_OF_UNIT, _SETTLED * doubtful.score)
 
 
-def _pairs_of_units(given: Hypothesis, axes: list[str]) -> list[Hypothesis]:
-    """Hypotheses of a unit of speeds and one of spins, or of one unit of all lengths.
+def _under(impacts: Impacts, hypotheses: list[tuple[str, ...]]) -> Columns:
+    """The columns under each of some hypotheses of units and axes."""
+    given = Columns.of(impacts)
+    columns = given.room(len(hypotheses))
+    for k, names in enumerate(hypotheses):
+        columns[k : k + 1] = functools.reduce(units_and_axes, names, given)
+    return columns
+
+
+def _total(columns: Columns) -> Float[Tensor, "hypotheses n"]:
+    """Sum of the contradictions of each trial under each hypothesis."""
+    first, *others = contradictions(columns).values()
+    return sum(others, first)
+
+
+def _pairs_of_units(axes: list[str]) -> list[tuple[str, ...]]:
+    """Hypotheses of a unit of speeds and one of spins, or of one unit of all lengths, by name.
 
     The ratio of two units looks like another inertia: spins in rev/min beside speeds in mph are 0.234 of it, spins in
     rev/s beside them an impossible 14, and inches beside in/s are 1550.
@@ -248,7 +266,7 @@ def _pairs_of_units(given: Hypothesis, axes: list[str]) -> list[Hypothesis]:
     speeds = _whole("velocity")
     pairs = [*itertools.product(speeds, _whole("omega"))]
     pairs += [(name.removesuffix("_velocity"), name) for name in speeds if name.removesuffix("_velocity") in _RARE]
-    return [h for pair in pairs if (h := _applied(given, (*axes, *pair))) is not None]
+    return [(*axes, *pair) for pair in pairs]
 
 
 def _whole(quantity: str) -> list[str]:
@@ -309,18 +327,17 @@ def _better(new: Hypothesis, given: Hypothesis) -> bool:
     """Whether a hypothesis is clearly better; other units must not merely shrink a Δω that is all noise."""
     gain, thresholds = given.total - new.total, new.thresholds
     least = 0.0 if _sharper(new, given) else thresholds.convention_gain * len(new.names)
-    if gain.mean().item() < least or _sigmas(gain) < _SIGMAS:
+    if not new.closed or gain.mean().item() < least or _sigmas(gain) < _SIGMAS or not _explains(new):
         return False
-    if not _explains(new):
-        return False
-    explained = torque(new.impacts).explained.item() > EXPLAINED
-    return (explained or not BALANCED.intersection(new.names)) and new.closed
+    return not BALANCED.intersection(new.names) or torque(new.impacts).explained.item() > EXPLAINED
 
 
 def _sharper(new: Hypothesis, given: Hypothesis) -> bool:
     """Whether other axes of the inertia, and nothing else, halve what is left of the moment balance."""
+    if not _AXES_OF_INERTIA.issuperset(new.names):
+        return False
     left = [(terms := torque(one.impacts)).size(terms.residual).median() for one in (new, given)]
-    return _AXES_OF_INERTIA.issuperset(new.names) and bool(left[0] < _SHARPER * left[1])
+    return bool(left[0] < _SHARPER * left[1])
 
 
 def _explains(new: Hypothesis) -> bool:
@@ -352,24 +369,36 @@ def _screened(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> _Scr
     if depth > 1 and len(impacts) > _SAMPLE:
         impacts = impacts[torch.randperm(len(impacts), generator=torch.Generator().manual_seed(0))[:_SAMPLE]]
     names, columns = combinations(impacts, depth, thresholds)
-    first, *others = contradictions(columns).values()
     shrunk = torch.tensor([bool(BALANCED.intersection(have)) for have in names])
     shrunk &= torque(columns).explained <= EXPLAINED
-    return _Screened(names, sum(others, first).mean(-1).masked_fill(shrunk, math.inf))
+    return _Screened(names, _total(columns).mean(-1).masked_fill(shrunk, math.inf))
 
 
 def combinations(impacts: Impacts, depth: int, thresholds: AuditThresholds) -> tuple[list[tuple[str, ...]], Columns]:
     """Return all sensible hypotheses of so many corrections by name, and the columns under each."""
+    names, steps = _sequences(impacts.space.name, depth)
+    given = Columns.of(impacts)
+    columns, plausible = given.room(len(names)), torch.zeros(len(names), dtype=torch.bool)
+    columns[:1], plausible[0] = given, True
+    for name, before, after in steps:
+        some = plausible[before]
+        changed, good = _changed(columns[before[some]], name, thresholds)
+        columns[after[some]], plausible[after[some]] = changed, good
+    chosen = [k for k, good in enumerate(plausible.tolist()) if good and len(names[k]) == depth]
+    return [names[k] for k in chosen], columns[torch.tensor(chosen, dtype=torch.long)]
+
+
+@functools.cache
+def _sequences(space: str, depth: int) -> tuple[list[tuple[str, ...]], list[tuple[str, Tensor, Tensor]]]:
+    """All sensible hypotheses of at most so many corrections; by correction the places of those before and after it."""
     names: list[tuple[str, ...]] = [()]
-    columns, steps = Columns.of(impacts), _STEPS[impacts.space.name]
-    for step, name in enumerate(steps):
-        again = name in steps[:step]
+    made = list[tuple[str, Tensor, Tensor]]()
+    for step, name in enumerate(_STEPS[space]):
+        again = name in _STEPS[space][:step]
         before = [k for k, have in enumerate(names) if len(have) < depth and _sensible(have, name, again)]
-        changed, plausible = _changed(columns[torch.tensor(before, dtype=torch.long)], name, thresholds)
-        names += [(*names[k], name) for k, good in zip(before, plausible.tolist(), strict=True) if good]
-        columns = columns.and_also(changed[plausible])
-    long = torch.tensor([len(have) == depth for have in names])
-    return [have for have in names if len(have) == depth], columns[long]
+        made.append((name, torch.tensor(before, dtype=torch.long), len(names) + torch.arange(len(before))))
+        names += [(*names[k], name) for k in before]
+    return names, made
 
 
 def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:
@@ -543,15 +572,19 @@ def exchanged_findings(comparison: ConventionComparison) -> list[Finding]:
     """Two columns of velocities that were mixed up: their exchange closes what no other hypothesis does; fatal."""
     best, impacts = comparison.best, comparison.given.impacts
     velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
-    exchanges = []
+    orders = list[list[int]]()
     for pair in itertools.combinations(range(velocities.shape[-1]), 2):
         order = [*range(velocities.shape[-1])]
         order[pair[0]], order[pair[1]] = reversed(pair)
-        v_pre, v_post = velocities[:, order].split(3, -1)
-        exchanged = impacts.replace(validate=False, v_pre=v_pre, v_post=v_post)
-        names = tuple(_VELOCITIES[k] for k in pair)
-        exchanges.append(Hypothesis(names=names, impacts=exchanged, thresholds=best.thresholds))
-    exchange = min(exchanges, key=lambda tried: tried.score)
+        orders.append(order)
+    columns = _under(impacts, [()] * len(orders))
+    v_pre, v_post = velocities[:, torch.tensor(orders)].movedim(1, 0).split(3, -1)
+    least = int(_total(columns.replace(v_pre=v_pre, v_post=v_post)).mean(-1).argmin())
+    exchange = Hypothesis(
+        names=tuple(name for k, name in enumerate(_VELOCITIES) if orders[least][k] != k),
+        impacts=impacts.replace(validate=False, v_pre=v_pre[least], v_post=v_post[least]),
+        thresholds=best.thresholds,
+    )
     clearly = exchange.score < _EXCHANGED * best.score and _sigmas(best.total - exchange.total) > _SIGMAS
     if not exchange.closed or not clearly:
         return []

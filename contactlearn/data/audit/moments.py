@@ -85,10 +85,16 @@ class Columns:
         fields = {name: x[which] for name in _FIELDS if (x := getattr(self, name)) is not None}
         return replace(self, **fields)
 
-    def and_also(self, others: "Columns") -> "Columns":
-        """Return the hypotheses of both, these first."""
-        pairs = {name: (getattr(self, name), getattr(others, name)) for name in _FIELDS}
-        return replace(self, **{name: torch.cat(pair) for name, pair in pairs.items() if pair[0] is not None})
+    def room(self, size: int) -> "Columns":
+        """Return columns of so many hypotheses, whose numbers are to be set."""
+        fields = {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
+        return replace(self, **{name: x.new_empty(size, *x.shape[1:]) for name, x in fields.items()})
+
+    def __setitem__(self, which: Tensor | slice, others: "Columns") -> None:
+        """Set the hypotheses at these places of the first axis."""
+        for name in _FIELDS:
+            if (x := getattr(self, name)) is not None:
+                x[which] = getattr(others, name)
 
 
 class Torque(NamedTuple):

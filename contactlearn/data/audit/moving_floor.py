@@ -60,12 +60,14 @@ def moving_floor(impacts: Impacts) -> MovingFloor | None:
     weight = (speed / speed.median()).clamp_max(1.0)  # errors of a velocity count for more in slow impacts
     ones = torch.ones_like(speed)
     fit, distance, errors = _fitted(torch.stack((ones, 1 / speed), -1), apparent, weight)
+    eps, pushed = fit.tolist()
+    velocity = Estimate(value=pushed / (1 + eps), error=errors[1].item() / abs(1 + eps))
+    if eps < 0 or abs(velocity.value) <= _SIGMAS * velocity.error:
+        return None
     others = [_fitted(torch.stack((ones, speed), -1), apparent, weight)[1]]
     others += [_fitted((speed**power)[:, None], apparent, weight)[1] for power in _POWERS]
     gain = len(speed) * math.log(max(min(others), 1e-12) / max(distance, 1e-12))
-    eps, pushed = fit.tolist()
-    velocity = Estimate(value=pushed / (1 + eps), error=errors[1].item() / abs(1 + eps))
-    if eps < 0 or abs(velocity.value) <= _SIGMAS * velocity.error or gain <= _CLEARER:
+    if gain <= _CLEARER:
         return None
     slow = eps + pushed / speed.quantile(_SLOW_QUANTILE).item()
     return MovingFloor(velocity=velocity, restitution=eps, slow=slow, gain=gain)

@@ -142,7 +142,7 @@ def screened_functions(
 
 def _ladder(name: str, columns: Float[Tensor, "n c"], most: int) -> tuple[Float[Tensor, "n k"], list[int]]:
     """Functions of a variable and their orders, rising."""
-    if _grouped(name, columns):
+    if columns.shape[1] > 1 and name not in (ANGLE, ORIENTATION):  # indicators of bodies, or of groups
         return columns, [1] * columns.shape[1]
     if name == ANGLE:
         angle, orders = torch.atan2(columns[:, 1], columns[:, 0]), range(1, 1 + _ALONE // 2)
@@ -162,11 +162,6 @@ def _low(name: str, functions: Float[Tensor, "n k"], orders: list[int]) -> tuple
     """Those of low orders."""
     most = len(orders) if {*orders} == {1} else _TOGETHER.get(name, _FUNCTIONS_OF_OTHERS)  # every body, or group
     return functions[:, :most], orders[:most]
-
-
-def _grouped(name: str, columns: Float[Tensor, "n c"]) -> bool:
-    """Whether columns are indicators of bodies, or of the groups of a covariate."""
-    return columns.shape[1] > 1 and name not in (ANGLE, ORIENTATION)
 
 
 @dataclass(frozen=True, kw_only=True)
