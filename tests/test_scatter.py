@@ -56,6 +56,7 @@ EXACT = 1e-12  # of the speeds: the same formulas in another order
 SLOPE = 1e-5  # of the largest derivative: central differences with steps of 1e-6
 WITHIN = 0.2  # of a planted standard deviation: four standard errors of 250 trials
 LAW = laws.find("wang_mason").at(0.2, 0.5)
+SQUARE = Polygon(((-0.03, -0.03), (0.03, -0.03), (0.03, 0.03), (-0.03, 0.03)))
 ONES = Mixture(
     shares=torch.tensor((1.0, 0.0, 0.0), dtype=torch.float64), factors=torch.tensor((1.0, 2.0, 10.0)).double()
 )
@@ -237,7 +238,10 @@ def test_a_ball_on_an_uneven_floor_touches_elsewhere():
     scatter = fit_scatter(drops.replace(v_post=after), ContactModel(law))
     assert scatter.names == ("normal_with_point",), scatter
     assert scatter.model.scatter["normal_with_point"].sigma == pytest.approx(0.03, rel=WITHIN)
-    assert not NormalWithPoint().suits(simulated(World(), 40))  # a corner stays the same corner
+    cornered = simulated(World(), 40)  # a corner stays the same corner, a rounded one nearly
+    assert not any(
+        NormalWithPoint().suits(cornered.replace(shape=one)) for one in (SQUARE, replace(SQUARE, corner=0.002))
+    )
 
 
 @pytest.mark.parametrize("world", [{}, {"tails": 4}, {"outliers": 0.03}], ids=["normal", "t(4)", "outliers"])
@@ -297,11 +301,10 @@ def test_draws_have_the_covariance_of_the_scatter():
 
 def test_fans_of_roll_outs_scatter_at_every_bounce():
     _, scatter = scattered(**PLANTED["normal"][0])
-    square = Polygon(((-0.03, -0.03), (0.03, -0.03), (0.03, 0.03), (-0.03, 0.03)))
     state = BodyState(pose=(0, 0.5, 0.3), velocity=(1, 0, 5), mass=0.05, inertia=3e-5)
     spread = []
     for model in (scatter.model, replace(scatter.model, scatter={})):
-        fan = model.roll_out(state, square, samples=30, generator=torch.Generator().manual_seed(0))
+        fan = model.roll_out(state, SQUARE, samples=30, generator=torch.Generator().manual_seed(0))
         assert fan.times[:, 0].std() < 1e-12
         spread.append(fan.times[:, 1].std())
     assert spread[0] > 3 * spread[1]

@@ -11,7 +11,7 @@ from contactlearn.scatter.base import Component, Perturbed
 from contactlearn.scatter.normal import Normal
 
 _SMALL_TURN = 1e-3  # rad
-_MIN_MOVE = 1e-2  # of the way of a sphere's contact point; those of corners do not move
+_MIN_MOVE = 0.3  # of the way of a sphere's contact point; those of rounded corners hardly move
 
 
 class NormalWithPoint(Component):
@@ -19,7 +19,7 @@ class NormalWithPoint(Component):
 
     So a smooth round body meets a floor that is uneven over lengths of the body's own radius: a sphere's contact point
     moves by R u_k.  It is not grain of either surface, which turns the frame about the contact point alone (`normal`).
-    A corner touches with the same corner, whose point does not move.
+    A corner, sharp or rounded, touches with the same corner: there the two cannot be told apart.
     """
 
     symbol = "α"
