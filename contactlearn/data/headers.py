@@ -303,7 +303,7 @@ def _of_export(path: Path, export: Export) -> Iterator[Setting]:
 def _frame_units() -> Vocabulary:
     """The columns of a recording and their units; the reader takes the unit of times off the column's name."""
     units: dict[str, dict[str, Stated]] = {column: {"": {}} for column in _FRAME}
-    units["time"] |= {name: {} for name in UNIT_FACTORS["time"]}
+    units["time"] |= {name: {} for name in (*UNIT_FACTORS["time"], "ns")}
     units["theta"] |= {name: {"angle": name} for name in ANGLES}
     for column in "xyz":
         units[column] |= {name: {"unit": name} for name in UNITS}

@@ -6,7 +6,6 @@ come in blocks of rows, so that a file need not fit in memory.
 """
 
 import csv
-import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.array_files import loaded
+from contactlearn.data.json_files import parsed
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.data.table.rows import impactful
@@ -181,23 +181,7 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is not JSON, or holds something else.
     """
     del rows  # JSON is read as a whole
-    try:
-        if path.stat().st_size > _UNPACKED:
-            raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export it as Parquet or CSV")
-        text = path.read_text(encoding="utf-8-sig")
-        try:
-            content = json.loads(text)
-        except ValueError as error:
-            lines = [line for line in text.splitlines() if line.strip()]
-            if len(lines) < 2 or not lines[0].strip().endswith("}"):
-                raise DataError(f"{path}: is no JSON ({error}), nor a record a line") from None
-            content = [json.loads(line) for line in lines]
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(
-            f"{path}: is not JSON throughout ({error}); write a record a line, or a list of records"
-        ) from None
+    content = parsed(path, most=_UNPACKED)
     records = [*map(_flat, _records(path, content))]
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
