@@ -118,6 +118,7 @@ STATISTICS = {
     "means below": (["Mittelwert;{}", "Std.-Abw.;{}", "n=30"], 3),
     "means by word": (["mean (n=30);{}", "SD;{}", "total;{}", "max;{}"], 4),
     "means in French": (["Moyenne;{}", "écart type;{}"], 2),
+    "other languages": (["Standardabw.;{}", "medelvärde;{}", "odchylenie std.;{}", "среднее;{}"], 4),
     "comments": (["# cleaned", "% the floor, again"], 2),
     "a note": (["Trials 12 and 40 were repeated.", "-----", "Page 2;;;;;;;;;"], 3),
     "the header again": (["trial;" + ";".join(COLUMNS), ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"], 2),
@@ -143,6 +144,17 @@ def test_rows_that_are_no_impacts_are_left_out(tmp_path, frame, below, count, pl
     assert f"(line {23 if place == 'between' else 33})" in said
     blocks = [*table.read_blocks(path, 7, **BODY)]
     np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
+
+
+def test_last_rows_that_begin_with_a_word_where_others_have_a_number_are_left_out(tmp_path, frame):
+    """As means in any language; a trial that was repeated, 30b, is one."""
+    lines = text(frame).splitlines()
+    numbered = [f"{k},{line}" for k, line in enumerate(lines[1:], 1)]
+    below = [f"30b,{lines[3]}", f"Keskihajonta,{lines[4]}", f"virhe,{lines[5]}"]
+    (tmp_path / "drops.csv").write_text("\n".join(["trial," + lines[0], *numbered, *below]), "utf-8")
+    found = table.read(tmp_path / "drops.csv", **BODY)
+    assert found.impacts.trial[-2:] == ("30", "30b")
+    assert found.read_as == ("left out 2 rows that are no impacts: 'Keskihajonta' (line 33), 'virhe' (line 34)",)
 
 
 def test_words_of_statistics_that_are_names_stay(tmp_path, frame):
@@ -260,6 +272,12 @@ NAMES = {
     },
     "contact in German": {"vx": "vx vor dem Stoß", "vx_post": "vx nach dem Stoß", "omega": "Drehzahl vor Aufprall"},
     "French": {"vx": "vitesse x avant", "vx_post": "vitesse x après", "omega": "vitesse angulaire"},
+    "Swedish": {"vx": "hastighet vx före", "vx_post": "vx efter stöt", "theta": "vinkel", "omega": "ω före"},
+    "Dutch": {"vx": "snelheid x voor botsing", "vx_post": "snelheid x na botsing", "theta": "hoek", "trial": "proef"},
+    "Portuguese": {"vx": "velocidade x antes", "vx_post": "velocidade x depois", "theta": "ângulo"},
+    "Polish": {"vx": "prędkość vx przed zderzeniem", "vx_post": "prędkość vx po zderzeniu", "theta": "kąt"},
+    "Russian": {"vx": "скорость vx до удара", "vx_post": "скорость vx после удара", "theta": "угол θ"},
+    "Japanese": {"vx": "速度 vx 衝突前", "vx_post": "速度 vx 衝突後", "theta": "角度"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
 
@@ -291,6 +309,36 @@ def test_units_that_names_state_are_converted(frame, name):
     for columns in (None, {column: name}):  # stated or recognised
         found = table.read(changed, columns=columns, units=silent, **BODY)
         np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=1e-15)
+
+
+def test_names_of_rows_under_a_header_without_one(tmp_path, frame):
+    """As write.table of R has them; a decimal comma that parts a cell in two is none."""
+    lines = text(frame, " ").splitlines()
+    (tmp_path / "drops.txt").write_text(
+        "\n".join([lines[0], *(f'"{k}" {line}' for k, line in enumerate(lines[1:], 1))])
+    )
+    found = table.read(tmp_path / "drops.txt", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert "names of rows, which R writes" in found.read_as
+    assert found.impacts.trial[-1] == "30"
+    (tmp_path / "commas.csv").write_text("nr,vx\n" + "".join(f"{k},0,5\n" for k in range(1, 6)))
+    with refused(["row 1 (line 2) has 3 cells", "a decimal comma?"]):
+        table.read(tmp_path / "commas.csv", **BODY)
+
+
+def test_other_descriptions_are_named_by_settings(frame):
+    """Angles of speeds, in the unit of the column's name, that may be from the floor or from its normal."""
+    ball = frame.drop(columns=["theta", "vx", "vy", "vx_post", "vy_post"]).assign(
+        speed_in_mph=np.hypot(frame.vx, frame.vy) * 3600 / 1609.344,
+        angle_in_deg=np.degrees(np.arctan2(-frame.vy, frame.vx)),
+        speed_out_mph=np.hypot(frame.vx_post, frame.vy_post) * 3600 / 1609.344,
+        angle_out_deg=np.degrees(np.arctan2(frame.vy_post, frame.vx_post)),
+    )
+    with refused(["'data.columns={direction_floor: angle_in_deg, direction_floor_post: angle_out_deg}'"]):
+        table.read(ball, **BALL)
+    columns = {"direction_floor": "angle_in_deg", "direction_floor_post": "angle_out_deg"}
+    found = table.read(ball, columns=columns, **BALL)
+    np.testing.assert_allclose(numbers(found.impacts)[:, 3:], frame[[*COLUMNS[3:]]], rtol=1e-9, atol=1e-9)
 
 
 def test_in_and_out_are_before_and_after_contact(frame):
@@ -642,6 +690,13 @@ def test_speed_and_angle(frame):
         pytest.param(("h", "h'"), (0.5, 0.5), id="h"),
         pytest.param(("Fallhöhe [m]", "Rücksprunghöhe [m]"), (0.5, 0.5), id="in German"),
         pytest.param(("hauteur de chute", "hauteur de rebond"), (0.5, 0.5), id="in French"),
+        pytest.param(("Fallhöhe h [m]", "Rücksprunghöhe h' [m]"), (0.5, 0.5), id="with symbols"),
+        pytest.param(("Drop height h1 (m)", "Rebound height h2 (m)"), (0.5, 0.5), id="with indices"),
+        pytest.param(("h0 [m]", "h1 [m]"), (0.5, 0.5), id="by indices"),
+        pytest.param(("velocity v before (m/s)", "velocity v after (m/s)"), (1.0, 1.0), id="a velocity v"),
+        pytest.param(("fallhöjd [m]", "studshöjd [m]"), (0.5, 0.5), id="in Swedish"),
+        pytest.param(("valhoogte [m]", "stuithoogte [m]"), (0.5, 0.5), id="in Dutch"),
+        pytest.param(("wysokość spadku [m]", "wysokość odbicia [m]"), (0.5, 0.5), id="in Polish"),
         pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
         pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
@@ -990,14 +1045,14 @@ def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
     names = ["topspin in (rev/s)", "spin rate (rpm)", "rotation before (deg/s)", "rotation speed"]
     for name in names:
         assert {*recognise([name], impact_vocabulary(PLANE)).names} <= {"omega"}
-    spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(backspin=frame.omega, backspin2=0.0)
+    spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(sidespin=frame.omega, sidespin2=0.0)
     path = tmp_path / "drops.csv"
     spun.to_csv(path, index=False)
-    with refused(["missing column omega", "backspin"]):
+    with refused(["missing column omega", "sidespin"]):
         table.read(path, **BALL)
     settings = {one.name: one for one in propose(path).settings}
     assert settings["units.angle"].value is None  # no column is an angle yet: the one to be named may say its unit
-    spun = spun.rename(columns={"backspin": "side in (rev/s)"}).drop(columns="backspin2")
+    spun = spun.rename(columns={"sidespin": "side in (rev/s)"}).drop(columns="sidespin2")
     columns = {"omega": "side in (rev/s)", "omega_post": "side in (rev/s) "}
     found = table.read(spun.assign(**{columns["omega_post"]: 1.0}), columns=columns, units={"angle": None}, **BALL)
     assert found.impacts.v_pre[0, 2].item() == pytest.approx(2 * math.pi * frame.omega[0])

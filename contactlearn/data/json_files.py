@@ -26,18 +26,17 @@ def parsed(path: Path, *, most: int) -> Any:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{path}: is no JSON: it must be UTF-8 text throughout") from None
-    lines = [*enumerate(text.splitlines(), 1)] if text.lstrip()[:1] == "{" and len(text.split("\n{")) > 1 else []
-    records, number, part = list[Any](), 1, text
+    parts = text.splitlines() if text.lstrip()[:1] == "{" and "\n{" in text else [text]
+    records = list[Any]()
     try:
-        for number, part in lines:
-            if part.strip():
-                records.append(json.loads(part))
-        return records or json.loads(text)
+        for part in parts:
+            records.append(json.loads(part) if part.strip() or len(parts) == 1 else None)
     except RecursionError:
         raise DataError(f"{path}: is no JSON that can be read: it is nested too deeply") from None
     except json.JSONDecodeError as error:
-        place = f"line {number if lines else error.lineno}, column {error.colno}"
-        if "Unterminated" in error.msg or _END.fullmatch(part, error.pos):
+        place = f"line {len(records) + error.lineno}, column {error.colno}"
+        if "Unterminated" in error.msg or _END.fullmatch(error.doc, error.pos):
             why = "as a download that was interrupted; copy or export the file again"
             raise DataError(f"{path}: is no whole JSON: it breaks off at {place}, {why}") from None
         raise DataError(f"{path}: is no JSON: {error.msg} at {place}") from None
+    return [one for one in records if one is not None] if len(parts) > 1 else records[0]

@@ -50,7 +50,7 @@ from contactlearn.data.table.columns import (
     covariate_columns,
     name_columns,
 )
-from contactlearn.data.table.descriptions import phase_column, restated
+from contactlearn.data.table.descriptions import described, phase_column, restated
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -223,6 +223,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
+        cells, columns = described(cells, columns)
         cells = restated(
             cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
         )
@@ -291,7 +292,10 @@ def _read_as(named: NamedColumns) -> tuple[str, ...]:
     renamed = {column: name for column, name in named.cells.written.items() if name != column}
     ours = {column: column.replace(COVARIATE, "covariate ") for column in renamed}
     words = (f"{ours[column]} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
-    senses = (", positive counter-clockwise" if "topspin" in name_words(name) else "" for name in renamed.values())
+    senses = (
+        ", positive counter-clockwise" if {"topspin", "backspin"} & {*name_words(name)} else ""
+        for name in renamed.values()
+    )
     said = (word.removesuffix(" in ") + sense for word, sense in zip(words, senses, strict=True))
     return (*named.cells.read_as, *said)
 

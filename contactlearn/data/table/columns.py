@@ -23,6 +23,7 @@ from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
     NAMES,
+    OTHERS,
     Recognised,
     impact_vocabulary,
     is_unit,
@@ -109,7 +110,7 @@ def trial_column(cells: Sheet, names: Collection[str]) -> str | None:
     return None
 
 
-_TRIALS = {"drop", "shot", "run", "stroke", "throw", "test", "hit", "toss", "trial", "bounce", "experiment"}
+_TRIALS = {"drop", "shot", "run", "stroke", "throw", "test", "hit", "toss", "trial", "bounce", "experiment", "row"}
 _TRIALS |= {"nr", "no", "num", "number", "id", "index"}
 _DISTINCT = 0.9  # share of cells of names of trials: rows may be pasted twice
 
@@ -308,7 +309,7 @@ def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
     for column in needed:
         if column in known.doubtful:
             names = " or ".join(map(repr, known.doubtful[column]))
-            mapped = shlex.quote(f"data.columns={{{column}: {_quoted(known.doubtful[column][0])}}}")
+            mapped = shlex.quote(f"data.columns={{{column}: {quoted(known.doubtful[column][0])}}}")
             return f"column {column} may be {names}: say which, such as {mapped}"
     return None
 
@@ -326,6 +327,7 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
         if column not in known:
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
             own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
+            own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
             raise UnknownNameError(f"column in data.columns{turned}:", column, own)
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
@@ -373,7 +375,7 @@ def _missing(
     others = [repr(name) for name in unused if name not in slips]
     parts += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
-        mapped = [f"{near}: {_quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
+        mapped = [f"{near}: {quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
         word = shlex.quote(f"data.columns={{{', '.join(mapped)}}}")
         parts.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
@@ -391,7 +393,7 @@ def _missing(
     return "; ".join(parts)
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """A name as a setting takes it: brackets, as of units, and other signs want quotes."""
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*( [\w.-]+)*", name, re.ASCII) and name.lower() not in _VALUES
     return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'
