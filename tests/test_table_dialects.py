@@ -726,6 +726,34 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     torch.testing.assert_close(again.impacts.v_post, found.impacts.v_post)
 
 
+@pytest.mark.parametrize("name", ["Time interval {} (s)", "Flugzeit {} (ms)", "flight {}"])
+def test_times_between_bounces_of_a_run(tmp_path, name):
+    """As phyphox writes them; a run may have fewer. Times that grow are those of the bounces, and are refused."""
+    times = np.array([[0.4, 0.3, 0.2], [0.5, 0.45, np.nan], [0.6, 0.4, 0.3]]) * (1e3 if "ms" in name else 1)
+    frame = pd.DataFrame(times, columns=[name.format(k) for k in (1, 2, 3)])
+    frame.insert(0, "Run", ["a", "b", "c"])
+    path, ball = tmp_path / "runs.csv", {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.1}
+    frame.to_csv(path, index=False)
+    found = table.read(path, **ball)
+    assert found.impacts.trial == ("a/2", "a/3", "b/2", "c/2", "c/3")
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1], -GRAVITY / 2 * np.array([0.4, 0.3, 0.5, 0.6, 0.4]))
+    np.testing.assert_allclose(found.impacts.v_post[:, 1], GRAVITY / 2 * np.array([0.3, 0.2, 0.45, 0.4, 0.3]))
+    assert propose(path).source == "table"
+    frame.iloc[2, 1] = 0
+    frame.to_csv(path, index=False)
+    for use in (propose, lambda path: table.read(path, **ball)):
+        with refused(["times between bounces? A body is in flight for t = 2 v/g"]):
+            use(path)
+
+
+def test_a_table_without_anything_after_contact_is_refused_so(tmp_path):
+    path = tmp_path / "forces.csv"
+    path.write_text("Drop height [mm],Peak force [N],Contact time [ms]\n" + "300,2344,1.9\n" * 9)
+    for use in (propose, lambda path: table.read(path, **BODY)):
+        with refused(["has no velocity after contact", "a height of rebound, or a coefficient", "'Peak force [N]'"]):
+            use(path)
+
+
 def test_missing_numbers_of_other_descriptions_are_dropped(tmp_path, frame, monkeypatch):
     """Of heights, of speeds with angles, of roll, pitch and yaw, and of trials with one of their two rows."""
     monkeypatch.chdir(tmp_path)

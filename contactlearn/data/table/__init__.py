@@ -48,6 +48,7 @@ from contactlearn.data.table.columns import (
     NamedColumns,
     apparatus_of,
     covariate_columns,
+    flights_in,
     name_columns,
 )
 from contactlearn.data.table.descriptions import described, phase_column, restated
@@ -345,7 +346,8 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
 
 def _is_of_several_rows(cells: Sheet) -> bool:
     """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
-    return bool(phase_column(cells)) or is_long(cells) or any(map(is_merged, cells.header, cells.columns))
+    several = bool(phase_column(cells)) or is_long(cells) or bool(flights_in(cells.header))
+    return several or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:

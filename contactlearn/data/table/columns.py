@@ -22,6 +22,7 @@ from itertools import product
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
+    COEFFICIENTS,
     NAMES,
     OTHERS,
     Recognised,
@@ -252,7 +253,12 @@ def name_columns(
     slips = _slips(unused, needed, free)
     if slips or needed:
         why = refusal_of_cameras(cells.header) or refusal_of_several(cells.header) or _doubtful(known, needed)
-        why = why or _missing(space, slips, needed, unused, computed)
+        unmeasured = not any(column.endswith("_post") for column in ours)
+        why = (
+            why
+            or (unmeasured and refusal_of_unmeasured(cells.header))
+            or _missing(space, slips, needed, unused, computed)
+        )
         raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
@@ -302,6 +308,56 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
                 f"if these are too, {setting}={usual} if they are in {usual}"
             )
     return Units(units.stated, named)
+
+
+_FLIGHTS = {"interval", "intervals", "flight", "zeitintervall", "intervall", "flugzeit", "vol", "intervalle", "vuelo"}
+_FLIGHTS |= {"intervalo", "intervallo", "volo"}
+_TIMES = {"time", "times", "t", "dt", "δt", "zeit", "temps", "tiempo", "tempo"}
+_BESIDE_FLIGHTS = {"of", "between", "de", "di", "bounce", "bounces", "hop", "bouncing", "s", "ms"}
+_BEFORE = {"vx", "vy", "vz", "speed", "height", "px", "py", "momentum"}
+
+
+def flights_in(header: Sequence[str], words: Collection[str] = _FLIGHTS) -> list[str]:
+    """Return the numbered names that are times between bounces, in their order, such as "Time interval 1 (s)"."""
+    numbers = dict[str, int]()
+    for name in header:
+        said = name_words(name)
+        digits = [word for word in said if word.isdigit()]
+        known = {*_FLIGHTS, *_TIMES, *_BESIDE_FLIGHTS, *digits}
+        if len(digits) == 1 and {*said} & {*words} and {*said} <= known:
+            numbers[name] = int(digits[0])
+    return sorted(numbers, key=lambda name: numbers[name])
+
+
+def refusal_of_unmeasured(header: Sequence[str]) -> str:
+    """Return how to compute velocities from columns that have others in their place, or that none is after contact.
+
+    Empty where some are, and where nothing is known of an impact.
+    """
+    split = {name: name_words(name) for name in header}
+    flights = flights_in(header, _FLIGHTS | _TIMES)
+    if len(flights) > 1:
+        return (
+            f"has no velocities before and after contact; are {', '.join(map(repr, flights))} times between bounces? A "
+            "body is in flight for t = 2 v/g: write a row a bounce, with v_in = g t/2 of the flight before it and "
+            "v_out = g t/2 of that after it, in m/s (docs/tables.md)"
+        )
+    coefficients = [name for name, words in split.items() if "".join(words) in {*COEFFICIENTS, "et"}]
+    if coefficients:
+        return (
+            f"has no velocities before and after contact; the coefficients {', '.join(map(repr, coefficients))} give "
+            "those after it: add vy_post = −e_n vy along the normal and vx_post = e_t vx along the floor, beside vx "
+            "and vy, or speed and 'angle from normal' (docs/tables.md)"
+        )
+    known = recognised_columns(header)[1]
+    if _BEFORE.intersection(known.names) and not any(one.endswith("_post") for one in (*known.names, *known.doubtful)):
+        others = f"; {', '.join(map(repr, known.others))} do not replace it" if known.others else ""
+        return (
+            "has no velocity after contact: vx_post, vy_post and omega_post, or a height of rebound, or a coefficient "
+            f"of restitution must be measured{others} (docs/tables.md); a column with another name is stated by "
+            "'data.columns={vy_post: …}'"
+        )
+    return ""
 
 
 def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:

@@ -36,7 +36,7 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
-from contactlearn.data.table.reshaped import by_component, by_trial
+from contactlearn.data.table.reshaped import by_component, by_flight, by_trial
 from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -92,7 +92,7 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
-    cells = by_trial(replace(cells, gaps=gaps))
+    cells = by_flight(by_trial(replace(cells, gaps=gaps)))
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
     cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
