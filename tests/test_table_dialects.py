@@ -1219,3 +1219,59 @@ def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
     np.savez(tmp_path / "none.npz", a=np.zeros(3), b=np.zeros(4))
     with refused(["no table of impacts", "it has a, b", "as CSV"]):
         table.read(tmp_path / "none.npz", **BODY)
+
+
+@pytest.mark.parametrize("kind", ["one table", "before and after", "beside settings"])
+def test_groups_of_hdf5_are_tables_of_impacts(tmp_path, frame, kind):
+    """With units in attributes; several tables are refused with their names."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "drops.h5"
+
+    def write(group, ends):
+        for end, columns in ends.items():
+            v = group.create_dataset(f"velocity{end}", data=1e3 * frame[[*columns[:2]]].to_numpy())
+            group.create_dataset(f"omega{end}", data=np.degrees(frame[columns[2]])).attrs["unit"] = "deg/s"
+            v.attrs["units"] = "mm/s"
+
+    before, after = COLUMNS[3:6], COLUMNS[6:]
+    with h5py.File(path, "w") as file:
+        file["theta"] = frame.theta
+        file["position"] = frame[["x", "y"]]
+        file["position"].attrs["units"] = "m"
+        if kind == "before and after":
+            write(file.create_group("before"), {"": before})
+            write(file.create_group("after"), {"": after})
+        else:
+            group = file if kind == "one table" else file.create_group("impacts")
+            write(group, {"_pre": before, "_post": after})
+            if kind == "beside settings":
+                file.move("theta", "impacts/theta")
+                file.move("position", "impacts/position")
+                file.create_group("camera")["rate"] = np.arange(3.0)
+    found = table.read(path, units={"length": "m", "angle": "rad"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=1e-9, atol=1e-12)
+    assert propose(path).source == "table"
+    with h5py.File(path, "w") as file:
+        for name in ("first", "second"):
+            write(file.create_group(name), {"_pre": before, "_post": after})
+    with refused(["has several tables of impacts, first, second"]):
+        table.read(path, **BODY)
+
+
+def test_structures_of_matlab_are_impacts(tmp_path, frame):
+    """An impact each, with a structure of settings beside them."""
+    from scipy.io import savemat
+
+    records = [
+        {
+            "pre": {"vx": r.vx, "vy": r.vy, "omega": r.omega},
+            "post": {"vx": r.vx_post, "vy": r.vy_post, "omega": r.omega_post},
+            "pose": [r.x, r.y, r.theta],
+        }
+        for r in frame.itertuples()
+    ]
+    dtype = [(name, object) for name in records[0]]
+    made = np.array([tuple(one.values()) for one in records], dtype=dtype)
+    savemat(tmp_path / "drops.mat", {"impacts": made, "setup": {"fps": 500.0, "floor": "steel"}})
+    found = table.read(tmp_path / "drops.mat", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)

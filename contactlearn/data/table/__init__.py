@@ -39,6 +39,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write, finite_number
+from contactlearn.data.array_files import HDF5
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
@@ -84,7 +85,7 @@ _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quate
 _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the rows
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
-_JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz")
+_JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
 _READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),

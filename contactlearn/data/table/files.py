@@ -17,10 +17,10 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.array_files import loaded
+from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
 from contactlearn.data.json_files import parsed
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
-from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.names import components_of, impact_vocabulary, name_words, recognise
 from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.mechanics.space import BOTH
@@ -223,24 +223,31 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
-    """Cells of arrays of MATLAB (.mat) or NumPy (.npz), a row or a column an impact; single numbers hold for all.
+    """Cells of arrays of MATLAB (.mat), NumPy (.npz) or HDF5, a row or a column an impact; single numbers hold for all.
+
+    Those of a structure or a group are taken that have velocities after contact.
 
     Raises:
         DataError: the file cannot be read, or its arrays are not of one length.
+        ContactLearnError: the library that reads the format is not installed.
     """
     del rows  # arrays are read as a whole
     try:
-        content = loaded(path)
-    except (DataError, OSError):
+        content = tables_in_hdf5(path) if path.suffix.lower() in HDF5 else loaded(path)
+    except (ContactLearnError, OSError):
         raise
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
-    while (
-        isinstance(content, Mapping) and len(content) == 1 and isinstance(one := next(iter(content.values())), Mapping)
-    ):
-        content = one
-    arrays = {str(name): np.asarray(one) for name, one in content.items()} if isinstance(content, Mapping) else {}
-    arrays = {name: one for name, one in arrays.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
+    of_impacts = [(name, arrays) for name, arrays in groups if _has_outcomes(arrays)]
+    of_impacts = dict[str, dict[str, np.ndarray]]()
+    for name, one in groups:  # the outermost that are whole
+        if _has_outcomes(one) and not any(name.startswith(f"{above}/") for above in of_impacts):
+            of_impacts[name] = one
+    if len(of_impacts) > 1:
+        names = ", ".join(name.strip("/") for name in of_impacts)
+        raise DataError(f"{path}: has several tables of impacts, {names}: export each as a file of its own")
+    arrays = next(iter(of_impacts.values()), groups[-1][1] if groups else {})
     lengths = Counter(max(one.shape) for one in arrays.values() if one.size > 1)
     size = max(lengths, key=lambda length: (lengths[length], length), default=0)
     header, columns = list[str](), list[Cells]()
@@ -260,6 +267,34 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
             "as CSV with a column for each component, such as vx, vy, omega, vx_post, vy_post, omega_post"
         )
     yield Sheet(path, header, [_without_gaps(column) for column in columns])
+
+
+def _groups(content: Mapping[str, Any], name: str) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Arrays of numbers by dotted names, of a file and of each group in it, from the outermost on."""
+    content = {key: _by_name(one) for key, one in content.items()}
+    flat = {key: np.asarray(one) for key, one in _flat(content).items()}
+    yield name, {key: one for key, one in flat.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    for key, one in content.items():
+        if isinstance(one, Mapping):
+            yield from _groups(one, f"{name}/{key}")
+
+
+def _by_name(one: Any) -> Any:
+    """The arrays of a list of structures of numbers, an impact each, as MATLAB has them; other things as they are."""
+    listed = isinstance(one, list) or (isinstance(one, np.ndarray) and one.dtype.kind == "O" and one.ndim)
+    if not listed or not len(one) or not all(isinstance(each, dict) for each in one):
+        return one
+    records = [*map(_flat, one)]
+    shapes = {key: {np.shape(record.get(key)) for record in records} for key in records[0]}
+    return {key: np.asarray([record[key] for record in records]) for key, found in shapes.items() if len(found) == 1}
+
+
+def _has_outcomes(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Whether arrays have velocities after contact."""
+    sizes = {name: min(one.shape) if one.ndim == 2 else 1 for name, one in arrays.items() if one.size > 1}
+    vectors = components_of(sizes, opposite=any("out" in name_words(name) for name in sizes))
+    names = [*arrays, *chain.from_iterable(vectors.values())]
+    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
 
 
 def _without_gaps(column: Cells) -> Cells:
