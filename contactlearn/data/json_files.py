@@ -10,7 +10,7 @@ from contactlearn.core.errors import DataError
 _END = re.compile(r"[\w.+-]*\s*")  # of a text that breaks off, from its mistake on: the beginning of a word or number
 
 
-def parsed(path: Path, *, most: int) -> Any:
+def json_content(path: Path, *, most: int) -> Any:
     """Return the content of a file; that of records a line is a list of them.
 
     Args:

@@ -52,7 +52,7 @@ from contactlearn.data.table.columns import (
     flights_in,
     name_columns,
 )
-from contactlearn.data.table.descriptions import described, phase_column, restated
+from contactlearn.data.table.descriptions import by_settings, phase_column, restated
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -225,7 +225,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells, columns = described(cells, columns)
+        cells, columns = by_settings(cells, columns)
         cells = restated(
             cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
         )

@@ -365,7 +365,7 @@ def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
     for column in needed:
         if column in known.doubtful:
             names = " or ".join(map(repr, known.doubtful[column]))
-            mapped = shlex.quote(f"data.columns={{{column}: {quoted(known.doubtful[column][0])}}}")
+            mapped = shlex.quote(f"data.columns={{{column}: {setting_text(known.doubtful[column][0])}}}")
             return f"column {column} may be {names}: say which, such as {mapped}"
     return None
 
@@ -431,7 +431,9 @@ def _missing(
     others = [repr(name) for name in unused if name not in slips]
     parts += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
-        mapped = [f"{near}: {quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
+        mapped = [f"{near}: {setting_text(name)}" for name, near in slips.items()] + [
+            f"{column}: …" for column in lacking
+        ]
         word = shlex.quote(f"data.columns={{{', '.join(mapped)}}}")
         parts.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
@@ -449,7 +451,7 @@ def _missing(
     return "; ".join(parts)
 
 
-def quoted(name: str) -> str:
+def setting_text(name: str) -> str:
     """A name as a setting takes it: brackets, as of units, and other signs want quotes."""
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*( [\w.-]+)*", name, re.ASCII) and name.lower() not in _VALUES
     return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'

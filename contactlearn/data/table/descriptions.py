@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import columns_of, quoted, recognised_columns
+from contactlearn.data.table.columns import columns_of, recognised_columns, setting_text
 from contactlearn.data.table.dialect import with_one_unit
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
@@ -106,7 +106,7 @@ def restated(
     return replace(level(cells, units, mapped), gaps=False)
 
 
-def described(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[Sheet, Mapping[str, str | None] | None]:
+def by_settings(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[Sheet, Mapping[str, str | None] | None]:
     """Return the table with names of other descriptions that settings map, such as height, and the other mappings."""
     if not isinstance(mapped, Mapping):
         return cells, mapped
@@ -416,7 +416,7 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
             names = {one: _directed(known, one) or next(iter(known.others), "…") for one in ("", "_post")}
-            mapped = ", ".join(f"direction_floor{one}: {quoted(name)}" for one, name in names.items())
+            mapped = ", ".join(f"direction_floor{one}: {setting_text(name)}" for one, name in names.items())
             raise DataError(
                 f"{cells.path}: the angle {names[end]!r} may be from the floor or from its normal: say which, "
                 f"'data.columns={{{mapped}}}' or direction_normal, direction_normal_post; or call it 'angle from "

@@ -18,7 +18,7 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
-from contactlearn.data.json_files import parsed
+from contactlearn.data.json_files import json_content
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import components_of, impact_vocabulary, name_words, recognise
 from contactlearn.data.table.rows import impactful
@@ -181,7 +181,7 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is not JSON, or holds something else.
     """
     del rows  # JSON is read as a whole
-    content = parsed(path, most=_UNPACKED)
+    content = json_content(path, most=_UNPACKED)
     records = [*map(_flat, _records(path, content))]
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
@@ -285,7 +285,7 @@ def _by_name(one: Any) -> Any:
     if not listed or not len(one) or not all(isinstance(each, dict) for each in one):
         return one
     records = [*map(_flat, one)]
-    shapes = {key: {np.shape(record.get(key)) for record in records} for key in records[0]}
+    shapes = {key: {np.shape(record.get(key, [])) for record in records} for key in records[0]}
     return {key: np.asarray([record[key] for record in records]) for key, found in shapes.items() if len(found) == 1}
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pandas as pd
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.json_files import parsed
+from contactlearn.data.json_files import json_content
 from contactlearn.data.recordings.readers import RECORDED, TITLE, TUM_COLUMNS, has_titles
 from contactlearn.data.recordings.readers.exports import COMMENT
 
@@ -73,7 +73,7 @@ def json_table(path: Path) -> pd.DataFrame:
     Raises:
         DataError: it is no JSON, or holds no frames.
     """
-    content = parsed(path, most=_LARGEST)
+    content = json_content(path, most=_LARGEST)
     parts = [*_recordings(content, "")]
     if not parts:
         raise DataError(
