@@ -3,6 +3,8 @@
 import codecs
 import json
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +114,43 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
     blocks = [*table.read_blocks(path, 7, **BODY)]  # of a large file: as the whole
     np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
     assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+
+
+def test_text_of_labview_and_of_other_suffixes(tmp_path, frame):
+    """Between its marks LabVIEW writes one line a property, and a column of comments that no row has."""
+    content = text(frame, "\t")
+    for suffix in (".asc", ".prn", ".tab"):
+        (tmp_path / f"drops{suffix}").write_text(content)
+    above = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t9\nSamples" + "\t30" * 9
+    header, _, rows = content.partition("\n")
+    counted = "".join(f"{k}.0\t{row}\n" for k, row in enumerate(rows.splitlines()))
+    lines = [above, "***End_of_Header***" + "\t" * 10, f"X_Value\t{header}\tComment", counted]
+    (tmp_path / "drops.lvm").write_text("\n".join(lines))
+    for path in tmp_path.iterdir():
+        found = table.read(path, **BODY)
+        np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+        assert propose(path).source == "table"
+
+
+def test_a_database_has_one_table_of_impacts(tmp_path, frame):
+    """Beside others; of two you are asked for one, and nothing is written to it."""
+    path = tmp_path / "drops.sqlite"
+    with closing(sqlite3.connect(path)) as base:
+        frame.to_sql("impacts of May", base, index=False)
+        frame[["x", "y"]].to_sql("points", base, index=False)
+    path.chmod(0o444)
+    found = table.read(path, **BODY)
+    np.testing.assert_array_equal(numbers(found.impacts), frame)
+    assert found.read_as == ("table impacts of May",)
+    assert propose(path).source == "table"
+    path.chmod(0o644)
+    with closing(sqlite3.connect(path)) as base:
+        frame.to_sql("impacts of June", base, index=False)
+    with refused(["has several tables, 'impacts of May', 'impacts of June'"]):
+        table.read(path, **BODY)
+    (tmp_path / "no.db").write_text("no database, but a text that is long enough to be looked at as one" * 9)
+    with refused(["no.db: is no readable database of SQLite (file is not a database)"]):
+        table.read(tmp_path / "no.db", **BODY)
 
 
 STATISTICS = {

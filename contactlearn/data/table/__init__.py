@@ -87,7 +87,8 @@ _SAME = 1e-6  # relative difference of a number in a setting and in a column, up
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
 _READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm"), files.read_text),
+    **dict.fromkeys((".sqlite", ".sqlite3", ".db"), files.read_database),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
     **dict.fromkeys(_JSON, files.read_json),

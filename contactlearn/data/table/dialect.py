@@ -21,6 +21,7 @@ from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words
 from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
+_LABVIEW = "***End_of_Header***"
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
 _MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
@@ -221,6 +222,9 @@ def sniffed(path: Path) -> Dialect:
 
 def _comments_above(lines: Sequence[str]) -> int:
     """The number of lines above the table that are blank or comments, of which those of C end with their mark."""
+    headed = [k for k, line in enumerate(lines) if line.startswith(_LABVIEW)]
+    if headed:
+        return headed[-1] + 1
     inside = False
     for k, line in enumerate(lines):
         text = line.strip()
@@ -393,6 +397,8 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     widths = [len(row) for row in rows]
     width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
     named_rows = _are_named(rows, width)
+    if rows and len(rows[0]) == width + 1 and name_words(text_of(rows[0][-1])) in (["comment"], ["comments"]):
+        rows = [rows[0][:-1], *rows[1:]]  # of LabVIEW, which has none
     rows = [["row", *rows[0]], *rows[1:]] if named_rows else rows
     full = [
         k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not is_blank(cell) for cell in row) > width

@@ -7,8 +7,10 @@ come in blocks of rows, so that a file need not fit in memory.
 
 import csv
 import re
+import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -222,6 +224,39 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of the only table of SQLite, or the only one with velocities after contact.
+
+    Raises:
+        DataError: the file is no database, or has no or several such tables.
+    """
+    del rows  # a database is read as a whole
+    tables = dict[str, tuple[list[str], list[Cells]]]()
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+            names = base.execute("SELECT name FROM sqlite_master WHERE type IN ('table', 'view')").fetchall()
+            for (name,) in names:
+                found = base.execute('SELECT * FROM "{}"'.format(name.replace('"', '""')))
+                header = [column[0] for column in found.description]
+                content = found.fetchall()
+                tables[name] = header, [[row[k] for row in content] for k in range(len(header))]
+    except sqlite3.Error as error:
+        raise DataError(f"{path}: is no readable database of SQLite ({error}); export its table as CSV") from None
+    of_impacts = {name: one for name, one in tables.items() if _are_outcomes(one[0])} or tables
+    if len(of_impacts) != 1:
+        seen = ", ".join(map(repr, of_impacts)) or "none"
+        raise DataError(f"{path}: has several tables, {seen}: export that of the impacts as CSV")
+    ((name, (header, columns)),) = of_impacts.items()
+    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
+    read_as = (f"table {name}",) if len(tables) > 1 else ()
+    yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
+
+
+def _are_outcomes(names: Sequence[str]) -> bool:
+    """Whether some names are those of velocities after contact."""
+    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
+
+
 def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     """Cells of arrays of MATLAB (.mat), NumPy (.npz) or HDF5, a row or a column an impact; single numbers hold for all.
 
@@ -294,7 +329,7 @@ def _has_outcomes(arrays: Mapping[str, np.ndarray]) -> bool:
     sizes = {name: min(one.shape) if one.ndim == 2 else 1 for name, one in arrays.items() if one.size > 1}
     vectors = components_of(sizes, opposite=any("out" in name_words(name) for name in sizes))
     names = [*arrays, *chain.from_iterable(vectors.values())]
-    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
+    return _are_outcomes(names)
 
 
 def _without_gaps(column: Cells) -> Cells:
@@ -310,9 +345,7 @@ def _of_impacts(frame: "DataFrame") -> bool:
         top = header_of([row for row in frame.values.tolist()[:_HEAD] if not all(map(is_blank, row))], "")
     except DataError:
         return False
-    return any(
-        {*space.components["v_post"]} & {*recognise(top.names, impact_vocabulary(space)).names} for space in BOTH
-    )
+    return _are_outcomes(top.names)
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:
