@@ -19,7 +19,7 @@ from spatial import tossed
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.headers import propose
-from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -363,6 +363,10 @@ def test_names_of_rows_under_a_header_without_one(tmp_path, frame):
     (tmp_path / "commas.csv").write_text("nr,vx\n" + "".join(f"{k},0,5\n" for k in range(1, 6)))
     with refused(["row 1 (line 2) has 3 cells", "a decimal comma?"]):
         table.read(tmp_path / "commas.csv", **BODY)
+
+
+def test_a_phase_in_dutch_is_no_missing_one():
+    assert [time_of(word) for word in ("voor", "na", "NA", "na de botsing")] == ["pre", "post", None, None]
 
 
 def test_other_descriptions_are_named_by_settings(frame):

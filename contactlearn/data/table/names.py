@@ -204,7 +204,7 @@ def name_words(name: str) -> list[str]:
 def time_of(name: str) -> str | None:
     """Return "pre" or "post" if a name is that and nothing else, such as "after impact"."""
     words = [word for word in name_words(name) if word not in (*_IMPACT, "the")]
-    if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"}:
+    if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"} or name.strip() == "NA":  # no Dutch "after"
         return None
     return "post" if {*words} & {*_AFTER, "out"} else "pre"
 
