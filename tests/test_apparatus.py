@@ -128,6 +128,14 @@ def test_slope_and_zero_are_found_within_their_errors(slope, zero, offset):
     assert (np.abs(scores) > 3).sum() <= 6
 
 
+def test_gravity_is_found_where_noise_hides_it_in_short_windows():
+    """Of 0.8 mm at 120 frames a second."""
+    recordings = simulate(12, replace(PLAIN, frames=110, rate=120.0, noise=8e-4), seed=1)[0]
+    gravity, _ = find_gravity(recordings).measured
+    assert within(gravity, 9.81)
+    assert gravity.error < 0.2
+
+
 def test_flights_that_are_too_few_tell_no_drag():
     found = find_gravity(simulate(1, replace(PLAIN, frames=60), seed=2)[0])
     assert (found.drag, found.measured[1].error) == (0.0, math.inf)

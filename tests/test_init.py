@@ -321,7 +321,7 @@ def test_a_name_in_a_file_is_text(drops):
     [
         (["nowhere.csv"], "nowhere.csv: no such file or folder"),
         (["drops.csv.gz"], "drops.csv.gz: is compressed; unpack it first"),
-        (["broken.jsonl"], "broken.jsonl: is no JSON"),
+        (["broken.jsonl"], "broken.jsonl: is no whole JSON: it breaks off at line 2"),
         (["other.json"], "other.json: holds neither frames nor impacts"),
         (["drops.csv", "--name", "table"], "data=table is a source of this package; choose another name"),
         (["drops.csv", "--name", "my data"], "a word of letters, digits and _ for data=NAME, got 'my data'"),

@@ -181,3 +181,13 @@ def test_markers_on_corners_in_space(mirrored):
     np.testing.assert_allclose(np.sort(np.abs(places), 0), np.tile((70.0, 45.0, 30.0), (5, 1)), atol=1e-6)
     flat = replace(few, markers=marks[:2])
     assert places_on_corners([flat], frame, box) is None
+
+
+def test_markers_on_the_axis_of_a_rod_are_on_no_corners():
+    """Which are nearer to them than a tenth of its length."""
+    rod = Polygon(((0.1, 0.005), (-0.1, 0.005), (-0.1, -0.005), (0.1, -0.005)))
+    few = Recording(
+        name="a", source="a", time=np.arange(2.0), position=np.zeros((2, 2)), angle=np.zeros(2),
+        markers=np.array(((0.1, 0.0), (-0.1, 0.0))),
+    )  # fmt: skip
+    assert places_on_corners([few], Frame(scale=1.0, axes=np.eye(2)), rod) is None

@@ -3,6 +3,8 @@
 import codecs
 import json
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from spatial import tossed
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.headers import propose
-from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -114,10 +116,48 @@ def test_every_dialect_is_the_same_table(tmp_path, frame, suffix, content, said)
     assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
 
 
+def test_text_of_labview_and_of_other_suffixes(tmp_path, frame):
+    """Between its marks LabVIEW writes one line a property, and a column of comments that no row has."""
+    content = text(frame, "\t")
+    for suffix in (".asc", ".prn", ".tab"):
+        (tmp_path / f"drops{suffix}").write_text(content)
+    above = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t9\nSamples" + "\t30" * 9
+    header, _, rows = content.partition("\n")
+    counted = "".join(f"{k}.0\t{row}\n" for k, row in enumerate(rows.splitlines()))
+    lines = [above, "***End_of_Header***" + "\t" * 10, f"X_Value\t{header}\tComment", counted]
+    (tmp_path / "drops.lvm").write_text("\n".join(lines))
+    for path in tmp_path.iterdir():
+        found = table.read(path, **BODY)
+        np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+        assert propose(path).source == "table"
+
+
+def test_a_database_has_one_table_of_impacts(tmp_path, frame):
+    """Beside others; of two you are asked for one, and nothing is written to it."""
+    path = tmp_path / "drops.sqlite"
+    with closing(sqlite3.connect(path)) as base:
+        frame.to_sql("impacts of May", base, index=False)
+        frame[["x", "y"]].to_sql("points", base, index=False)
+    path.chmod(0o444)
+    found = table.read(path, **BODY)
+    np.testing.assert_array_equal(numbers(found.impacts), frame)
+    assert found.read_as == ("table impacts of May",)
+    assert propose(path).source == "table"
+    path.chmod(0o644)
+    with closing(sqlite3.connect(path)) as base:
+        frame.to_sql("impacts of June", base, index=False)
+    with refused(["has several tables, 'impacts of May', 'impacts of June'"]):
+        table.read(path, **BODY)
+    (tmp_path / "no.db").write_text("no database, but a text that is long enough to be looked at as one" * 9)
+    with refused(["no.db: is no readable database of SQLite (file is not a database)"]):
+        table.read(tmp_path / "no.db", **BODY)
+
+
 STATISTICS = {
     "means below": (["Mittelwert;{}", "Std.-Abw.;{}", "n=30"], 3),
     "means by word": (["mean (n=30);{}", "SD;{}", "total;{}", "max;{}"], 4),
     "means in French": (["Moyenne;{}", "écart type;{}"], 2),
+    "other languages": (["Standardabw.;{}", "medelvärde;{}", "odchylenie std.;{}", "среднее;{}"], 4),
     "comments": (["# cleaned", "% the floor, again"], 2),
     "a note": (["Trials 12 and 40 were repeated.", "-----", "Page 2;;;;;;;;;"], 3),
     "the header again": (["trial;" + ";".join(COLUMNS), ";mm;mm;rad;m/s;m/s;rad/s;m/s;m/s;rad/s"], 2),
@@ -143,6 +183,17 @@ def test_rows_that_are_no_impacts_are_left_out(tmp_path, frame, below, count, pl
     assert f"(line {23 if place == 'between' else 33})" in said
     blocks = [*table.read_blocks(path, 7, **BODY)]
     np.testing.assert_array_equal(np.concatenate([numbers(one.impacts) for one in blocks]), numbers(found.impacts))
+
+
+def test_last_rows_that_begin_with_a_word_where_others_have_a_number_are_left_out(tmp_path, frame):
+    """As means in any language; a trial that was repeated, 30b, is one."""
+    lines = text(frame).splitlines()
+    numbered = [f"{k},{line}" for k, line in enumerate(lines[1:], 1)]
+    below = [f"30b,{lines[3]}", f"Keskihajonta,{lines[4]}", f"virhe,{lines[5]}"]
+    (tmp_path / "drops.csv").write_text("\n".join(["trial," + lines[0], *numbered, *below]), "utf-8")
+    found = table.read(tmp_path / "drops.csv", **BODY)
+    assert found.impacts.trial[-2:] == ("30", "30b")
+    assert found.read_as == ("left out 2 rows that are no impacts: 'Keskihajonta' (line 33), 'virhe' (line 34)",)
 
 
 def test_words_of_statistics_that_are_names_stay(tmp_path, frame):
@@ -260,6 +311,12 @@ NAMES = {
     },
     "contact in German": {"vx": "vx vor dem Stoß", "vx_post": "vx nach dem Stoß", "omega": "Drehzahl vor Aufprall"},
     "French": {"vx": "vitesse x avant", "vx_post": "vitesse x après", "omega": "vitesse angulaire"},
+    "Swedish": {"vx": "hastighet vx före", "vx_post": "vx efter stöt", "theta": "vinkel", "omega": "ω före"},
+    "Dutch": {"vx": "snelheid x voor botsing", "vx_post": "snelheid x na botsing", "theta": "hoek", "trial": "proef"},
+    "Portuguese": {"vx": "velocidade x antes", "vx_post": "velocidade x depois", "theta": "ângulo"},
+    "Polish": {"vx": "prędkość vx przed zderzeniem", "vx_post": "prędkość vx po zderzeniu", "theta": "kąt"},
+    "Russian": {"vx": "скорость vx до удара", "vx_post": "скорость vx после удара", "theta": "угол θ"},
+    "Japanese": {"vx": "速度 vx 衝突前", "vx_post": "速度 vx 衝突後", "theta": "角度"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
 
@@ -291,6 +348,40 @@ def test_units_that_names_state_are_converted(frame, name):
     for columns in (None, {column: name}):  # stated or recognised
         found = table.read(changed, columns=columns, units=silent, **BODY)
         np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=1e-15)
+
+
+def test_names_of_rows_under_a_header_without_one(tmp_path, frame):
+    """As write.table of R has them; a decimal comma that parts a cell in two is none."""
+    lines = text(frame, " ").splitlines()
+    (tmp_path / "drops.txt").write_text(
+        "\n".join([lines[0], *(f'"{k}" {line}' for k, line in enumerate(lines[1:], 1))])
+    )
+    found = table.read(tmp_path / "drops.txt", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert "names of rows, which R writes" in found.read_as
+    assert found.impacts.trial[-1] == "30"
+    (tmp_path / "commas.csv").write_text("nr,vx\n" + "".join(f"{k},0,5\n" for k in range(1, 6)))
+    with refused(["row 1 (line 2) has 3 cells", "a decimal comma?"]):
+        table.read(tmp_path / "commas.csv", **BODY)
+
+
+def test_a_phase_in_dutch_is_no_missing_one():
+    assert [time_of(word) for word in ("voor", "na", "NA", "na de botsing")] == ["pre", "post", None, None]
+
+
+def test_other_descriptions_are_named_by_settings(frame):
+    """Angles of speeds, in the unit of the column's name, that may be from the floor or from its normal."""
+    ball = frame.drop(columns=["theta", "vx", "vy", "vx_post", "vy_post"]).assign(
+        speed_in_mph=np.hypot(frame.vx, frame.vy) * 3600 / 1609.344,
+        angle_in_deg=np.degrees(np.arctan2(-frame.vy, frame.vx)),
+        speed_out_mph=np.hypot(frame.vx_post, frame.vy_post) * 3600 / 1609.344,
+        angle_out_deg=np.degrees(np.arctan2(frame.vy_post, frame.vx_post)),
+    )
+    with refused(["'data.columns={direction_floor: angle_in_deg, direction_floor_post: angle_out_deg}'"]):
+        table.read(ball, **BALL)
+    columns = {"direction_floor": "angle_in_deg", "direction_floor_post": "angle_out_deg"}
+    found = table.read(ball, columns=columns, **BALL)
+    np.testing.assert_allclose(numbers(found.impacts)[:, 3:], frame[[*COLUMNS[3:]]], rtol=1e-9, atol=1e-9)
 
 
 def test_in_and_out_are_before_and_after_contact(frame):
@@ -642,6 +733,13 @@ def test_speed_and_angle(frame):
         pytest.param(("h", "h'"), (0.5, 0.5), id="h"),
         pytest.param(("Fallhöhe [m]", "Rücksprunghöhe [m]"), (0.5, 0.5), id="in German"),
         pytest.param(("hauteur de chute", "hauteur de rebond"), (0.5, 0.5), id="in French"),
+        pytest.param(("Fallhöhe h [m]", "Rücksprunghöhe h' [m]"), (0.5, 0.5), id="with symbols"),
+        pytest.param(("Drop height h1 (m)", "Rebound height h2 (m)"), (0.5, 0.5), id="with indices"),
+        pytest.param(("h0 [m]", "h1 [m]"), (0.5, 0.5), id="by indices"),
+        pytest.param(("velocity v before (m/s)", "velocity v after (m/s)"), (1.0, 1.0), id="a velocity v"),
+        pytest.param(("fallhöjd [m]", "studshöjd [m]"), (0.5, 0.5), id="in Swedish"),
+        pytest.param(("valhoogte [m]", "stuithoogte [m]"), (0.5, 0.5), id="in Dutch"),
+        pytest.param(("wysokość spadku [m]", "wysokość odbicia [m]"), (0.5, 0.5), id="in Polish"),
         pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
         pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
@@ -669,6 +767,34 @@ def test_bounces_along_the_normal(tmp_path, names, speeds):
     columns = {name.removeprefix("columns."): value for name, value in settings.items() if name[:8] == "columns."}
     again = table.read(path, shape={"kind": "disc", "radius": 0.02}, mass=0.1, units=units, columns=columns)
     torch.testing.assert_close(again.impacts.v_post, found.impacts.v_post)
+
+
+@pytest.mark.parametrize("name", ["Time interval {} (s)", "Flugzeit {} (ms)", "flight {}"])
+def test_times_between_bounces_of_a_run(tmp_path, name):
+    """As phyphox writes them; a run may have fewer. Times that grow are those of the bounces, and are refused."""
+    times = np.array([[0.4, 0.3, 0.2], [0.5, 0.45, np.nan], [0.6, 0.4, 0.3]]) * (1e3 if "ms" in name else 1)
+    frame = pd.DataFrame(times, columns=[name.format(k) for k in (1, 2, 3)])
+    frame.insert(0, "Run", ["a", "b", "c"])
+    path, ball = tmp_path / "runs.csv", {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.1}
+    frame.to_csv(path, index=False)
+    found = table.read(path, **ball)
+    assert found.impacts.trial == ("a/2", "a/3", "b/2", "c/2", "c/3")
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1], -GRAVITY / 2 * np.array([0.4, 0.3, 0.5, 0.6, 0.4]))
+    np.testing.assert_allclose(found.impacts.v_post[:, 1], GRAVITY / 2 * np.array([0.3, 0.2, 0.45, 0.4, 0.3]))
+    assert propose(path).source == "table"
+    frame.iloc[2, 1] = 0
+    frame.to_csv(path, index=False)
+    for use in (propose, lambda path: table.read(path, **ball)):
+        with refused(["times between bounces? A body is in flight for t = 2 v/g"]):
+            use(path)
+
+
+def test_a_table_without_anything_after_contact_is_refused_so(tmp_path):
+    path = tmp_path / "forces.csv"
+    path.write_text("Drop height [mm],Peak force [N],Contact time [ms]\n" + "300,2344,1.9\n" * 9)
+    for use in (propose, lambda path: table.read(path, **BODY)):
+        with refused(["has no velocity after contact", "a height of rebound, or a coefficient", "'Peak force [N]'"]):
+            use(path)
 
 
 def test_missing_numbers_of_other_descriptions_are_dropped(tmp_path, frame, monkeypatch):
@@ -990,14 +1116,14 @@ def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
     names = ["topspin in (rev/s)", "spin rate (rpm)", "rotation before (deg/s)", "rotation speed"]
     for name in names:
         assert {*recognise([name], impact_vocabulary(PLANE)).names} <= {"omega"}
-    spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(backspin=frame.omega, backspin2=0.0)
+    spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(sidespin=frame.omega, sidespin2=0.0)
     path = tmp_path / "drops.csv"
     spun.to_csv(path, index=False)
-    with refused(["missing column omega", "backspin"]):
+    with refused(["missing column omega", "sidespin"]):
         table.read(path, **BALL)
     settings = {one.name: one for one in propose(path).settings}
     assert settings["units.angle"].value is None  # no column is an angle yet: the one to be named may say its unit
-    spun = spun.rename(columns={"backspin": "side in (rev/s)"}).drop(columns="backspin2")
+    spun = spun.rename(columns={"sidespin": "side in (rev/s)"}).drop(columns="sidespin2")
     columns = {"omega": "side in (rev/s)", "omega_post": "side in (rev/s) "}
     found = table.read(spun.assign(**{columns["omega_post"]: 1.0}), columns=columns, units={"angle": None}, **BALL)
     assert found.impacts.v_pre[0, 2].item() == pytest.approx(2 * math.pi * frame.omega[0])
@@ -1136,3 +1262,59 @@ def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
     np.savez(tmp_path / "none.npz", a=np.zeros(3), b=np.zeros(4))
     with refused(["no table of impacts", "it has a, b", "as CSV"]):
         table.read(tmp_path / "none.npz", **BODY)
+
+
+@pytest.mark.parametrize("kind", ["one table", "before and after", "beside settings"])
+def test_groups_of_hdf5_are_tables_of_impacts(tmp_path, frame, kind):
+    """With units in attributes; several tables are refused with their names."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "drops.h5"
+
+    def write(group, ends):
+        for end, columns in ends.items():
+            v = group.create_dataset(f"velocity{end}", data=1e3 * frame[[*columns[:2]]].to_numpy())
+            group.create_dataset(f"omega{end}", data=np.degrees(frame[columns[2]])).attrs["unit"] = "deg/s"
+            v.attrs["units"] = "mm/s"
+
+    before, after = COLUMNS[3:6], COLUMNS[6:]
+    with h5py.File(path, "w") as file:
+        file["theta"] = frame.theta
+        file["position"] = frame[["x", "y"]]
+        file["position"].attrs["units"] = "m"
+        if kind == "before and after":
+            write(file.create_group("before"), {"": before})
+            write(file.create_group("after"), {"": after})
+        else:
+            group = file if kind == "one table" else file.create_group("impacts")
+            write(group, {"_pre": before, "_post": after})
+            if kind == "beside settings":
+                file.move("theta", "impacts/theta")
+                file.move("position", "impacts/position")
+                file.create_group("camera")["rate"] = np.arange(3.0)
+    found = table.read(path, units={"length": "m", "angle": "rad"}, **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=1e-9, atol=1e-12)
+    assert propose(path).source == "table"
+    with h5py.File(path, "w") as file:
+        for name in ("first", "second"):
+            write(file.create_group(name), {"_pre": before, "_post": after})
+    with refused(["has several tables of impacts, first, second"]):
+        table.read(path, **BODY)
+
+
+def test_structures_of_matlab_are_impacts(tmp_path, frame):
+    """An impact each, with a structure of settings beside them."""
+    from scipy.io import savemat
+
+    records = [
+        {
+            "pre": {"vx": r.vx, "vy": r.vy, "omega": r.omega},
+            "post": {"vx": r.vx_post, "vy": r.vy_post, "omega": r.omega_post},
+            "pose": [r.x, r.y, r.theta],
+        }
+        for r in frame.itertuples()
+    ]
+    dtype = [(name, object) for name in records[0]]
+    made = np.array([tuple(one.values()) for one in records], dtype=dtype)
+    savemat(tmp_path / "drops.mat", {"impacts": made, "setup": {"fps": 500.0, "floor": "steel"}})
+    found = table.read(tmp_path / "drops.mat", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)

@@ -858,6 +858,40 @@ def test_json_of_poses_in_space(tmp_path):
     assert found.order is None
 
 
+@pytest.mark.parametrize("kind", ["log", "motions", "nine"])
+def test_json_of_poses_with_matrices(kind, tmp_path):
+    """A log of tags with times in ns since 1970, motions of 4 × 4 numbers, and matrices as nine numbers."""
+    one, path = whole(), tmp_path / "cube.jsonl"
+    turned = matrices(one.quaternion, "wxyz")
+    with path.open("w") as file:
+        for t, p, R in zip(one.time, one.position, turned, strict=True):
+            motion = [[*row, x] for row, x in zip(R.tolist(), p.tolist(), strict=True)] + [[0, 0, 0, 1]]
+            frame = {
+                "log": {"stamp_ns": 1690000000000000000 + round(1e9 * t), "pose_t": p.tolist(), "pose_R": R.tolist()},
+                "motions": {"t": t, "T": motion},
+                "nine": {"t": t, "pos": p.tolist(), "R": R.ravel().tolist()},
+            }[kind]
+            file.write(json.dumps({"toss": 1, **frame, "hamming": 0}) + "\n")
+    (found,) = read(path, track_options(**stated_by_header(path)).layout)
+    np.testing.assert_allclose(found.time - found.time[0], one.time - one.time[0], atol=1e-6)
+    np.testing.assert_allclose(found.position, one.position)
+    np.testing.assert_allclose(found.quaternion, turned.reshape(-1, 9))
+
+
+@pytest.mark.parametrize("end", [-1, -20, 40])
+@pytest.mark.parametrize("suffix", ["json", "jsonl"])
+def test_a_json_that_breaks_off_says_so(end, suffix, tmp_path):
+    """As of a download that was interrupted, in a word, a number or between two."""
+    records = [{"t": k / 8, "x": 0.125, "y": 1.5, "theta": 0.25, "name": "a cube"} for k in range(9)]
+    text = json.dumps(records) if suffix == "json" else "\n".join(map(json.dumps, records))
+    path = tmp_path / f"a.{suffix}"
+    path.write_text(text[:end])
+    last = 1 if suffix == "json" or end == 40 else 9
+    for use in (propose, lambda path: list(read(path)), table.load):
+        with refused([f"a.{suffix}: is no whole JSON: it breaks off at line {last}", "copy or export the file again"]):
+            use(path)
+
+
 def test_markers_may_be_called_as_accelerations_are(tmp_path):
     pd.DataFrame({"time": np.arange(9) / 9, "ax": 0.0, "ay": 1.0, "bx": 1.0, "by": 1.0}).to_csv(tmp_path / "a.csv")
     (found,) = read(tmp_path / "a.csv", Layout(markers=[["ax", "ay"], ["bx", "by"]]))
@@ -875,7 +909,11 @@ def test_json_without_frames_is_one_line(content, tmp_path):
     (tmp_path / "a.json").write_text(content)
     for use in (propose, lambda path: list(read(path))):
         with refused(
-            ["a.json: is no JSON" if content == "{" else "a.json: holds neither frames nor impacts; of JSON are read"]
+            [
+                "is no whole JSON: it breaks off at line 1"
+                if content == "{"
+                else "a.json: holds neither frames nor impacts; of JSON are read"
+            ]
         ):
             use(tmp_path / "a.json")
 

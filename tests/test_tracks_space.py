@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings import poses
+from contactlearn.data.recordings.angles import reading_residual
 from contactlearn.data.recordings.flights import Air, fit
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.data.recordings.result import Reason, RecordedContact
@@ -216,6 +218,15 @@ def test_exchanged_edges_of_a_rectangle_are_refused(tmp_path, sense):
     assert len(find_impacts(tmp_path, mass=0.1, shape=shape, options=options).impacts) > 10
     with pytest.raises(DataError, match=r"contradict data\.shape: .* with it turned by (90|270)°"):
         find_impacts(tmp_path, mass=0.1, shape=turned, options=options)
+
+
+@pytest.mark.parametrize("few", [4, 5, 6])
+def test_few_contacts_show_the_sense_of_quaternions_by_their_heights(found, few):
+    """No slope of the floor, which would pass through most of them in any sense."""
+    searched = {"a": SimpleNamespace(contacts=found.survey.contacts[:few])}
+    residuals = [reading_residual(searched, BOX, BOX.gyration_squared(), sense) for sense in (1, -1)]
+    assert residuals[0] < 1e-3
+    assert residuals[1] > 0.03
 
 
 def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(found):

@@ -1,4 +1,4 @@
-"""Files of arrays: NumPy (.npy, .npz), PyTorch (.pt) and MATLAB (.mat).
+"""Files of arrays: NumPy (.npy, .npz), PyTorch (.pt), MATLAB (.mat), and tables in HDF5.
 
 Arrays alone are read, never objects, so that no file runs code.
 """
@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from contactlearn.core.errors import DataError
+from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+
+HDF5 = (".h5", ".hdf5")
 
 
 def loaded(path: Path) -> Any:
@@ -29,3 +31,32 @@ def loaded(path: Path) -> Any:
             raise DataError(f"{path}: is of MATLAB's version 7.3; save it with -v7, or rename it .h5") from None
     found = np.load(path, allow_pickle=False)
     return {name: found[name] for name in found.files} if isinstance(found, np.lib.npyio.NpzFile) else found
+
+
+def tables_in_hdf5(path: Path) -> dict[str, Any]:
+    """Return groups as mappings and data sets of numbers as arrays, with their units behind their names.
+
+    Raises:
+        ContactLearnError: the library that reads the format is not installed.
+    """
+    try:
+        import h5py  # pyright: ignore[reportMissingImports]  (an extra)
+    except ModuleNotFoundError:
+        hint = install_hint("tracks")
+        raise ContactLearnError(f"{path}: files with suffix {path.suffix} need h5py: {hint}") from None
+
+    def content(group: Any) -> dict[str, Any]:
+        found = dict[str, Any]()
+        for name, one in group.items():
+            unit = next((one.attrs[key] for key in ("units", "unit", "Units", "Unit") if key in one.attrs), "")
+            unit = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+            if isinstance(one, h5py.Group):
+                found[name] = content(one)
+            elif one.dtype.names:
+                found |= {field: one[field] for field in one.dtype.names}
+            elif one.dtype.kind in "fiu":
+                found[f"{name} [{unit}]" if unit else name] = one[()]
+        return found
+
+    with h5py.File(path, "r") as file:
+        return content(file)

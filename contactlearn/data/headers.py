@@ -42,10 +42,11 @@ from contactlearn.data.table.columns import (
     columns_of,
     computed_fields,
     recognised_columns,
+    refusal_of_unmeasured,
     required_in,
     trial_column,
 )
-from contactlearn.data.table.names import COEFFICIENTS, Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -59,7 +60,6 @@ _SHAPE = (
     "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
-_FLIGHT = re.compile(r"(?:time|t|dt|interval|flight|zeit|temps|tiempo|tempo) ?\d+( m?s)?")
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
@@ -177,8 +177,8 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
-    if hint := _computable(header):
-        raise DataError(f"{first}: has no velocities before and after contact; {hint} (docs/tables.md)")
+    if why := refusal_of_unmeasured(header):
+        raise DataError(f"{first}: {why}")
     raise DataError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
         f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
@@ -211,23 +211,6 @@ def _refuse_sensors(first: Path, header: Sequence[str], known: Recognised) -> No
     app = of_sensor(first) and not {"theta", "qw"} & {*known.names}
     if measured and (app or all(map(sensed, measured))):
         raise DataError(f"{first}: has {', '.join(map(repr, measured))}: {SENSED}")
-
-
-def _computable(header: Sequence[str]) -> str:
-    """How to compute velocities from columns that have others in their place; empty if none have."""
-    times = [name for name in header if _FLIGHT.fullmatch(" ".join(name_words(name)))]
-    if len(times) > 1:
-        return (
-            f"are {', '.join(map(repr, times))} times between bounces? A body is in flight for t = 2 v/g: write a row "
-            "a bounce, with v_in = g t/2 of the flight before it and v_out = g t/2 of that after it, in m/s"
-        )
-    coefficients = [name for name in header if "".join(name_words(name)) in {*COEFFICIENTS, "et"}]
-    if coefficients:
-        return (
-            f"the coefficients {', '.join(map(repr, coefficients))} give those after it: add vy_post = −e_n vy along "
-            "the normal and vx_post = e_t vx along the floor, beside vx and vy, or speed and 'angle from normal'"
-        )
-    return ""
 
 
 def stated_by_header(path: Path) -> dict[str, Any]:
@@ -303,7 +286,7 @@ def _of_export(path: Path, export: Export) -> Iterator[Setting]:
 def _frame_units() -> Vocabulary:
     """The columns of a recording and their units; the reader takes the unit of times off the column's name."""
     units: dict[str, dict[str, Stated]] = {column: {"": {}} for column in _FRAME}
-    units["time"] |= {name: {} for name in UNIT_FACTORS["time"]}
+    units["time"] |= {name: {} for name in (*UNIT_FACTORS["time"], "ns")}
     units["theta"] |= {name: {"angle": name} for name in ANGLES}
     for column in "xyz":
         units[column] |= {name: {"unit": name} for name in UNITS}

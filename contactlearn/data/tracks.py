@@ -373,11 +373,15 @@ def _on_shape(
         centred = replace(options, layout=replace(options.layout, places=places.tolist()))
         moved = sample(files, centred.layout)
         frame, _, searched = search_reading(moved, gravity, options.conventions, centred)
-        angles = np.radians(np.arange(360))
-        left = np.array([reading_residual(searched, shape, gyration, 1, about=a, zeros=(0.0,)) for a in angles])
-        a = angles[left.argmin()]
+
+        def left(about: float) -> float:
+            return reading_residual(searched, shape, gyration, 1, about=about, zeros=(0.0,))
+
+        by_degree = {math.radians(degree): left(math.radians(degree)) for degree in range(360)}
+        nearest = min(by_degree, key=lambda about: by_degree[about])
+        a = min((nearest + np.radians(np.linspace(-1, 1, 41))).tolist(), key=left)
         turned = np.array(((np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))))
-        clear = left.min() <= options.thresholds.reading * np.median(left) < math.inf
+        clear = by_degree[nearest] <= options.thresholds.reading * np.median([*by_degree.values()]) < math.inf
         places = places_turned(moved, frame, turned, np.zeros(2)) if clear else None
     if places is None:
         return options, recordings

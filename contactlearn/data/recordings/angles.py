@@ -216,7 +216,7 @@ def _unclear(
         why = f"fewer than {NEEDED.contacts_of_reading} contacts between two flights show them"
     else:
         first, next_best = (", ".join(name for name in reading if name) for reading in (best, second))
-        why = f"{_evidence(shape)} is {residuals[best]:.2f} with {first}, and {residuals[second]:.2f} with {next_best}"
+        why = f"{_evidence(shape)} is {residuals[best]:.2g} with {first}, and {residuals[second]:.2g} with {next_best}"
     which = "unit" if setting == "angle" else "order"
     return f"{source}: the {which} and sense of angles are not clear: {why}; state {', and '.join(open_settings)}"
 
@@ -316,9 +316,14 @@ def _on_a_level_floor(pose: Array, change: Array, shape: Shape) -> tuple[Array, 
 
 
 def _slope(points: Float[Array, "n d"]) -> Float[Array, " s"]:
-    """Slopes of the floor under contact points by least absolute deviations; 0 where they are not clear."""
+    """Slopes of the floor under contact points by least absolute deviations; 0 where they are not clear.
+
+    A floor through half of few points leaves no residual in the median, and is no clear one.
+    """
     across, height = points[:, :-1] - np.median(points[:, :-1], 0), points[:, -1]
     design = np.column_stack((np.ones(len(points)), across))
+    if len(points) <= 2 * design.shape[1]:
+        return np.zeros(points.shape[1] - 1)
     weight, fit, residual = np.ones(len(points)), np.zeros(design.shape[1]), height
     for _ in range(_ROUNDS):
         fit = np.linalg.lstsq(design * weight[:, None], height * weight, rcond=None)[0]

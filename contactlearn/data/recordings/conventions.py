@@ -44,7 +44,7 @@ from contactlearn.data.recordings.wobble import centre_of_mass, wobble
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
-_DURATION = 0.06  # s of a window
+_DURATIONS = (0.06, 0.12, 0.24)  # s of a window; longer ones where noise hides the acceleration in short ones
 _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
 # of a window, by which those before and after it hold one motion too: weak contacts hide in short flights
@@ -116,20 +116,10 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     Raises:
         DataError: no acceleration is common.
     """
-    motions = _together([_motions(recording, k) for k, recording in enumerate(recordings)])
-    sizes = np.linalg.norm(motions.acceleration, axis=1)
-    sure = np.flatnonzero(
-        sizes > _ACCELERATION_SIGMAS * motions.error
-    )  # to choose from; windows that agree are not chosen by size
-    if len(sure):
-        tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_MAX_CANDIDATES, len(sure))).astype(int))]
-        apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
-        agree = apart <= _SAME_ACCELERATION * sizes[tried, None] + 3 * motions.error
-        agree &= _DISTINCT_SIGMAS * motions.error < sizes[tried, None]
-        explained = agree @ (sizes / motions.error) ** 2  # more of a fall than of bodies that slow alike as they roll
-        for best in agree[np.argsort(-explained, kind="stable")]:
-            if best.sum() >= NEEDED.windows_of_gravity and (found := _shared(motions, best, drag)) is not None:
-                return found
+    for lasting in _DURATIONS:
+        motions = _together([_motions(recording, k, lasting) for k, recording in enumerate(recordings)])
+        if (found := _common(motions, drag)) is not None:
+            return found
     step = mean_step(recordings[0].time)
     why = _few_frames(recordings, step) or (
         f"check that frames are {step:.4g} s apart (time stamps, data.rate), and that the body flies for "
@@ -140,9 +130,27 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     )
 
 
-def _window(step: float) -> int:
+def _common(motions: _Motions, drag: float | None) -> Gravity | None:
+    """Gravity and drag of the windows whose acceleration most others share; None if there are none."""
+    sizes = np.linalg.norm(motions.acceleration, axis=1)
+    # to choose from; windows that agree are not chosen by size
+    sure = np.flatnonzero(sizes > _ACCELERATION_SIGMAS * motions.error)
+    if not len(sure):
+        return None
+    tried = sure[np.unique(np.linspace(0, len(sure) - 1, min(_MAX_CANDIDATES, len(sure))).astype(int))]
+    apart = np.linalg.norm(motions.acceleration[tried, None] - motions.acceleration, axis=2)
+    agree = apart <= _SAME_ACCELERATION * sizes[tried, None] + 3 * motions.error
+    agree &= _DISTINCT_SIGMAS * motions.error < sizes[tried, None]
+    explained = agree @ (sizes / motions.error) ** 2  # more of a fall than of bodies that slow alike as they roll
+    for best in agree[np.argsort(-explained, kind="stable")]:
+        if best.sum() >= NEEDED.windows_of_gravity and (found := _shared(motions, best, drag)) is not None:
+            return found
+    return None
+
+
+def _window(step: float, lasting: float = _DURATIONS[0]) -> int:
     """Frames of a window."""
-    return int(np.clip(round(_DURATION / step), _NARROWEST, _WIDEST))
+    return int(np.clip(round(lasting / step), _NARROWEST, _WIDEST))
 
 
 def _needed(step: float) -> int:
@@ -157,7 +165,7 @@ def _few_frames(recordings: Sequence[Recording], step: float) -> str:
     lasts = frames * step
     if not _SHORTEST_FLIGHT < lasts < needed * step:
         return ""
-    rate = 10 * math.ceil(_needed(_DURATION / _NARROWEST) / lasts / 10)
+    rate = 10 * math.ceil(_needed(_DURATIONS[0] / _NARROWEST) / lasts / 10)
     faster = f"film at {rate} frames a second or more, or " if _needed(1 / rate) / rate <= lasts else ""
     return (
         f"flights have about {frames:.0f} frames at {1 / step:.4g} frames a second (time stamps, data.rate), and "
@@ -239,10 +247,10 @@ def _fitted(motions: _Motions, drag: float | None = None) -> tuple[Array, Array]
     return known, np.where(scattered.diagonal().sum() >= noise.diagonal().sum(), scattered, noise)
 
 
-def _motions(recording: Recording, number: int) -> _Motions:
-    """Windows of a recording that hold one motion."""
+def _motions(recording: Recording, number: int, lasting: float) -> _Motions:
+    """Windows of a recording, which last so many s, that hold one motion."""
     time, width = recording.time, recording.position.shape[1]
-    frames = _window(float(np.median(np.diff(time))))
+    frames = _window(float(np.median(np.diff(time))), lasting)
     if len(time) < frames or not recording.seen.any():
         none = np.zeros((0, width))
         return _Motions(acceleration=none, error=none[:, 0], velocity=none, flight=none[:, 0])

@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.distance import cdist
+from scipy.spatial.distance import cdist, pdist
 from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
@@ -91,6 +91,7 @@ def pose_of_markers(
 
 _MOST_CORNERS = 24  # of a body whose corners are compared with markers
 _OFF_CORNER = 0.1  # of the body's radius, by which markers are off its corners, as those on its faces are
+_OFF_SIDE = 0.25  # of the distance of the nearest two corners, which is the width of a rod; half of it is its axis
 _ALIKE = 2.0  # times the least distance, up to which another pose fits as well
 
 
@@ -217,6 +218,7 @@ def _on_corners(
     (count, d), size = markers.shape, float(np.linalg.norm(corners, axis=1).max())
     if not d <= count <= len(corners) <= _MOST_CORNERS:
         return None
+    allowed = min(_OFF_CORNER * size, _OFF_SIDE * float(pdist(corners).min()))
     first = [int(np.linalg.norm(markers - markers.mean(0), axis=1).argmax())]
     while len(first) < d:  # markers that are far from each other's line or plane
         away = markers - markers[first[0]]
@@ -227,20 +229,20 @@ def _on_corners(
     fits: list[tuple[float, Array, Array]] = []
     for chosen in permutations(range(len(corners)), d):
         turned, middle = _placed(markers[first], corners[[*chosen]])
-        if np.abs((markers[first] - middle) @ turned.T - corners[[*chosen]]).max() > 2 * _OFF_CORNER * size:
+        if np.abs((markers[first] - middle) @ turned.T - corners[[*chosen]]).max() > 2 * allowed:
             continue
         _, nearest = linear_sum_assignment(cdist((markers - middle) @ turned.T, corners))
         turned, middle = _placed(markers, corners[nearest])
         off = (markers - middle) @ turned.T - corners[nearest]
         fits.append((float(np.sqrt((off**2).sum(1).mean())), turned, middle))
     fits = sorted(fits, key=lambda one: one[0])
-    if not fits or fits[0][0] > _OFF_CORNER * size:
+    if not fits or fits[0][0] > allowed:
         return None
     least, turned, middle = fits[0]
     outline = corners @ turned + middle
     for off, *other in fits:
         apart = cdist(outline, corners @ other[0] + other[1])
-        if off <= _ALIKE * least + 1e-3 * size and apart.min(1).max() > _OFF_CORNER * size:
+        if off <= _ALIKE * least + 1e-3 * size and apart.min(1).max() > allowed:
             return None
     return turned, middle
 

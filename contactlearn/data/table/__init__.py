@@ -39,6 +39,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write, finite_number
+from contactlearn.data.array_files import HDF5
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
 from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
@@ -48,9 +49,10 @@ from contactlearn.data.table.columns import (
     NamedColumns,
     apparatus_of,
     covariate_columns,
+    flights_in,
     name_columns,
 )
-from contactlearn.data.table.descriptions import phase_column, restated
+from contactlearn.data.table.descriptions import by_settings, phase_column, restated
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -83,9 +85,10 @@ _PREVIEWED = 1000  # rows, of which two rows an impact and the scalar of a quate
 _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the rows
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
-_JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz")
+_JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
 _READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), files.read_text),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm"), files.read_text),
+    **dict.fromkeys((".sqlite", ".sqlite3", ".db"), files.read_database),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
     **dict.fromkeys(_JSON, files.read_json),
@@ -223,6 +226,7 @@ def read_blocks(
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
         columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
+        cells, columns = by_settings(cells, columns)
         cells = restated(
             cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
         )
@@ -291,7 +295,10 @@ def _read_as(named: NamedColumns) -> tuple[str, ...]:
     renamed = {column: name for column, name in named.cells.written.items() if name != column}
     ours = {column: column.replace(COVARIATE, "covariate ") for column in renamed}
     words = (f"{ours[column]} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
-    senses = (", positive counter-clockwise" if "topspin" in name_words(name) else "" for name in renamed.values())
+    senses = (
+        ", positive counter-clockwise" if {"topspin", "backspin"} & {*name_words(name)} else ""
+        for name in renamed.values()
+    )
     said = (word.removesuffix(" in ") + sense for word, sense in zip(words, senses, strict=True))
     return (*named.cells.read_as, *said)
 
@@ -341,7 +348,8 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
 
 def _is_of_several_rows(cells: Sheet) -> bool:
     """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
-    return bool(phase_column(cells)) or is_long(cells) or any(map(is_merged, cells.header, cells.columns))
+    several = bool(phase_column(cells)) or is_long(cells) or bool(flights_in(cells.header))
+    return several or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:

@@ -22,7 +22,9 @@ from itertools import product
 from contactlearn.core.errors import DataError, UnknownNameError, suggest
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
+    COEFFICIENTS,
     NAMES,
+    OTHERS,
     Recognised,
     impact_vocabulary,
     is_unit,
@@ -109,7 +111,7 @@ def trial_column(cells: Sheet, names: Collection[str]) -> str | None:
     return None
 
 
-_TRIALS = {"drop", "shot", "run", "stroke", "throw", "test", "hit", "toss", "trial", "bounce", "experiment"}
+_TRIALS = {"drop", "shot", "run", "stroke", "throw", "test", "hit", "toss", "trial", "bounce", "experiment", "row"}
 _TRIALS |= {"nr", "no", "num", "number", "id", "index"}
 _DISTINCT = 0.9  # share of cells of names of trials: rows may be pasted twice
 
@@ -251,7 +253,12 @@ def name_columns(
     slips = _slips(unused, needed, free)
     if slips or needed:
         why = refusal_of_cameras(cells.header) or refusal_of_several(cells.header) or _doubtful(known, needed)
-        why = why or _missing(space, slips, needed, unused, computed)
+        unmeasured = not any(column.endswith("_post") for column in ours)
+        why = (
+            why
+            or (unmeasured and refusal_of_unmeasured(cells.header))
+            or _missing(space, slips, needed, unused, computed)
+        )
         raise DataError(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
@@ -303,12 +310,62 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
     return Units(units.stated, named)
 
 
+_FLIGHTS = {"interval", "intervals", "flight", "zeitintervall", "intervall", "flugzeit", "vol", "intervalle", "vuelo"}
+_FLIGHTS |= {"intervalo", "intervallo", "volo"}
+_TIMES = {"time", "times", "t", "dt", "δt", "zeit", "temps", "tiempo", "tempo"}
+_BESIDE_FLIGHTS = {"of", "between", "de", "di", "bounce", "bounces", "hop", "bouncing", "s", "ms"}
+_BEFORE = {"vx", "vy", "vz", "speed", "height", "px", "py", "momentum"}
+
+
+def flights_in(header: Sequence[str], words: Collection[str] = _FLIGHTS) -> list[str]:
+    """Return the numbered names that are times between bounces, in their order, such as "Time interval 1 (s)"."""
+    numbers = dict[str, int]()
+    for name in header:
+        said = name_words(name)
+        digits = [word for word in said if word.isdigit()]
+        known = {*_FLIGHTS, *_TIMES, *_BESIDE_FLIGHTS, *digits}
+        if len(digits) == 1 and {*said} & {*words} and {*said} <= known:
+            numbers[name] = int(digits[0])
+    return sorted(numbers, key=lambda name: numbers[name])
+
+
+def refusal_of_unmeasured(header: Sequence[str]) -> str:
+    """Return how to compute velocities from columns that have others in their place, or that none is after contact.
+
+    Empty where some are, and where nothing is known of an impact.
+    """
+    split = {name: name_words(name) for name in header}
+    flights = flights_in(header, _FLIGHTS | _TIMES)
+    if len(flights) > 1:
+        return (
+            f"has no velocities before and after contact; are {', '.join(map(repr, flights))} times between bounces? A "
+            "body is in flight for t = 2 v/g: write a row a bounce, with v_in = g t/2 of the flight before it and "
+            "v_out = g t/2 of that after it, in m/s (docs/tables.md)"
+        )
+    coefficients = [name for name, words in split.items() if "".join(words) in {*COEFFICIENTS, "et"}]
+    if coefficients:
+        return (
+            f"has no velocities before and after contact; the coefficients {', '.join(map(repr, coefficients))} give "
+            "those after it: add vy_post = −e_n vy along the normal and vx_post = e_t vx along the floor, beside vx "
+            "and vy, or speed and 'angle from normal' (docs/tables.md)"
+        )
+    known = recognised_columns(header)[1]
+    if _BEFORE.intersection(known.names) and not any(one.endswith("_post") for one in (*known.names, *known.doubtful)):
+        others = f"; {', '.join(map(repr, known.others))} do not replace it" if known.others else ""
+        return (
+            "has no velocity after contact: vx_post, vy_post and omega_post, or a height of rebound, or a coefficient "
+            f"of restitution must be measured{others} (docs/tables.md); a column with another name is stated by "
+            "'data.columns={vy_post: …}'"
+        )
+    return ""
+
+
 def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
     """Describe names of which two have the meaning of a needed column."""
     for column in needed:
         if column in known.doubtful:
             names = " or ".join(map(repr, known.doubtful[column]))
-            mapped = shlex.quote(f"data.columns={{{column}: {_quoted(known.doubtful[column][0])}}}")
+            mapped = shlex.quote(f"data.columns={{{column}: {setting_text(known.doubtful[column][0])}}}")
             return f"column {column} may be {names}: say which, such as {mapped}"
     return None
 
@@ -326,6 +383,7 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
         if column not in known:
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
             own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
+            own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
             raise UnknownNameError(f"column in data.columns{turned}:", column, own)
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
@@ -373,7 +431,9 @@ def _missing(
     others = [repr(name) for name in unused if name not in slips]
     parts += [f"not used: {', '.join(others)}"] if lacking and others else []
     if unused:
-        mapped = [f"{near}: {_quoted(name)}" for name, near in slips.items()] + [f"{column}: …" for column in lacking]
+        mapped = [f"{near}: {setting_text(name)}" for name, near in slips.items()] + [
+            f"{column}: …" for column in lacking
+        ]
         word = shlex.quote(f"data.columns={{{', '.join(mapped)}}}")
         parts.append(f"{word} says which columns of the file these are")
     if slips and not {*slips.values()} & {*needed}:
@@ -391,7 +451,7 @@ def _missing(
     return "; ".join(parts)
 
 
-def _quoted(name: str) -> str:
+def setting_text(name: str) -> str:
     """A name as a setting takes it: brackets, as of units, and other signs want quotes."""
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*( [\w.-]+)*", name, re.ASCII) and name.lower() not in _VALUES
     return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.columns import columns_of, recognised_columns, setting_text
 from contactlearn.data.table.dialect import with_one_unit
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
@@ -36,7 +36,7 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
-from contactlearn.data.table.reshaped import by_component, by_trial
+from contactlearn.data.table.reshaped import by_component, by_flight, by_trial
 from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -92,7 +92,7 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
-    cells = by_trial(replace(cells, gaps=gaps))
+    cells = by_flight(by_trial(replace(cells, gaps=gaps)))
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
     cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
@@ -104,6 +104,25 @@ def restated(
     cells = _by_components(_with_changes(cells, units, mapped), units, chosen)
     cells = _relative_to_surface(cells, units, mapped)
     return replace(level(cells, units, mapped), gaps=False)
+
+
+def by_settings(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[Sheet, Mapping[str, str | None] | None]:
+    """Return the table with names of other descriptions that settings map, such as height, and the other mappings."""
+    if not isinstance(mapped, Mapping):
+        return cells, mapped
+    named = {
+        str(name): ours
+        for ours, name in mapped.items()
+        if str(ours).removesuffix("_post") in OTHERS and str(name) in {*cells.header} - {*columns_of(PLANE)}
+    }
+    vocabulary = impact_vocabulary(PLANE)
+    renamed = {
+        name: ours.replace("_", " ") + (f" [{Units(stated).text(ours)}]" if stated else "")
+        for name, ours in named.items()
+        for stated in [unit_in(name, ours, vocabulary)]
+    }
+    others = {ours: name for ours, name in mapped.items() if ours not in named.values()}
+    return replace(cells, header=[renamed.get(name, name) for name in cells.header]), others
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -396,9 +415,11 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     for end, sign in (("", -1.0), ("_post", 1.0)):
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
-            name = _directed(known, end) or next(iter(known.others), "")
+            names = {one: _directed(known, one) or next(iter(known.others), "…") for one in ("", "_post")}
+            mapped = ", ".join(f"direction_floor{one}: {setting_text(name)}" for one, name in names.items())
             raise DataError(
-                f"{cells.path}: the angle {name!r} may be from the floor or from its normal: name it 'angle from "
+                f"{cells.path}: the angle {names[end]!r} may be from the floor or from its normal: say which, "
+                f"'data.columns={{{mapped}}}' or direction_normal, direction_normal_post; or call it 'angle from "
                 "floor' or 'angle from normal', with its unit"
             )
         speed, angle = known.names[f"speed{end}"], known.names[direction]

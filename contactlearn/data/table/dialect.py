@@ -21,6 +21,7 @@ from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words
 from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
+_LABVIEW = "***End_of_Header***"
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
 _ROWS = 1000  # of these, at most
 _MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
@@ -221,6 +222,9 @@ def sniffed(path: Path) -> Dialect:
 
 def _comments_above(lines: Sequence[str]) -> int:
     """The number of lines above the table that are blank or comments, of which those of C end with their mark."""
+    headed = [k for k, line in enumerate(lines) if line.startswith(_LABVIEW)]
+    if headed:
+        return headed[-1] + 1
     inside = False
     for k, line in enumerate(lines):
         text = line.strip()
@@ -392,6 +396,10 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     """
     widths = [len(row) for row in rows]
     width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+    named_rows = _are_named(rows, width)
+    if rows and len(rows[0]) == width + 1 and name_words(text_of(rows[0][-1])) in (["comment"], ["comments"]):
+        rows = [rows[0][:-1], *rows[1:]]  # of LabVIEW, which has none
+    rows = [["row", *rows[0]], *rows[1:]] if named_rows else rows
     full = [
         k for k, row in enumerate(rows) if len(row) == width and 2 * sum(not is_blank(cell) for cell in row) > width
     ]
@@ -401,7 +409,7 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     if not rows or is_numeric(rows[first]):
         seen = f"begins with the numbers {', '.join(str(c).strip() for c in rows[0][:3])} …" if rows else "is empty"
         raise DataError(f"{source}: {seen}; its first line must name the columns")
-    names, read_as = [text_of(cell) for cell in rows[first]], list[str]()
+    names, read_as = [text_of(cell) for cell in rows[first]], ["names of rows, which R writes"] * named_rows
     titles, last = first, first + 1
     if (
         first
@@ -419,6 +427,19 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
         read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
     raw = tuple(tuple(map(text_of, row)) for row in rows[titles:last])
     return Header(names=names, rows=last, read_as=tuple(read_as), raw=raw)
+
+
+def _are_named(rows: Sequence[Sequence[Any]], width: int) -> bool:
+    """Whether rows have names, or are counted, under a header that has none for them, as R writes tables.
+
+    A decimal comma that parts a number in two leaves whole numbers only.
+    """
+    if len(rows) < 3 or len(rows[0]) != width - 1 or is_numeric(rows[0]) or any(len(row) != width for row in rows[1:]):
+        return False
+    first, others = [text_of(row[0]) for row in rows[1:]], [text_of(cell) for row in rows[1:] for cell in row[1:]]
+    counted = first == [*map(str, range(1, len(rows)))]
+    named = len({*first}) == len(first) and not any(map(is_numeral, first))
+    return (counted or named) and any({*".,"} & {*cell} for cell in others if is_numeral(cell))
 
 
 def text_of(cell: Any) -> str:

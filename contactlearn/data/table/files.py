@@ -6,10 +6,11 @@ come in blocks of rows, so that a file need not fit in memory.
 """
 
 import csv
-import json
 import re
+import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +19,10 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
-from contactlearn.data.array_files import loaded
+from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
+from contactlearn.data.json_files import json_content
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
-from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.names import components_of, impact_vocabulary, name_words, recognise
 from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.mechanics.space import BOTH
@@ -181,23 +183,7 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is not JSON, or holds something else.
     """
     del rows  # JSON is read as a whole
-    try:
-        if path.stat().st_size > _UNPACKED:
-            raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export it as Parquet or CSV")
-        text = path.read_text(encoding="utf-8-sig")
-        try:
-            content = json.loads(text)
-        except ValueError as error:
-            lines = [line for line in text.splitlines() if line.strip()]
-            if len(lines) < 2 or not lines[0].strip().endswith("}"):
-                raise DataError(f"{path}: is no JSON ({error}), nor a record a line") from None
-            content = [json.loads(line) for line in lines]
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(
-            f"{path}: is not JSON throughout ({error}); write a record a line, or a list of records"
-        ) from None
+    content = json_content(path, most=_UNPACKED)
     records = [*map(_flat, _records(path, content))]
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
@@ -238,25 +224,65 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
+    """Cells of the only table of SQLite, or the only one with velocities after contact.
+
+    Raises:
+        DataError: the file is no database, or has no or several such tables.
+    """
+    del rows  # a database is read as a whole
+    tables = dict[str, tuple[list[str], list[Cells]]]()
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+            names = base.execute("SELECT name FROM sqlite_master WHERE type IN ('table', 'view')").fetchall()
+            for (name,) in names:
+                found = base.execute('SELECT * FROM "{}"'.format(name.replace('"', '""')))
+                header = [column[0] for column in found.description]
+                content = found.fetchall()
+                tables[name] = header, [[row[k] for row in content] for k in range(len(header))]
+    except sqlite3.Error as error:
+        raise DataError(f"{path}: is no readable database of SQLite ({error}); export its table as CSV") from None
+    of_impacts = {name: one for name, one in tables.items() if _are_outcomes(one[0])} or tables
+    if len(of_impacts) != 1:
+        seen = ", ".join(map(repr, of_impacts)) or "none"
+        raise DataError(f"{path}: has several tables, {seen}: export that of the impacts as CSV")
+    ((name, (header, columns)),) = of_impacts.items()
+    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
+    read_as = (f"table {name}",) if len(tables) > 1 else ()
+    yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
+
+
+def _are_outcomes(names: Sequence[str]) -> bool:
+    """Whether some names are those of velocities after contact."""
+    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
+
+
 def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
-    """Cells of arrays of MATLAB (.mat) or NumPy (.npz), a row or a column an impact; single numbers hold for all.
+    """Cells of arrays of MATLAB (.mat), NumPy (.npz) or HDF5, a row or a column an impact; single numbers hold for all.
+
+    Those of a structure or a group are taken that have velocities after contact.
 
     Raises:
         DataError: the file cannot be read, or its arrays are not of one length.
+        ContactLearnError: the library that reads the format is not installed.
     """
     del rows  # arrays are read as a whole
     try:
-        content = loaded(path)
-    except (DataError, OSError):
+        content = tables_in_hdf5(path) if path.suffix.lower() in HDF5 else loaded(path)
+    except (ContactLearnError, OSError):
         raise
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
-    while (
-        isinstance(content, Mapping) and len(content) == 1 and isinstance(one := next(iter(content.values())), Mapping)
-    ):
-        content = one
-    arrays = {str(name): np.asarray(one) for name, one in content.items()} if isinstance(content, Mapping) else {}
-    arrays = {name: one for name, one in arrays.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
+    of_impacts = [(name, arrays) for name, arrays in groups if _has_outcomes(arrays)]
+    of_impacts = dict[str, dict[str, np.ndarray]]()
+    for name, one in groups:  # the outermost that are whole
+        if _has_outcomes(one) and not any(name.startswith(f"{above}/") for above in of_impacts):
+            of_impacts[name] = one
+    if len(of_impacts) > 1:
+        names = ", ".join(name.strip("/") for name in of_impacts)
+        raise DataError(f"{path}: has several tables of impacts, {names}: export each as a file of its own")
+    arrays = next(iter(of_impacts.values()), groups[-1][1] if groups else {})
     lengths = Counter(max(one.shape) for one in arrays.values() if one.size > 1)
     size = max(lengths, key=lambda length: (lengths[length], length), default=0)
     header, columns = list[str](), list[Cells]()
@@ -278,6 +304,34 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     yield Sheet(path, header, [_without_gaps(column) for column in columns])
 
 
+def _groups(content: Mapping[str, Any], name: str) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Arrays of numbers by dotted names, of a file and of each group in it, from the outermost on."""
+    content = {key: _by_name(one) for key, one in content.items()}
+    flat = {key: np.asarray(one) for key, one in _flat(content).items()}
+    yield name, {key: one for key, one in flat.items() if one.dtype.kind in "fiu" and one.ndim < 3}
+    for key, one in content.items():
+        if isinstance(one, Mapping):
+            yield from _groups(one, f"{name}/{key}")
+
+
+def _by_name(one: Any) -> Any:
+    """The arrays of a list of structures of numbers, an impact each, as MATLAB has them; other things as they are."""
+    listed = isinstance(one, list) or (isinstance(one, np.ndarray) and one.dtype.kind == "O" and one.ndim)
+    if not listed or not len(one) or not all(isinstance(each, dict) for each in one):
+        return one
+    records = [*map(_flat, one)]
+    shapes = {key: {np.shape(record.get(key, [])) for record in records} for key in records[0]}
+    return {key: np.asarray([record[key] for record in records]) for key, found in shapes.items() if len(found) == 1}
+
+
+def _has_outcomes(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Whether arrays have velocities after contact."""
+    sizes = {name: min(one.shape) if one.ndim == 2 else 1 for name, one in arrays.items() if one.size > 1}
+    vectors = components_of(sizes, opposite=any("out" in name_words(name) for name in sizes))
+    names = [*arrays, *chain.from_iterable(vectors.values())]
+    return _are_outcomes(names)
+
+
 def _without_gaps(column: Cells) -> Cells:
     """A column in which a number that is missing is an empty cell."""
     if isinstance(column, list) or np.isfinite(column).all():
@@ -291,9 +345,7 @@ def _of_impacts(frame: "DataFrame") -> bool:
         top = header_of([row for row in frame.values.tolist()[:_HEAD] if not all(map(is_blank, row))], "")
     except DataError:
         return False
-    return any(
-        {*space.components["v_post"]} & {*recognise(top.names, impact_vocabulary(space)).names} for space in BOTH
-    )
+    return _are_outcomes(top.names)
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:

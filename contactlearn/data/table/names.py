@@ -24,25 +24,35 @@ MOMENTA = {"px": "vx", "py": "vy", "pz": "vz", "momentum": "speed", "angular_mom
 
 _BEFORE = (
     *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release"),
-    *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta"),
+    *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta", "queda"),
+    *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до", "衝突前", "碰撞前", "撞击前"),
 )
 _AFTER = (
     *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected"),
-    *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo"),
+    *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo", "depois"),
+    *("efter", "etter", "na", "jälkeen", "po", "odbicia", "после", "ressalto", "衝突後", "碰撞后", "碰撞後", "撞击后"),
 )
 _IMPACT = (
     *("impact", "contact", "collision", "bounce", "aufprall", "stoß", "stoss", "kontakt"),
-    *("choc", "impacto", "choque", "urto", "impatto"),
+    *("choc", "impacto", "choque", "urto", "impatto", "colisão", "stöt", "stöten", "studs", "stød", "støt", "botsing"),
+    *("zderzeniem", "zderzeniu", "uderzeniem", "uderzeniu", "nárazem", "nárazu", "törmäystä", "törmäyksen", "удара"),
 )
 _WORDS = {
     **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
+    **dict.fromkeys(("hastighet", "hastighed", "snelheid", "velocidade", "prędkość", "rychlost", "nopeus"), "v"),
+    **dict.fromkeys(("скорость", "速度"), "v"),
     **dict.fromkeys(("position", "pos", "pose", "field", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
-    **dict.fromkeys(("masse", "masa", "massa"), "mass"),
-    **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo"), "theta"),
+    **dict.fromkeys(("masse", "masa", "massa", "hmotnost", "масса", "質量", "质量"), "mass"),
+    **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo", "vinkel", "hoek", "ângulo", "kąt", "úhel"), "theta"),
+    **dict.fromkeys(("kulma", "угол", "角度"), "theta"),
     **dict.fromkeys(("drehgeschwindigkeit", "winkelgeschwindigkeit", "drehzahl", "drehrate"), "omega"),
-    **dict.fromkeys(("höhe", "hauteur", "altura", "altezza"), "height"),
-    **dict.fromkeys(("zeit", "temps", "tiempo", "tempo"), "time"),
-    **dict.fromkeys(("versuch", "essai", "ensayo", "prova"), "trial"),
+    **dict.fromkeys(("vinkelhastighet", "vinkelhastighed", "rotationshastighet", "hoeksnelheid"), "omega"),
+    **dict.fromkeys(("rotatiesnelheid", "kulmanopeus", "角速度"), "omega"),
+    **dict.fromkeys(("höhe", "hauteur", "altura", "altezza", "höjd", "højde", "høyde", "hoogte"), "height"),
+    **dict.fromkeys(("wysokość", "výška", "korkeus", "высота"), "height"),
+    **dict.fromkeys(("zeit", "temps", "tiempo", "tempo", "tijd", "czas", "čas", "aika", "время", "時間"), "time"),
+    **dict.fromkeys(("versuch", "essai", "ensayo", "prova", "försök", "forsøg", "forsøk", "proef"), "trial"),
+    **dict.fromkeys(("ensaio", "próba", "pokus", "опыт"), "trial"),
 }  # fmt: skip
 COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
 """Names of a coefficient of restitution along the normal."""
@@ -70,7 +80,9 @@ _ALIASES = {
     **{f"v{link}{surface}": column for surface in SURFACES for column, links in (
         ("vy", _ACROSS), ("vx", ("along", "parallelto", "alongside", "on"))) for link in links},
     "v": "speed", "h": "height", "dropheight": "height", "bounceheight": "height_post",
-    "hdrop": "height", "fallhöhe": "height", "sprunghöhe": "height_post", "rücksprunghöhe": "height_post",
+    **dict.fromkeys(("hdrop", "fallhöhe", "fallhöjd", "faldhøjde", "fallhøyde", "valhoogte"), "height"),
+    **dict.fromkeys(("sprunghöhe", "rücksprunghöhe", "studshöjd", "stuithoogte", "terugstuithoogte"), "height_post"),
+    **dict.fromkeys(("vkątowa", "úhlováv", "угловаяv", "backspin"), "omega"),
     **dict.fromkeys(("l", "lz", "angularmomentum", "momentumangular"), "angular_momentum"),
     **dict.fromkeys(("p", "linearmomentum"), "momentum"),
     **{name: f"p{axis}" for axis in "xyz" for name in (f"momentum{axis}", f"{axis}momentum", f"linearmomentum{axis}")},
@@ -81,7 +93,7 @@ _ALIASES = {
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
-_WITH_UNIT = {"i": "inertia", **dict.fromkeys(("rotation", "rotationrate", "rot"), "omega")}
+_WITH_UNIT = {"i": "inertia", "tid": "time", **dict.fromkeys(("rotation", "rotationrate", "rot"), "omega")}
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
            "geschwindigkeit", "vitesse", "velocidad", "velocità", "linearvel", "velocitylinear", "vcom")  # fmt: skip
@@ -103,7 +115,7 @@ _VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
 }  # fmt: skip
 """Components of a vector by the words of its name and their number."""
 _ORDERED = {"wxyz": ("qw", "qx", "qy", "qz"), "xyzw": ("qx", "qy", "qz", "qw")}
-_INDEXED = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", "speed")
+_INDEXED = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", "speed", "height")
 _LETTERED = re.compile(r"(v|ω|w|omega|θ|theta)([xyznt]?)([if])([xyznt]?)")
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
@@ -192,7 +204,7 @@ def name_words(name: str) -> list[str]:
 def time_of(name: str) -> str | None:
     """Return "pre" or "post" if a name is that and nothing else, such as "after impact"."""
     words = [word for word in name_words(name) if word not in (*_IMPACT, "the")]
-    if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"}:
+    if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"} or name.strip() == "NA":  # no Dutch "after"
         return None
     return "post" if {*words} & {*_AFTER, "out"} else "pre"
 
@@ -316,7 +328,7 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
 
 
 def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, list[str]]:
-    """Words of names that an index tells apart, 1 or i before and 2 or f after, with words for these times.
+    """Words of names that an index tells apart, 1, i or 0 before and 2, f or 1 after, with words for these times.
 
     Both stand for the same velocities, and no other name says a time: v1 and v2 beside m1 and m2 are of two bodies.
     """
@@ -324,7 +336,7 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
         return {}
     if len(images_of_cameras(header)) > 1:  # u1, v1, u2, v2 beside times
         return {}
-    for indices in ("12", "if"):
+    for indices in ("12", "if", "01"):
         found: dict[str, dict[str, list[str]]] = {index: {} for index in indices}
         ours: dict[str, set[str]] = {index: set() for index in indices}
         for name in header:
@@ -367,6 +379,18 @@ def _unit(words: Sequence[str]) -> str:
     return _REVOLUTIONS.get(whole) or re.sub(r"(?<=[sn])\.1$", "", whole)  # of s⁻¹
 
 
+def _without_symbol(words: Sequence[str]) -> Sequence[str]:
+    """Words without a symbol behind them that says the same: drop height h1, angular velocity ω, velocity vx."""
+    if words[0] == "v" and "".join(words[1:]) in ("vx", "vy", "vz"):
+        return words[1:]
+    for split in range(len(words) - 1, 0, -1):
+        name, symbol = "".join(words[:split]), "".join(words[split:])
+        ours = _ALIASES.get(name, name).removesuffix("_post")
+        if ours in (_ALIASES.get(symbol, symbol), _ALIASES.get(symbol.rstrip("012"))):
+            return words[:split]
+    return words
+
+
 def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> tuple[str, Stated]:
     """Our name of a column with these words, and the units that it states; an empty name if none of ours matches.
 
@@ -384,10 +408,11 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     if len(words) > 1 and words[0] in _BODIES and of_impacts:
         words = words[1:]
     for split in range(len(words), 0, -1):
-        name, unit = "".join(words[:split]), _unit(words[split:])
+        name, unit = "".join(_without_symbol(words[:split])), _unit(words[split:])
         place = "" if of_impacts else _PLACE.sub("", name)  # px; of impacts it is an impulse
         other = _WITH_UNIT.get(name, "") if unit else ""
-        for ours, end in product((name, _ALIASES.get(name, ""), other, place, _QUATERNION.sub(r"q\1", name)), ends):
+        alias = _ALIASES.get(name, "").removesuffix("_post" if "_post" in ends else "")  # a rebound height h'
+        for ours, end in product((name, alias, other, place, _QUATERNION.sub(r"q\1", name)), ends):
             if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
                 return ours + end, vocabulary[ours + end][unit]
     return "", {}

@@ -1,6 +1,7 @@
 """Tables with a number in a row, or several in a cell, as a table with a column for each number.
 
 trial, phase, variable, value, unit      a row a number, as tidyr's pivot_longer and pandas' melt make
+run, Time interval 1 (s), 2 …            a row a run, with the times of flight between bounces
 "[ 2.88 -1.13]", "(1.2, 3.4)", [1, 2]    a vector in a cell, as pandas writes arrays, and JSON has them
 """
 
@@ -13,15 +14,17 @@ from typing import Any
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.columns import flights_in, recognised_columns, trial_column
 from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
 from contactlearn.data.table.names import components_of, is_unit, name_words, time_of, times_in
 from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.mechanics.rigid_body import GRAVITY
 
 _MOST_VARIABLES = 60  # names of quantities of a long table
 _MIN_VARIABLES = 3  # of them that the reader knows
 _VALUES = {"value", "values", "wert", "werte", "valeur", "valor", "valore", "measurement", "reading", "number"}
 _UNITS = {"unit", "units", "einheit", "unité", "unite", "unidad", "unità"}
+_MIN_FLIGHTS = 3  # times of a run that show by falling that they are not those of the bounces themselves
 _SCALAR = re.compile(r"np\.\w+\(([^()]*)\)")
 _VECTOR = re.compile(r"(?:[A-Za-z_.]+\s*)?[\[({<]+(?P<inside>[^\[\](){}<>]*)[\])}>]+|(?P<bare>[^\[\](){}<>]+)")
 _BEFORE = {"pose", "state", "impact", "contact", "geometry", "all", "both"}
@@ -37,6 +40,39 @@ class _Long:
     unit: str | None
     phase: str | None
     trials: tuple[str, ...]
+
+
+def by_flight(cells: Sheet) -> Sheet:
+    """Return a table with a row a run, and times of flight between its bounces, with a row a bounce; others as it is.
+
+    A body that bounces is shorter in flight each time.
+    """
+    names = flights_in(cells.header)
+    kept = [name for name in cells.header if name not in names]
+    if len(names) < _MIN_FLIGHTS or {"speed", "vy", "height"} & {*recognised_columns(kept)[1].names}:
+        return cells
+    table = replace(cells, gaps=True)
+    times = np.stack([table.numbers(name, "s", 1e-3 if "ms" in name_words(name) else 1.0) for name in names], 1)
+    both = np.isfinite(times[:, 1:]) & np.isfinite(times[:, :-1])
+    if not both.any() or (times[:, 1:] >= times[:, :-1])[both].any():
+        return cells
+    runs, flights = both.nonzero()
+    of_trials = recognised_columns(kept)[1].names.get("trial") or trial_column(cells, kept)
+    named = cells.names(of_trials) if of_trials else [str(row + 1) for row in range(len(cells))]
+    kept = [name for name in kept if name != of_trials]
+    columns: list[Cells] = [[f"{named[run]}/{flight + 2}" for run, flight in zip(runs, flights, strict=True)]]
+    columns += [[cells.columns[cells.header.index(name)][run] for run in runs] for name in kept]
+    columns += [GRAVITY / 2 * times[runs, flights], GRAVITY / 2 * times[runs, flights + 1]]
+    said = (
+        f"a bounce between two of {names[0]!r} … {names[-1]!r}, which fall as times of flight t do: v = g t/2 in vacuum"
+    )
+    return replace(
+        cells,
+        header=["trial", *kept, "speed before [m/s]", "speed after [m/s]"],
+        columns=columns,
+        lines=None if cells.lines is None else [cells.lines[run] for run in runs],
+        read_as=(*cells.read_as, said),
+    )
 
 
 def is_long(cells: Sheet) -> bool:

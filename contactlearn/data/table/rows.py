@@ -17,13 +17,15 @@ from contactlearn.data.table.names import name_words
 from contactlearn.data.table.sheet import Cells, Sheet
 
 _STATISTIC = (
-    r"mean|average|avg|mittelwert|mittel|durchschnitt|moyenne|moy|media|promedio|(?:the )?standard[ -]?(?:deviation|"
-    r"error|abweichung|fehler)|s\.? ?d\.?|s\.? ?e\.? ?m\.?|st\.?d?\.?[ .-]*(?:dev|abw)\w*\.?|[ée]cart[- ]?type|"
-    r"desviaci[óo]n|deviazione|median|m[ée]diane|mediana|varian(?:ce|z)|varianza|rms"
+    r"mean|average|avg|mittelwert|mittel|durchschnitt|moyenne|moy|media|promedio|(?:the )?standard[ -]?(?:dev|err|"
+    r"abw|fehl|avv|afw|uncert)\w*\.?|s\.? ?d\.?|s\.? ?e\.? ?m\.?|st\.?d?\.?[ .-]*(?:dev|abw)\w*\.?|[ée]cart[- ]?type|"
+    r"medelvärde|medel|gemiddelde?|gem\.|średnia|keskiarvo|průměr|média|среднее|"
+    r"odchylenie|odchylka|desvio|ст\.? ?откл\w*|desviaci[óo]n|deviazione|median|m[ée]diane|mediana|"
+    r"varian(?:ce|z)|varianza|rms"
 )
 _BEGIN = 2  # letters with which the words begin: few rows begin with these
 _BEGINNINGS = {"me", "mé", "av", "mi", "du", "mo", "pr", "th", "st", "s.", "sd", "s ", "se", "éc", "ec", "de", "va",
-               "rm", "n=", "n ", "n:"}  # fmt: skip
+               "rm", "n=", "n ", "n:", "ge", "śr", "ke", "od", "ср", "ст"}  # fmt: skip
 _STATISTICAL = re.compile(rf"(?:{_STATISTIC})(?:\W.*)?|n ?[=:].*", re.IGNORECASE | re.DOTALL)
 _COUNTED = re.compile(
     r"(?:totale?|sum|summe|somme|suma|somma|min\w*|max\w*|anzahl|count|range|n|σ|s)[.:]?", re.IGNORECASE
@@ -73,13 +75,14 @@ def impactful(
             suspects[k] = "count"
         elif (len(cells) != width or is_blank(cells[-1])) and _is_note(cells, width, aligned=aligned):
             suspects[k] = "note"
+    suspects |= dict.fromkeys(_last_words(rows), "count") | suspects
     if numeric is None:
         others = [cells for k, (_, cells) in enumerate(rows) if k not in suspects and len(cells) == width]
         if 2 * len(others) < len(rows):  # words of statistics are names of groups
             return Impactful(rows=[*rows], read_as=(), numeric=())
         others = others[:_LOOKED_AT]
         numeric = tuple(2 * sum(is_numeral(cells[i]) for cells in others) > len(others) for i in range(width))
-    left = [k for k, kind in suspects.items() if numeric and _is_left_out(rows[k][1], kind, numeric)]
+    left = [k for k, kind in sorted(suspects.items()) if numeric and _is_left_out(rows[k][1], kind, numeric)]
     if not left:
         return Impactful(rows=[*rows], read_as=(), numeric=numeric)
     said = [f"{_label(rows[k][1])!r} (line {rows[k][0]})" for k in left]
@@ -89,6 +92,17 @@ def impactful(
     gone = {*left}
     kept = [row for k, row in enumerate(rows) if k not in gone]
     return Impactful(rows=kept, read_as=(f"{words}{shown}{more}",), numeric=numeric)
+
+
+def _last_words(rows: Sequence[Row]) -> list[int]:
+    """The last few rows that begin with a word, as those of statistics do in any language."""
+    last = list[int]()
+    for k in range(len(rows) - 1, -1, -1):
+        label = next((cell for cell in rows[k][1] if not is_blank(cell)), None)
+        if not isinstance(label, str) or is_missing(label) or any(map(str.isdigit, label)):
+            break
+        last.append(k)
+    return last if 2 * len(last) < len(rows) else []
 
 
 def _is_statistic(cell: Any) -> bool:

@@ -215,7 +215,10 @@ def _check_suffix(path: Path) -> None:
             "'tosses.npz', time=…, position=…, quaternion=…), or as CSV"
         )
     if path.suffix.lower() not in SUFFIXES:
-        raise DataError(f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}")
+        raise DataError(
+            f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}; export it as CSV, and a table of "
+            "impacts likewise (docs/tables.md)"
+        )
 
 
 def recording_files(path: Path) -> list[Path]:

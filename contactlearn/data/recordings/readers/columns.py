@@ -223,7 +223,7 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
 
 
 _NUMBERS = re.compile(r"[-+]?\d")
-_SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
+_SECONDS = {"ns": 1e-9, "ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
 
 
 def bodies_in_names(header: Sequence[str], known: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -329,10 +329,10 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     parts = (re.sub(r"secs?$", part, name) for part in _NANOSECONDS)
     if name.endswith(("sec", "secs")) and (part := next((one for one in parts if one in table.columns), None)):
         return _column(place, table, name) + 1e-9 * _column(place, table, part)
-    stated = re.search(r"[\W_](ms|[uµμ]s|min|h)\W*$", name)
+    stated = re.search(r"[\W_](ms|[uµμ]s|ns|min|h)\W*$", name)
     if pd.api.types.is_numeric_dtype(table[name]):
         times = _column(place, table, name)
-        return times * _SECONDS[stated[1]] if stated else _in_seconds(times)
+        return (times - times[0]) * _SECONDS[stated[1]] if stated else _in_seconds(times)
     if (clock := _of_clock(place, table[name])) is not None:
         return clock
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")

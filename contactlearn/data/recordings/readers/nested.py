@@ -6,7 +6,6 @@ recordings   a list of these, or an object of these by name; beside them a rate 
 titles       run 1, # toss 3, [drop 4]: a line above the frames of each recording, with names of columns or without
 """
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from io import StringIO
@@ -16,6 +15,7 @@ from typing import Any
 import pandas as pd
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.json_files import json_content
 from contactlearn.data.recordings.readers import RECORDED, TITLE, TUM_COLUMNS, has_titles
 from contactlearn.data.recordings.readers.exports import COMMENT
 
@@ -23,6 +23,7 @@ _LARGEST = 2**28  # bytes of a file that is in memory as a whole
 _MOST = 9  # numbers of a frame's list; a longer one holds a number a frame
 _SNIFFED = 10  # rows in which the decimal mark is looked for
 _PLACES = ("position", "pos", "p", "xyz", "translation", "tvec", "location", "loc", "centre", "center", "com", "point")
+_PLACES = (*_PLACES, "pose_t", "trans", "origin")
 _RATES = ("fps", "rate", "frame_rate", "framerate", "frequency")
 _TIMES = ("time", "t", "timestamp", "stamp")
 _TUM = "time x y z qx qy qz qw"
@@ -36,7 +37,8 @@ def titled(path: Path) -> pd.DataFrame | None:
     """
     if not has_titles(path):
         return None
-    _check_size(path)
+    if path.stat().st_size > _LARGEST:
+        raise DataError(f"{path}: is larger than {_LARGEST >> 20} MiB: split it")
     lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     header, remark, name, rows, names = "", "", "", list[str](), list[str]()
     for line in lines:
@@ -71,13 +73,7 @@ def json_table(path: Path) -> pd.DataFrame:
     Raises:
         DataError: it is no JSON, or holds no frames.
     """
-    _check_size(path)
-    text = path.read_text(encoding="utf-8-sig")
-    lines = path.suffix.lower() != ".json"
-    try:
-        content = [json.loads(line) for line in text.splitlines() if line.strip()] if lines else json.loads(text)
-    except ValueError as error:
-        raise DataError(f"{path}: is no JSON: {error}") from None
+    content = json_content(path, most=_LARGEST)
     parts = [*_recordings(content, "")]
     if not parts:
         raise DataError(
@@ -86,11 +82,6 @@ def json_table(path: Path) -> pd.DataFrame:
             'or an object of such recordings; and a list of impacts [{"vx": 0.1, …, "vx_post": 0.2}, …]'
         )
     return parts[0][1] if len(parts) == 1 else pd.concat([table.assign(recording=name) for name, table in parts])
-
-
-def _check_size(path: Path) -> None:
-    if path.stat().st_size > _LARGEST:
-        raise DataError(f"{path}: is larger than {_LARGEST >> 20} MiB: split it")
 
 
 def _recordings(content: Any, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -134,6 +125,15 @@ def _is_frame(content: Any) -> bool:
     )
 
 
+def _matrix(one: Any) -> list[list[float]] | None:
+    """The rows of a matrix of 3 × 3, 3 × 4 or 4 × 4 numbers; None of anything else."""
+    if not isinstance(one, list) or len(one) not in (3, 4) or not all(isinstance(row, list) for row in one):
+        return None
+    widths = {len(row) for row in one}
+    plain = all(isinstance(number, int | float | None) for row in one for number in row)
+    return one if plain and widths <= {3, 4} and len(widths) == 1 and (len(one), *widths) != (4, 3) else None
+
+
 def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     """Values by name, such as pose.x; a list of a few numbers has a name each, such as x, y and z of a position."""
     flat: dict[str, Any] = {}
@@ -141,6 +141,9 @@ def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
         name = f"{above}{key}"
         if isinstance(one, dict):
             flat |= _flat(one, f"{name}.")
+        elif (rows := _matrix(one)) is not None:  # of a rotation, or of a motion with the position in its last column
+            flat |= {f"r{i}{j}": rows[i - 1][j - 1] for i in (1, 2, 3) for j in (1, 2, 3)}
+            flat |= {axis: row[3] for axis, row in zip("xyz", rows, strict=False) if len(row) > 3}
         elif isinstance(one, list) and 1 < len(one) <= _MOST and all(isinstance(n, int | float | None) for n in one):
             axes = "xyz" if len(one) in (2, 3) else [f".{k}" for k in range(len(one))]
             start = "" if len(one) < 4 and str(key).lower() in _PLACES else f"{name}_" if len(one) < 4 else name

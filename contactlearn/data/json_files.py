@@ -1,0 +1,42 @@
+"""Files of JSON: one document, or a record a line."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from contactlearn.core.errors import DataError
+
+_END = re.compile(r"[\w.+-]*\s*")  # of a text that breaks off, from its mistake on: the beginning of a word or number
+
+
+def json_content(path: Path, *, most: int) -> Any:
+    """Return the content of a file; that of records a line is a list of them.
+
+    Args:
+        path: the file.
+        most: bytes that it may have.
+
+    Raises:
+        DataError: it is larger, no JSON, or breaks off before its end.
+    """
+    if path.stat().st_size > most:
+        raise DataError(f"{path}: is larger than {most >> 20} MiB; split it, or export it as Parquet or CSV")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: is no JSON: it must be UTF-8 text throughout") from None
+    parts = text.splitlines() if text.lstrip()[:1] == "{" and "\n{" in text else [text]
+    records = list[Any]()
+    try:
+        for part in parts:
+            records.append(json.loads(part) if part.strip() or len(parts) == 1 else None)
+    except RecursionError:
+        raise DataError(f"{path}: is no JSON that can be read: it is nested too deeply") from None
+    except json.JSONDecodeError as error:
+        place = f"line {len(records) + error.lineno}, column {error.colno}"
+        if "Unterminated" in error.msg or _END.fullmatch(error.doc, error.pos):
+            why = "as a download that was interrupted; copy or export the file again"
+            raise DataError(f"{path}: is no whole JSON: it breaks off at {place}, {why}") from None
+        raise DataError(f"{path}: is no JSON: {error.msg} at {place}") from None
+    return [one for one in records if one is not None] if len(parts) > 1 else records[0]
