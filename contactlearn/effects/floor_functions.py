@@ -2,8 +2,8 @@
 
     FieldOverFloor     Σ c_ij P_i(u) P_j(w), i + j = 1, 2, with Legendre's polynomials
     BorderOnFloor      a/(1 + exp(−t/b)): another half-plane, whose border has any bearing
-    SpotOnFloor        a/(1 + (s/b)⁸): a round spot
-    StripOnFloor       a/(1 + (t/b)⁸): a strip of any bearing, such as tape
+    SpotOnFloor        a exp(−(s/b)²ⁿ): a round spot with a sharp edge, or like a hill
+    StripOnFloor       a exp(−(t/b)²ⁿ): a strip of any bearing, such as tape
 
 Lengths are in units of half the wider span of the measured places, about the middle of both spans, so that a bearing is
 one and ranges suit every floor: (u, w) is the place, s the distance from the middle of the spot, and t that from a line
@@ -27,6 +27,8 @@ from contactlearn.mechanics.space import SPACE
 
 _INNER = (0.025, 0.975)  # quantiles of the places between which a span lies: single trials far out do not bend a field
 _LEAST = 1e-4  # m, of a half-span
+_SHARPNESS = 1.0, 6.0  # exponents n of a part of the floor: 1 is a hill of Gauss's form, tape has 4 and more
+_NEAR = 1e-12  # square of a distance from the middle, in half-spans, below which it makes no difference
 
 Square = tuple[float, float, float]
 """Middle (x, y) of a floor and its half-span, m."""
@@ -107,26 +109,32 @@ class BorderOnFloor(_Shaped):
 
 
 class SpotOnFloor(_Shaped):
-    """a/(1 + (s/b)⁸) at a distance s from the middle of a spot."""
+    """a exp(−(s/b)²ⁿ) at a distance s from the middle of a spot."""
 
     u_0: Tensor | float = parameter("u₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     w_0: Tensor | float = parameter("w₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.1, 1.2, vanishing=None, start=0.5)
+    n: Tensor | float = parameter("n", "–", *_SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        away = ((u - self.u_0).square() + (w - self.w_0).square()) / torch.as_tensor(self.b) ** 2
-        return self.a / (1 + away**4)
+        return self.a * _inside((u - self.u_0).square() + (w - self.w_0).square(), self.b, self.n)
 
 
 class StripOnFloor(_Shaped):
-    """a/(1 + (t/b)⁸) at a distance t from the middle line of a strip."""
+    """a exp(−(t/b)²ⁿ) at a distance t from the middle line of a strip."""
 
     phi: Tensor | float = parameter("φ", "rad", -1.6, 1.6, vanishing=None, start=0.0)
     d: Tensor | float = parameter("d", "–", -1.0, 1.0, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.03, 0.6, vanishing=None, start=0.3)
+    n: Tensor | float = parameter("n", "–", *_SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a / (1 + (_distance(u, w, self.phi, self.d) / self.b) ** 8)
+        return self.a * _inside(_distance(u, w, self.phi, self.d).square(), self.b, self.n)
+
+
+def _inside(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | float) -> Float[Tensor, "... n"]:
+    """exp(−(s/b)²ⁿ) of the square of a distance s."""
+    return (-(n * (square.clamp_min(_NEAR).log() - torch.as_tensor(b).square().log())).exp()).exp()
 
 
 def _distance(

@@ -47,18 +47,21 @@ class FrictionBorder(BorderOnFloor, LocationDependentFriction):
 
 
 class FrictionSpot(SpotOnFloor, LocationDependentFriction):
-    """μ → μ + a/(1 + (s/b)⁸), s from the middle of a spot.  It is no strip (`FrictionStrip`)."""
+    """μ → μ + a exp(−(s/b)²ⁿ), s from the middle of a spot.  It is no strip (`FrictionStrip`)."""
 
     form = "spot"
-    formula = "μ ← μ + a/(1 + (s/b)⁸), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius"
+    formula = "μ ← μ + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
+    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius, its edge of sharpness {n}"
     refines = ("location_dependent_friction",)
 
 
 class FrictionStrip(StripOnFloor, LocationDependentFriction):
-    """μ → μ + a/(1 + (t/b)⁸), t from the middle of a strip.  It has two borders (`FrictionBorder`)."""
+    """μ → μ + a exp(−(t/b)²ⁿ), t from the middle of a strip.  It has two borders (`FrictionBorder`)."""
 
     form = "strip"
-    formula = "μ ← μ + a/(1 + (t/b)⁸), t = x cos φ + y sin φ − d"
-    in_words = "μ changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side"
+    formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
+    in_words = (
+        "μ changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side, "
+        "edges of sharpness {n}"
+    )
     refines = ("location_dependent_friction",)

@@ -47,18 +47,21 @@ class RestitutionBorder(BorderOnFloor, LocationDependentRestitution):
 
 
 class RestitutionSpot(SpotOnFloor, LocationDependentRestitution):
-    """ε → ε + a/(1 + (s/b)⁸), s from the middle of a spot.  It is no strip (`RestitutionStrip`)."""
+    """ε → ε + a exp(−(s/b)²ⁿ), s from the middle of a spot.  It is no strip (`RestitutionStrip`)."""
 
     form = "spot"
-    formula = "ε ← ε + a/(1 + (s/b)⁸), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius"
+    formula = "ε ← ε + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
+    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius, its edge of sharpness {n}"
     refines = ("location_dependent_restitution",)
 
 
 class RestitutionStrip(StripOnFloor, LocationDependentRestitution):
-    """ε → ε + a/(1 + (t/b)⁸), t from the middle of a strip.  It has two borders (`RestitutionBorder`)."""
+    """ε → ε + a exp(−(t/b)²ⁿ), t from the middle of a strip.  It has two borders (`RestitutionBorder`)."""
 
     form = "strip"
-    formula = "ε ← ε + a/(1 + (t/b)⁸), t = x cos φ + y sin φ − d"
-    in_words = "ε changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side"
+    formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
+    in_words = (
+        "ε changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side, "
+        "edges of sharpness {n}"
+    )
     refines = ("location_dependent_restitution",)
