@@ -251,7 +251,7 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
     from contactlearn.report.text.names import sentence
-    from contactlearn.report.text.sentences import correct_setting, phrase
+    from contactlearn.report.text.sentences import correct_setting
 
     path, words = _path_and_words("audit", options)
     source = _source("audit", words if path is None else ["data=table", *words], path)
@@ -259,7 +259,6 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
     lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
-    lines += [] if findings else [f"note: {phrase('consistent')}"]
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
     return "\n".join(lines).replace("\u00a0", " "), int(bool(findings.mistakes))

@@ -84,7 +84,7 @@ def event_lines(event: Event) -> list[str]:
     """Describe an event in lines of text; none for progress, numbers of trainings, and what the verdict describes."""
     match event:
         case events.AuditFindings():
-            return [_finding_line("audit", finding) for finding in event.findings] or [f"audit: {phrase('consistent')}"]
+            return [_finding_line("audit", finding) for finding in event.findings]
         case events.SubsampleStarted():
             return [f"sample: {phrase('step', event)}"]
         case events.LawsCompared():

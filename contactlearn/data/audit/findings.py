@@ -21,6 +21,7 @@
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
+    too_few_trials            none of these, of too few trials to check units and axes: a note
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
     mixed_units               a part of the trials has other units or axes than the rest: fatal
     exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
@@ -59,7 +60,7 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.parts import mixed_findings
-from contactlearn.data.audit.result import Audit, Finding
+from contactlearn.data.audit.result import Audit, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
     copied,
@@ -93,7 +94,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     findings += [*limited, *covariance_findings(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
-        return Audit((*findings, *(trial_findings(sound, thresholds) if plane else order_findings(sound)), *notes))
+        findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
+        return Audit((*(findings or [_few_note(sound)]), *notes))
     notes = [*sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     sound = correct(sound, Audit(first).corrections)
@@ -126,6 +128,16 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     outlines = outline_notes(sound) if plane else []
     shown = (one for one in found if one.name != "consistent" or len(found) == 1)
     return Audit((*shown, *outlines, *notes))
+
+
+def _few_note(impacts: Impacts) -> Finding:
+    """Note that too few trials contradict nothing."""
+    sentence = (
+        f"nothing contradicts rigid impacts; units and axes are checked from {_MIN_TRIALS} trials on, these are "
+        f"{len(impacts)}"
+    )
+    evidence = evidence_of(("trials", float(len(impacts)), "trials"))
+    return Finding(name="too_few_trials", sentence=sentence, evidence=evidence, mistake=False)
 
 
 def _not_recommended(finding: Finding) -> Finding:

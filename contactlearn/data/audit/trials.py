@@ -102,7 +102,7 @@ def copied(impacts: Impacts) -> Bool[Tensor, " n"]:
     """Find the repeated trials; none where a single number was measured after contact: readings repeat by chance."""
     twice = repeated(impacts)
     outcomes = impacts.v_post[:: max(1, len(impacts) // _COMPARED)]
-    return twice if int((outcomes != outcomes[0]).any(0).sum()) > 1 else torch.zeros_like(twice)
+    return twice if int((outcomes != outcomes[0]).any(0).sum()) != 1 else torch.zeros_like(twice)
 
 
 def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
@@ -167,7 +167,8 @@ def state_notes(impacts: Impacts) -> list[Finding]:
     off = (impacts.v_post - (means / count[:, None])[which])[several]
     freedom = int(several.sum()) - int((count > 1).sum())
     symbols = impacts.space.symbols.items()
-    spread = (off.square().sum(0) / freedom).sqrt().tolist()
+    deviation = (off.square().sum(0) / freedom).sqrt()
+    spread = torch.where(deviation > _ROUNDING * impacts.v_post.abs().amax(0), deviation, 0.0).tolist()
     if not any(spread):
         return []
     sizes = ", ".join(f"{number(x, 2)} {unit} in {name}" for x, (name, unit) in zip(spread, symbols, strict=True))
