@@ -184,7 +184,7 @@ def split(settings: SplitSettings) -> Split:
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)
     if impacts.space is PLANE:
-        show_mistakes(quick_audit(impacts), settings.data.corrections)
+        show_mistakes(quick_audit(impacts, blocks.read), settings.data.corrections)
     pool, test = impacts[~shown[in_memory]], impacts[shown[in_memory]]
     if len(test) < _MIN_HELD_OUT:
         raise DataError(
