@@ -347,3 +347,7 @@ def test_sentences_fold_at_words_of_a_terminal_and_commands_do_not(monkeypatch):
 
 if __name__ == "__main__":
     SNAPSHOT.write_text(written(), "utf-8")
+
+
+def test_the_terminal_says_why_the_data_were_corrected():
+    assert "audit: Grams.\n" in printed(found=replace(FOUND, findings=(NOTED,)))

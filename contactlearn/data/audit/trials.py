@@ -385,9 +385,7 @@ def speed_findings(blocks: Iterable[Impacts]) -> list[Finding]:
         f"speeds above {FASTEST:g} m/s, of the centre of mass or of the contact point relative to it, in "
         f"{bad} of {trials} trials: {'; '.join(seen)}{more}; are the columns' units right?"
     )
-    evidence = evidence_of(
-        ("trials", float(bad), "trials"), ("fastest", fastest, "m/s"), ("rows", ", ".join(listed))
-    )
+    evidence = evidence_of(("trials", float(bad), "trials"), ("fastest", fastest, "m/s"), ("rows", ", ".join(listed)))
     return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
 
 
