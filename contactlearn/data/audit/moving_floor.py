@@ -91,8 +91,8 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
     moves = f"{'up' if v > 0 else 'down'} at {measured(abs(v), error, 'm/s')}"
     sentence = (
         f"the floor moves {moves}: v_n⁺ has a constant beside its part in proportion to v_n, whose ε is "
-        f"{floor.restitution:.3g}; with the floor at rest slow impacts would have ε = {floor.slow:.2f}, and gain energy; "
-        f"ε of a fit relative to it has, beside its own, a standard error of {floor.restitution_error:.2g} from that "
+        f"{floor.restitution:.3g}; with the floor at rest slow impacts would have ε = {floor.slow:.2f}, and gain energy"
+        f"; ε of a fit relative to it has, beside its own, a standard error of {floor.restitution_error:.2g} from that "
         "of the floor's velocity"
         if floor.sure
         else f"v_n⁺ has a constant beside its part in proportion to v_n: a floor that moves {moves}, a restitution "

@@ -201,7 +201,7 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
         return []
     sentence = (
         f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
-        "order is not to be told from a dependence on it, and none is looked for; measure in random order"
+        "order cannot be distinguished from a dependence on it, and none is looked for; measure in random order"
     )
     evidence = evidence_of(("variable", most), ("rank_correlation", agreement[most]))
     return [Finding(name="sorted_trials", sentence=sentence, evidence=evidence, mistake=False)]
