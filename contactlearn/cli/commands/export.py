@@ -153,9 +153,10 @@ def _made_up(trained: TrainedModel, *, measured: bool = False) -> Impacts:
     if shape is not None:
         drops = drops.replace(r=contact_points(shape, drops.body, drops.q[:, 2]))
     seen = None if trained.provenance is None else trained.provenance.data
-    values = {name: None if seen is None else getattr(seen, name) for name in ("mass", "inertia")}
-    if all(pair and is_one_value(*pair) for pair in values.values()):
-        return drops.replace(**{name: torch.full_like(drops.mass, sum(pair) / 2) for name, pair in values.items()})
+    pairs = [pair for pair in (() if seen is None else (seen.mass, seen.inertia)) if pair and is_one_value(*pair)]
+    if len(pairs) == 2:
+        mass, inertia = (torch.full_like(drops.mass, sum(pair) / 2) for pair in pairs)
+        return drops.replace(mass=mass, inertia=inertia)
     if measured:
         raise DataError(
             f"{trained.path}: the mass and the moment of inertia of one body are not known here; give its data: data=…"

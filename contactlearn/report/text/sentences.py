@@ -195,7 +195,7 @@ def _drifted(effect: MissingEffect | Candidate) -> str:
     """Say from where to where a drift takes its coefficient over the trials."""
     if effect.coefficient_ends is None:
         return ""
-    symbol = "μ" if "friction" in effect.effect.form else "ε"
+    symbol = "μ" if "friction" in str(effect.effect.form) else "ε"
     first, last = (f"{x:.3f}".replace("-", "−") for x in effect.coefficient_ends)
     return f"; over these trials {symbol} goes from {first} to {last}"
 
