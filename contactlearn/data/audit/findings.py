@@ -146,8 +146,8 @@ def audit(
 def _few_note(impacts: Impacts) -> Finding:
     """Note that too few trials contradict nothing."""
     sentence = (
-        f"nothing contradicts rigid impacts, but {len(impacts)} trials are too few to check units and axes: {_MIN_TRIALS} "
-        "are needed"
+        f"nothing contradicts rigid impacts, but {len(impacts)} trials are too few to check units and axes, which takes "
+        f"{_MIN_TRIALS}"
     )
     evidence = evidence_of(("trials", float(len(impacts)), "trials"))
     return Finding(name="too_few_trials", sentence=sentence, evidence=evidence, mistake=False)

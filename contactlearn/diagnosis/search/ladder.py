@@ -110,11 +110,11 @@ def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[Fi
 
 def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:
     """Return the coefficient that drifts at the first and the last trial; None of an effect that is no drift."""
-    effect, law = fitted.fit.model.effects[name], fitted.fit.model.law
+    effect = fitted.fit.model.effects[name]
     if not isinstance(effect, ParameterDrift):
         return None
     ends = impacts[impacts.order.argsort(stable=True)[[0, -1]]]
-    mu, eps = effect.law(State.of(ends), *law.coefficients)
+    mu, eps = effect.law(State.of(ends), *fitted.fit.model.law.coefficients)
     first, last = (mu if isinstance(effect, ChangesFriction) else eps).tolist()
     return first, last
 
