@@ -146,7 +146,7 @@ def audit(
 def _few_note(impacts: Impacts) -> Finding:
     """Note that too few trials contradict nothing."""
     sentence = (
-        f"nothing contradicts rigid impacts, but {len(impacts)} trials are too few to check units and axes, which takes "
+        f"nothing contradicts rigid impacts, but {len(impacts)} trials are too few to check units and axes: it takes "
         f"{_MIN_TRIALS}"
     )
     evidence = evidence_of(("trials", float(len(impacts)), "trials"))
