@@ -413,3 +413,9 @@ def test_a_direction_or_a_place_of_its_own_is_seen_in_space(hidden, coefficient,
         assert found.coefficient is coefficient
         assert found.variables[0].symbol == variable
         assert found.share.low > 0
+
+
+def test_drops_of_one_state_depend_on_no_state():
+    drops = thrown(60, seed=0).replace(validate=False)[torch.zeros(60, dtype=torch.long)]
+    drops = drops.replace(v_post=drops.v_post + 0.01 * torch.randn(60, 3, generator=seeded(0)).double())
+    assert dependence_of(drops, joint.fit(drops, "wang_mason", options=OPTIONS)) is None

@@ -5,7 +5,7 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -24,6 +24,7 @@ from contactlearn.mechanics.space import BOTH, PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel, resolve
 from contactlearn.models.export import onnx, source
+from contactlearn.results.types import DataSource, Provenance
 from contactlearn.scatter import ContactPoint, Friction, Normal, Restitution
 from contactlearn.simulation import synthetic
 
@@ -381,3 +382,15 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path, monkeypatch, capsys
     before = (tmp_path / "law.py").read_text()
     assert main(["export", "base.pt", "--to", "numpy", "-o", "law.py", "--force"]) == 0
     assert (tmp_path / "law.py").read_text() != before
+
+
+def test_a_scene_has_the_mass_of_the_training(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, mass in (("one", (0.05, 0.05)), ("several", (0.05, 0.07)), ("unknown", None)):
+        data = DataSource(source="drops.csv", trials=9, sha256="", mass=mass, inertia=(3e-5, 3e-5))
+        config = {"data": {"shape": {"kind": "ellipse", "semi_axes": [0.04, 0.025]}}}
+        provenance = asdict(Provenance(data=data, config=config))
+        checkpoint.save(ContactModel(find("wang_mason").at(0.2, 0.5)), tmp_path / f"{name}.pt", provenance=provenance)
+        done = main(["export", f"{name}.pt", "--to", "mujoco"])
+        assert done == 0 if name == "one" else "give its data" in capsys.readouterr().err
+    assert 'mass="0.05" diaginertia="3e-05' in (tmp_path / "impact.xml").read_text()

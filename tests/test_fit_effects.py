@@ -15,7 +15,7 @@ from contactlearn.inference.evaluation.metrics import mass_error
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions, FitThresholds, assemble
-from contactlearn.inference.identification.shared import Box
+from contactlearn.inference.identification.shared import Box, fit_subsets
 from contactlearn.laws import find
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation import synthetic
@@ -269,3 +269,12 @@ def test_partial_residuals_include_the_other_effects():
         partial = partial_residuals(model, drops, name)
         torch.testing.assert_close(partial.measured, partial.explained, rtol=1e-6, atol=1e-9)
         assert partial.explained.abs().max() > 1e-6
+
+
+def test_copies_of_a_trial_show_no_standard_error():
+    drops = synthetic.load(size=9).replace(validate=False)[torch.zeros(9, dtype=torch.long)]
+    fit = joint.fit(drops, "wang_mason")
+    assert fit.standard_errors.isnan().all()
+    assert "no standard errors: all trials are copies of one" in fit.summary()
+    assert "±" not in fit.summary()
+    assert all(map(math.isnan, fit_subsets(drops, "wang_mason", repetitions=3).std()))

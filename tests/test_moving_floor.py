@@ -88,3 +88,18 @@ def test_a_floor_that_rises_under_bodies_in_space(velocity):
     assert moving_floor(level) is None
     torch.testing.assert_close(level.v_pre - spatial.v_pre, level.v_post - spatial.v_post)
     assert not found(in_space(bounces(0.0)))
+
+
+def test_the_error_that_the_floor_gives_the_restitution():
+    impacts = bounces(0.3)
+    floor = moving_floor(impacts)
+    assert floor is not None
+    (finding,) = found(impacts)
+    assert finding.value("restitution_error") == pytest.approx(floor.restitution_error)
+    before, after = impacts.v_pre[:, 1], impacts.v_post[:, 1]
+
+    def restitution(velocity):
+        return ((after - velocity) / (velocity - before)).median().item()
+
+    change = restitution(floor.velocity.value) - restitution(floor.velocity.value + floor.velocity.error)
+    assert floor.restitution_error == pytest.approx(change, rel=0.5)

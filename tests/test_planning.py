@@ -512,7 +512,10 @@ def test_a_loop_of_commands(tmp_path):
     two = from_json(Plan, (tmp_path / "two" / "plan.json").read_bytes())
     assert two.rig.keys() >= {"height", "theta", "omega"}
     assert [one.trials for one in two.looks] == [22]
+    said = run("contactlearn", "measure", "one", *MYSTERY, "-o", "drops.csv", cwd=tmp_path, status=2)
+    assert "drops.csv holds the drops of one already, as trials 1 to 22" in said
     said = run("contactlearn", "measure", "two", *MYSTERY, "-o", "drops.csv", cwd=tmp_path)
+    assert "note" not in said
     assert "6 drops measured, 28 impacts in drops.csv" in said
     assert cl.read_table(tmp_path / "drops.csv").trial == tuple(str(k) for k in range(1, 29))
 
@@ -559,6 +562,9 @@ def test_a_wrong_measurement_is_one_line(tmp_path):
     path, table = tmp_path / "one" / "plan.csv", pd.read_csv(tmp_path / "one" / "plan.csv")
     said = run("contactlearn", "measure", "one", "data=mujoco", "-o", "other.csv", cwd=tmp_path)
     assert "4 drops measured, 4 impacts in other.csv" in said
+    assert "the plan is for another body, of" in said
+    said = run("contactlearn", "measure", "one", "data=mujoco", "-o", "other.csv", "--again", cwd=tmp_path)
+    assert "4 drops measured, 8 impacts in other.csv" in said
     for words, message in (
         (("one", "data=synthetic"), "in the laboratory of data=mystery"),
         (("none", *MYSTERY), "none: holds no plan.json"),

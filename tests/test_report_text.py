@@ -18,6 +18,7 @@ from contactlearn.diagnosis import result
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, RegionsFound
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification.scatter import StandardDeviation
 from contactlearn.report import terminal as terminal_lines
 from contactlearn.report.events import TerminalObserver, show_verdict
 from contactlearn.report.text import (
@@ -119,6 +120,13 @@ def headlines() -> Iterator[tuple[str, str]]:
     yield "none", said(BARE)
     yield "none, a part predictable", said(replace(BARE, remainder=more))
     yield "unknown", said(unknown)
+    yield "none, unknown shape", said(replace(BARE, shapeless=(EffectId("shape_error"), TILT)))
+    sigma = StandardDeviation(name="restitution", symbol="σ_ε", unit="–", value=0.07, error=0.004)
+    scatter = result.ContactScatter(
+        components=(result.ScatterComponent(deviation=sigma, relative=None, share=0.5),), instrument=(), stated=True,
+        trials=200, bic=-100.0, confounded=(("normal", "restitution"),), dependences=(), converged=True,
+    )  # fmt: skip
+    yield "scatter", " ".join(text.phrases("scatter", scatter))
     yield "none beside one that is given", said(replace(BARE, given=(DRAG,)))
     for unexplained in (0.0037, 0.123, 0.0002, 0.0):
         budget = replace(FOUND.budget, shares=replace(SHARES, unexplained=unexplained))
@@ -198,6 +206,7 @@ def effects() -> Iterator[tuple[str, str]]:
         fitted(EffectId("contact_patch", "linear"), -0.2, 0.001),
         replace(fitted(DRAG, 0.08), effect=EffectId("mine")),
         stopped,
+        replace(fitted(EffectId("parameter_drift", "restitution"), -0.7), coefficient_ends=(0.699, 0.549)),
     ):
         yield f"{one.effect} in words", text.in_words(one)
     yield "effect at the end of its range", text.phrase("missing_effect", stopped)
@@ -343,6 +352,10 @@ def test_sentences_fold_at_words_of_a_terminal_and_commands_do_not(monkeypatch):
             assert max(map(len, folded)) <= 40
             assert " ".join(line.strip() for line in folded) == long.strip()
             assert all(line.startswith("    ") for line in folded[1:])
+
+
+def test_the_terminal_says_why_the_data_were_corrected():
+    assert "audit: Grams.\n" in printed(found=replace(FOUND, findings=(NOTED,)))
 
 
 if __name__ == "__main__":

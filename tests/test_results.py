@@ -249,6 +249,13 @@ def test_identities_are_there(tmp_path):
     assert jobs.loc["a"].equals(jobs.loc["b"])
     assert jobs.loc["a", "job"] != jobs.loc["c", "job"]
     assert jobs.code.nunique() == 1
+    done = json.loads((tmp_path / "b" / "done.json").read_text())
+    assert "note: 1 of the runs repeats the job of another one, in another folder" in printed
+    (tmp_path / "b" / "done.json").write_text(json.dumps(done | {"code": "0.0+older"}))
+    for words in (("results", "-o", str(tmp_path / "more.csv")), ("report",)):
+        assert "repeats the job of another one, with another version of the code" in run(
+            "contactlearn", *words, str(tmp_path)
+        ).replace("\n", " ")
 
 
 @pytest.mark.parametrize(("arguments", "message"), [

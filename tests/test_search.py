@@ -308,6 +308,9 @@ def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
     (finding,) = (finding for finding in found.findings if finding.name == "measurement_drift")
     assert "Other effects over the order are left out" in finding.sentence
     assert found.effects == ("parameter_drift",)
+    (drift,) = found.missing
+    (per_thousand,), (first, last) = (one.value for one in drift.parameters), drift.coefficient_ends
+    assert last - first == pytest.approx(0.239 * per_thousand)
     assert next(one for one in finding.evidence if one.quantity == "time_scale").value < 5
 
 

@@ -259,7 +259,7 @@ def test_a_named_folder_is_not_written_over(tmp_path):
     words = ("train.py", *SMALL, "train.size=10", f"hydra.run.dir={tmp_path / 'a'}")
     run(*words)
     before = {path: path.read_bytes() for path in (tmp_path / "a").rglob("*") if path.is_file()}
-    assert "finished already" in run(*words)
+    assert "finished already: a\n" in run(*words, cwd=tmp_path)
     assert "holds the result of another run; choose another folder" in run(*words, "seed=1", status=2)
     with locked(tmp_path / "b"):
         printed = run(*words[:-1], f"hydra.run.dir={tmp_path / 'b'}", status=2)

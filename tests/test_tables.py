@@ -306,6 +306,21 @@ def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
     assert [finding.name for finding in quick_audit(session)] == ["duplicated_trials", "out_of_order"]
 
 
+def test_the_quick_audit_looks_at_all_for_the_ends_of_a_part_and_for_speeds():
+    drops = synthetic.load(size=1500).replace(validate=False)
+    scale = torch.ones(1500, 3, dtype=torch.float64)
+    scale[600:701, :2] = 1e3
+    mixed = drops.replace(v_pre=scale * drops.v_pre, v_post=scale * drops.v_post)
+    sampled = mixed[::4]
+    for found in (quick_audit(mixed), quick_audit(sampled, lambda: (mixed[:650], mixed[650:]))):
+        assert "in trials '601' to '701' (7% of the trials) velocities are in mm/s" in found[0].sentence
+    v_post = drops.v_post.clone()
+    v_post[701, 0] = 1e3
+    fast = drops.replace(v_post=v_post)
+    for found in (quick_audit(fast), quick_audit(fast[::4], lambda: (fast[:700], fast[700:]))):
+        assert [(one.name, one.value("rows")) for one in found] == [("impossible_speeds", "702")]
+
+
 SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")
 
 
@@ -314,7 +329,7 @@ def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):
     words = ("train.py", "data=table", f"data.path={path}", ELLIPSE, *SMALL)
     expected = "audit: θ and ω are positive clockwise: use data.correct=[mirrored_theta]\n"
     assert expected in run(*words, f"hydra.run.dir={tmp_path}/a")
-    monkeypatch.setattr(loading, "quick_audit", lambda impacts: ())
+    monkeypatch.setattr(loading, "quick_audit", lambda impacts, every: ())
     assert "audit" not in run(*words, f"hydra.run.dir={tmp_path}/b")
     with_audit, without = (json.loads((tmp_path / name / "results.json").read_text()) for name in "ab")
     assert [with_audit[part] for part in ("fits", "errors")] == [without[part] for part in ("fits", "errors")]

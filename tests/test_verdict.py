@@ -230,7 +230,7 @@ def test_structure_is_named_and_is_no_scatter():
     found = replace(made_up(12), missing=(), physics=Verdict.UNKNOWN, verdict=Verdict.UNKNOWN)
     structured = replace(SCATTERED, dependences=(POSE, replace(POSE, variable="normal_speed of earlier impacts")))
     shown = replace(found, scatter=structured)
-    assert "The normal follows the pose with 90 % of its variance (p = 0.002): that part is no scatter." in [
+    assert "The normal follows the pose with 90 % of its variance (p = 0.002): that part is not scatter." in [
         one.replace("\u00a0", " ") for one in grounds(shown)
     ]
     assert "contacts scatter" not in headline(shown)

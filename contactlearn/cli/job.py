@@ -32,6 +32,7 @@ from contactlearn.core import __version__, devices
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data.blocks import Blocks
+from contactlearn.report import terminal
 from contactlearn.results.folder import is_run
 from contactlearn.results.runs import common_metric, read_runs
 from contactlearn.results.state import (
@@ -298,5 +299,5 @@ def _is_finished(folder: Path, identity: Done) -> bool:
     done = read_done(folder)
     found = done is not None and done.job == identity.job
     if found:
-        print(f"finished already: {folder}")
+        print(f"finished already: {terminal.relative(folder)}")
     return found

@@ -153,6 +153,7 @@ def _add_planning(add: Callable[..., argparse.ArgumentParser]) -> None:
     measure.add_argument(
         "-o", "--out", metavar="FILE", required=True, help="a .csv or .parquet file, new or to go on with"
     )
+    measure.add_argument("--again", action="store_true", help="add the drops of a plan that FILE holds already")
     measure.set_defaults(run=run_measure)
 
 
@@ -251,7 +252,7 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     from contactlearn.cli.commands.loading import load_data
     from contactlearn.data.audit.findings import audit
     from contactlearn.report.text.names import sentence
-    from contactlearn.report.text.sentences import correct_setting, phrase
+    from contactlearn.report.text.sentences import correct_setting
 
     path, words = _path_and_words("audit", options)
     source = _source("audit", words if path is None else ["data=table", *words], path)
@@ -259,7 +260,6 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
     lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
-    lines += [] if findings else [f"note: {phrase('consistent')}"]
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
     return "\n".join(lines).replace("\u00a0", " "), int(bool(findings.mistakes))
@@ -316,7 +316,8 @@ def run_measure(options: argparse.Namespace) -> str:
 
     from contactlearn.cli.commands.plan import write_measured
 
-    return write_measured(Path(options.plan), _source("measure", options.overrides), Path(options.out))
+    source = _source("measure", options.overrides)
+    return write_measured(Path(options.plan), source, Path(options.out), again=options.again)
 
 
 def run_impacts(options: argparse.Namespace) -> str:
@@ -348,13 +349,14 @@ def run_report(options: argparse.Namespace) -> str:
 
     from contactlearn.report.events import progress
     from contactlearn.report.page.runs import has_page, redraw, write_runs
-    from contactlearn.results.runs import printable
+    from contactlearn.results.runs import printable, repeated_jobs
 
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
         return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
     with progress() as on_event:
         page, runs, skipped = write_runs(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    lines += filter(None, [repeated_jobs(run.path.parent for run in runs)])
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
     return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
@@ -362,12 +364,15 @@ def run_report(options: argparse.Namespace) -> str:
 
 def run_results(options: argparse.Namespace) -> str:
     """Write the table of all runs in some folders; return their number in a line."""
+    from pathlib import Path
+
     from contactlearn.cli.commands.export import refuse_existing
     from contactlearn.report.events import progress
-    from contactlearn.results.runs import write_table
+    from contactlearn.results.runs import repeated_jobs, write_table
 
     refuse_existing([options.out], options.force)
     with progress() as on_event:
         frame, skipped = write_table(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
+    lines += filter(None, [repeated_jobs(Path(path).parent for path in frame["path"])])
     return "\n".join([*lines, f"{frame['run'].nunique()} runs, {len(frame)} rows written to {options.out}"])

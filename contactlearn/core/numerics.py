@@ -65,7 +65,10 @@ def random_share(
     count = round(finite_number(f"{source}: the share to hold out", share, 0, 1) * trials)
     if not 0 < count < trials:
         rest = "train" if count else "test"
-        raise DataError(f"{source}: cannot hold out a share {share} of {trials} trials, for none is left to {rest} on")
+        fix = f"hold out a share of {1 / trials:.2g} to {1 - 1 / trials:.2g}" if trials > 2 else "more are needed"
+        raise DataError(
+            f"{source}: cannot hold out a share {share} of {trials} trials, for none is left to {rest} on; {fix}"
+        )
     held_out = torch.zeros(trials, dtype=torch.bool)
     held_out[torch.randperm(trials, generator=generator)[:count]] = True
     return held_out

@@ -18,6 +18,7 @@ from torch import Tensor
 from contactlearn.core.errors import DataError
 from contactlearn.core.fingerprint import Fingerprint
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, Space
 
 BLOCK = 1 << 15
 """Trials of a block: few enough that computations on them take a few hundred megabytes."""
@@ -33,6 +34,7 @@ class Blocks:
         source: in words.
         trials: of all blocks.
         sha256: of all names and numbers, see `Impacts.fingerprint`.
+        space: the plane, or space.
         read: the blocks, in order.
         groups: see `Impacts.groups`, of impacts in memory.
     """
@@ -40,6 +42,7 @@ class Blocks:
     source: str
     trials: int
     sha256: str
+    space: Space
     read: Callable[[], Iterator[Impacts]]
     groups: Int[Tensor, " n"] | None = None
 
@@ -53,7 +56,8 @@ class Blocks:
             for first in range(0, size, step):
                 yield impacts if step == size else impacts[first : first + step]
 
-        return cls(source=impacts.source, trials=size, sha256=impacts.fingerprint(), read=read, groups=impacts.groups)
+        source, space, sha256 = impacts.source, impacts.space, impacts.fingerprint()
+        return cls(source=source, trials=size, sha256=sha256, space=space, read=read, groups=impacts.groups)
 
     @classmethod
     def survey(cls, read: Callable[[], Iterator[Impacts]]) -> "Blocks":
@@ -62,14 +66,14 @@ class Blocks:
         Raises:
             DataError: what `read` raises, no trials, or a trial name that occurs twice.
         """
-        digest, names, source = Fingerprint(), list[np.ndarray](), ""
+        digest, names, source, space = Fingerprint(), list[np.ndarray](), "", PLANE
         for block in read():
             block.add_to(digest)
             names.append(np.fromiter(map(hash, block.trial), np.int64, len(block)))
-            source = block.source
+            source, space = block.source, block.space
         hashes = np.concatenate(names)
         _check_unique_trials(source, hashes, read)
-        return cls(source=source, trials=len(hashes), sha256=digest.hexdigest(), read=read)
+        return cls(source=source, trials=len(hashes), sha256=digest.hexdigest(), space=space, read=read)
 
     def where(self, chosen: Bool[Tensor, " n"]) -> Iterator[Impacts]:
         """Yield the chosen trials, in order, block by block."""

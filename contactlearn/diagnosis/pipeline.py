@@ -61,6 +61,7 @@ def diagnose(
     if any(finding.fatal for finding in findings):
         return replace(_refused(law, findings, thresholds), evidence=evidence)
     impacts = correct(impacts, audited.corrections, thresholds.audit)
+    _refuse_few(impacts, thresholds.fewest_trials)
     laws = options.laws or all_laws(impacts.space)
     candidates = options.candidates or all_candidates(impacts.space, impacts.covariates)
     if any(finding.name == "spin_not_measured" for finding in findings):
@@ -94,11 +95,14 @@ def diagnose(
 def _check(impacts: Impacts, options: DiagnoseOptions) -> None:
     """Refuse anything but impacts, too few trials, and limits that make no sense, before any work is done."""
     require_impacts(impacts)
-    fewest = options.thresholds.fewest_trials
-    if len(impacts) < fewest:
-        raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
+    _refuse_few(impacts, options.thresholds.fewest_trials)
     if options.limits:
         state_limits(impacts, options.limits)  # raises for wrong limits
+
+
+def _refuse_few(impacts: Impacts, fewest: int) -> None:
+    if len(impacts) < fewest:
+        raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
 
 
 def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:

@@ -69,7 +69,7 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import fitted_first, follows_order, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
-from contactlearn.diagnosis.search.ladder import Ladder, calibrated, fitted_parameters, ladder
+from contactlearn.diagnosis.search.ladder import Ladder, calibrated, coefficient_ends, fitted_parameters, ladder
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
 from contactlearn.diagnosis.unexplained.contact_scatter import ScatterEstimate, contact_scatter
 from contactlearn.diagnosis.unexplained.formulas import formulas
@@ -196,6 +196,7 @@ class SearchResult:
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_reduction=less.mean_error - larger.present.mean_error,
                 confidence=confidence.get(effect),
+                coefficient_ends=coefficient_ends(larger.present, larger.impacts, effect.name),
                 proxy=effect not in confidence,
             )
             for effect, less in zip(lacking, larger.without_each(lacking), strict=True)

@@ -163,7 +163,7 @@ class Impacts:
                 self._refuse(~torch.isfinite(values), column, values, "must be a finite number")
         moments = zip(self.space.inertia, self.inertia.reshape(n, -1).unbind(-1), strict=True)
         for column, values in (("mass", self.mass), *moments):
-            self._refuse(values <= 0, column, values, "must be positive (kg, kg m²)")
+            self._refuse(values <= 0, column, values, f"must be positive, in {'kg' if column == 'mass' else 'kg m²'}")
         for name, columns in self.space.covariances.items():
             if getattr(self, name) is not None:
                 self._refuse_covariance(name, columns)

@@ -12,6 +12,7 @@ subsets, may come before the impacts in every part.
 """
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -375,7 +376,8 @@ class ContactModel:
         if self.parameter_covariance is None:
             return [None] * (2 + sum(len(effect.parameters) for effect in self.effects.values()))
         errors = self.parameter_covariance.diagonal(dim1=-2, dim2=-1).sqrt()
-        return errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
+        means = errors.reshape(-1, errors.shape[-1]).mean(0).tolist()
+        return [None if math.isnan(x) else x for x in means]
 
     @property
     def name(self) -> str:

@@ -153,6 +153,7 @@ def _plan(
         hidden=belief.hidden,
         looks=looks,
         stop=decide(goal, looks, budget, count),
+        bodies={one.name: one.moments for one in specimens},
     )
 
 

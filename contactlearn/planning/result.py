@@ -1,6 +1,6 @@
 """A plan: the drops to make next, what they are expected to tell, and whether to stop.  Written as plan.json."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from contactlearn.diagnosis.result import Diagnosis, Level
@@ -125,6 +125,7 @@ class Plan:
         looks: at the measurements so far.
         budget: impacts to measure at most, all told.
         stop: why to make no more drops; None to go on.
+        bodies: mass in kg and moments of inertia in kg m² of each body by its name; empty in plans of older versions.
     """
 
     goal: Goal
@@ -138,3 +139,4 @@ class Plan:
     hidden: tuple[str, ...] = ()
     looks: tuple[Look, ...] = ()
     stop: Stop | None = None
+    bodies: dict[str, tuple[float, ...]] = field(default_factory=dict)

@@ -112,6 +112,11 @@ class Specimen:
         return tuple(specimens)
 
     @property
+    def moments(self) -> tuple[float, ...]:
+        """Mass in kg and moments of inertia in kg m²."""
+        return (self.mass, *(self.inertia if isinstance(self.inertia, tuple) else (self.inertia,)))
+
+    @property
     def space(self) -> Space:
         """The space in which it moves."""
         if self.measured is not None:

@@ -84,7 +84,7 @@ def event_lines(event: Event) -> list[str]:
     """Describe an event in lines of text; none for progress, numbers of trainings, and what the verdict describes."""
     match event:
         case events.AuditFindings():
-            return [_finding_line("audit", finding) for finding in event.findings] or [f"audit: {phrase('consistent')}"]
+            return [_finding_line("audit", finding) for finding in event.findings]
         case events.SubsampleStarted():
             return [f"sample: {phrase('step', event)}"]
         case events.LawsCompared():
@@ -146,7 +146,8 @@ def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.corrections:
         rig = ["rig"] if any(finding.name == "rig_applied" for finding in diagnosis.findings) else []
         lines.append(f"audit: {phrase('corrected', [*rig, *diagnosis.corrections])}")
-    lines += [f"audit: {sentence(one.sentence)}" for one in diagnosis.findings if one.mistake and not one.correction]
+    said = (one for one in diagnosis.findings if one.correction or one.mistake)
+    lines += [f"audit: {sentence(one.sentence)}" for one in said]
     lines += [f"{effect.level}: {phrase('named', effect)}" for effect in diagnosis.missing]
     if diagnosis.candidates:
         lines.append(f"candidates: {phrase('candidates', diagnosis.candidates)}")

@@ -1,5 +1,6 @@
 """Fits and errors as plain numbers, of the types that result files hold."""
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -31,7 +32,6 @@ def effect_ids(effects: Mapping[str, Effect]) -> tuple[EffectId, ...]:
 def law_estimate(fit: SubsetFit) -> LawEstimate:
     """Return the parameters of a law, fitted to subsets, as numbers."""
     (mu, eps), (mu_std, eps_std) = fit.mean(), fit.std()
-    several = len(fit.mu) > 1
     return LawEstimate(
         law=fit.law.name,
         variant=fit.law.variant,
@@ -39,9 +39,9 @@ def law_estimate(fit: SubsetFit) -> LawEstimate:
         trials=fit.sizes[-1],
         repetitions=len(fit.mu),
         mu=mu,
-        mu_std=mu_std if several else None,
+        mu_std=None if math.isnan(mu_std) else mu_std,
         eps=eps,
-        eps_std=eps_std if several else None,
+        eps_std=None if math.isnan(eps_std) else eps_std,
         cost=fit.cost[:, -1].mean().item(),
         mu_range=tuple(fit.mu_range[:, -1].mean(0).tolist()),
         eps_range=tuple(fit.eps_range[:, -1].mean(0).tolist()),

@@ -292,6 +292,20 @@ def write_table(
     return frame, skipped
 
 
+def repeated_jobs(folders: Iterable[Path]) -> str:
+    """Say how many runs repeat the job of another one, which a table counts twice; empty if none does."""
+    codes = dict[tuple[str, str], list[str]]()
+    for done in map(read_done, dict.fromkeys(folders)):
+        if done is not None:
+            codes.setdefault((done.config, done.data), []).append(done.code)
+    count = sum(len(some) - 1 for some in codes.values())
+    if not count:
+        return ""
+    versions = any(len({*some}) > 1 for some in codes.values())
+    fix = "with another version of the code, which the column code names" if versions else "in another folder"
+    return f"note: {count} of the runs {'repeats' if count == 1 else 'repeat'} the job of another one, {fix}"
+
+
 def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
     """Return the rows of all models of some runs; a run without errors has one row without a model."""
     settings = {f"setting_{key}": _typed(values) for key, values in varying(runs).items()}

@@ -95,7 +95,7 @@ class LawEstimate:
         trials: in each subset.
         repetitions: number of subsets.
         mu: mean over the subsets.
-        mu_std: standard deviation over the subsets; None for a single one.
+        mu_std: standard deviation over the subsets; None where all have one value.
         eps: as `mu`.
         eps_std: as `mu_std`.
         cost: mean ‖P − P̂‖ over a subset in N s, averaged over the subsets.

@@ -5,12 +5,15 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+import torch
+
 from contactlearn.cli.checkpoints import TrainedModel, load_model
+from contactlearn.cli.commands.trained import is_one_value
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import atomic_write, number
 from contactlearn.diagnosis.record import Record
 from contactlearn.effects import State
-from contactlearn.mechanics.bodies import make_shapes
+from contactlearn.mechanics.bodies import contact_points, make_shapes
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
@@ -58,7 +61,7 @@ def export_model(
     elif to == "onnx":
         texts[path] = onnx.graph(model, known or _made_up(trained))
     elif to == "mujoco":
-        texts, notes = _scene(path, model, (known or _made_up(trained))[:_JUDGED])
+        texts, notes = _scene(path, model, (known or _made_up(trained, measured=True))[:_JUDGED])
         said += notes
     else:
         texts[path] = source.source_code(model, to, (known or _made_up(trained))[:_ROWS])
@@ -135,11 +138,27 @@ def impacts_of_run(run: str) -> Impacts | None:
     return Record.load(folder).impacts if (folder / "record.npz").exists() else None
 
 
-def _made_up(trained: TrainedModel) -> Impacts:
-    """Simulated drops of a body of the shape that the settings of the training's data state, or of none."""
+def _made_up(trained: TrainedModel, *, measured: bool = False) -> Impacts:
+    """Simulated drops of the body of the training: of its shape, or of none, its mass and its moment of inertia.
+
+    Raises:
+        DataError: the body is in space; or is `measured`, and its mass or moment of inertia is not known, or several.
+    """
     if trained.provenance is not None and trained.provenance.data.space != PLANE.name:
         raise DataError(f"the impacts that {trained.path} was fitted to are in space; give its data: data=…")
     data = {} if trained.provenance is None else trained.provenance.config.get("data")
     shape = make_shapes(data.get("shape")) if isinstance(data, dict) else None
     body = next(iter(shape)) if isinstance(shape, Mapping) else "body"
-    return synthetic.load(_ROWS).replace(shape=shape, object=(body,) * _ROWS)
+    drops = synthetic.load(_ROWS).replace(shape=shape, object=(body,) * _ROWS, validate=False)
+    if shape is not None:
+        drops = drops.replace(r=contact_points(shape, drops.body, drops.q[:, 2]))
+    seen = None if trained.provenance is None else trained.provenance.data
+    pairs = [pair for pair in (() if seen is None else (seen.mass, seen.inertia)) if pair and is_one_value(*pair)]
+    if len(pairs) == 2:
+        mass, inertia = (torch.full_like(drops.mass, sum(pair) / 2) for pair in pairs)
+        return drops.replace(mass=mass, inertia=inertia)
+    if measured:
+        raise DataError(
+            f"{trained.path}: the mass and the moment of inertia of one body are not known here; give its data: data=…"
+        )
+    return drops

@@ -29,6 +29,7 @@ from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
 from contactlearn.diagnosis.events import OnEvent
 from contactlearn.inference.evaluation.metrics import refuse_rest
+from contactlearn.inference.identification.joint import least_trials
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 from contactlearn.report import terminal
@@ -37,6 +38,7 @@ from contactlearn.results.tables import SHOWN
 
 _TABLE = "contactlearn.data.table.load"
 _MIN_HELD_OUT = 2  # trials: the interval of an error is a bootstrap over them
+_PARAMETERS = 2  # of a law: μ and ε
 _USUAL = 120  # training trials of a subset where as many are there: the paper's number
 
 
@@ -163,29 +165,41 @@ def split(settings: SplitSettings) -> Split:
     Of many trials the audit sees those in memory.
 
     Raises:
-        DataError: fewer trials than training trials, or an outcome at rest, to which no error is relative.
+        DataError: fewer trials than a law's parameters or the training need, or an outcome at rest, to which no error
+            is relative.
     """
     wanted = affordable_train_size(settings.train.size)
     blocks, tracked = load_blocks(settings.data)
+    least = least_trials(_PARAMETERS, blocks.space.D)
+    if blocks.trials < least + _MIN_HELD_OUT:
+        raise DataError(
+            f"{blocks.source}: at least {least + _MIN_HELD_OUT} trials are needed, got {blocks.trials}: {least} for "
+            f"{_PARAMETERS} parameters, and {_MIN_HELD_OUT} held out for the interval of an error"
+        )
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
     held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
-    size = max(1, min(_USUAL, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
+    size = min(_USUAL, max(least, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)
     if impacts.space is PLANE:
-        show_mistakes(quick_audit(impacts), settings.data.corrections)
+        show_mistakes(quick_audit(impacts, blocks.read), settings.data.corrections)
     pool, test = impacts[~shown[in_memory]], impacts[shown[in_memory]]
+    if len(test) < _MIN_HELD_OUT:
+        raise DataError(
+            f"{impacts.source}: test={settings.test} holds out {len(test)} of {blocks.trials} trials, and an error of "
+            f"a single trial has no interval; use test={_MIN_HELD_OUT / blocks.trials:.2g} or more"
+        )
+    if len(pool) < least:
+        raise DataError(
+            f"{impacts.source}: test={settings.test} leaves {len(pool)} of {blocks.trials} trials, but {_PARAMETERS} "
+            f"parameters need at least {least}; use test={1 - least / blocks.trials:.2g} or less"
+        )
     if len(pool) < size:
         raise DataError(
             f"{impacts.source}: train.size={size}, but {len(pool)} of {blocks.trials} trials are left to draw from "
             f"after holding out a share test={settings.test}; use train.size={len(pool)} or less"
-        )
-    if len(test) < _MIN_HELD_OUT:
-        raise DataError(
-            f"{impacts.source}: test={settings.test} holds out {len(test)} of {blocks.trials} trials, and an error of "
-            f"a single trial has no interval; use test={min(0.5, _MIN_HELD_OUT / blocks.trials):.2g} or more"
         )
     refuse_rest(test)
     return Split(

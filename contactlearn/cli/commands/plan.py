@@ -7,6 +7,7 @@ plan.html    the page
 """
 
 import json
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from contactlearn.cli.commands.export import refuse_existing
 from contactlearn.cli.commands.loading import load_data
 from contactlearn.cli.settings import PlanSettings, SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
-from contactlearn.core.numerics import atomic_write
+from contactlearn.core.numerics import atomic_write, wrapped
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.data import table
 from contactlearn.data.blocks import joined
@@ -28,7 +29,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.planning.design import plan
 from contactlearn.planning.measurement import Measures, carry_out
 from contactlearn.planning.result import Plan, PlannedDrop, Purpose
-from contactlearn.planning.rig import Rig, Specimen, settings_of
+from contactlearn.planning.rig import ANGLES, Rig, Specimen, settings_of
 from contactlearn.report.figures import style
 from contactlearn.report.figures.plan import plan_figure
 from contactlearn.report.page.plan import PLAN, write_plan_page
@@ -42,6 +43,9 @@ from contactlearn.simulation.mujoco import Bench, EngineLaboratory, Hidden
 _JSON, _CSV = "plan.json", "plan.csv"
 _MYSTERY, _MUJOCO = "contactlearn.simulation.hidden_effects.load", "contactlearn.simulation.mujoco.load"
 _DROP, _FOR, _BODY = "drop", "for", "body"
+_REACHED, _NEAR = 5.0, 0.02  # standard deviations of a setting, and share of its limits, within which a drop has it
+_SAME_DROPS = 0.9  # share of the drops of a plan in a row of trials from which on they are these
+_SAME_BODY = 0.01  # relative difference up to which masses and moments of inertia are those of one body
 
 
 def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bool) -> str:
@@ -89,19 +93,20 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
     return "\n".join([*plan_summary(chosen), f"drops    {out / _CSV}", f"open     {page}"])
 
 
-def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
+def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool = False) -> str:
     """Measure planned drops in a laboratory, `data=mystery` or `data=mujoco`, and add them to a table.
 
     Args:
         path: folder of a plan, or a file in it.
         source: `data` of a configuration.
         out: a .csv or .parquet file, whose impacts go on if it is there.
+        again: whether drops that are there already are made and added once more.
 
     Returns:
         A summary, line by line.
 
     Raises:
-        ContactLearnError: another source of data, or no seed.
+        ContactLearnError: another source of data, no seed, or drops that are there already.
         DataError: a plan or a table that cannot be read, or a plan in space.
     """
     table.check_suffix(out)
@@ -115,6 +120,11 @@ def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
     planned = read_plan(folder)
     drops, rig = _drops(folder / _CSV, planned), Rig(limits=planned.rig)
     before = table.load(out, body.shape) if out.exists() else None
+    if before is not None and not again and (trials := _measured_already(drops, planned, before)):
+        raise ContactLearnError(
+            f"{out} holds the drops of {folder} already, as trials {trials[0]} to {trials[1]}; plan the next ones with "
+            f"contactlearn plan RUN after={folder}, or add these once more with --again"
+        )
     first = 1 if before is None else len(before) + 1
     generator = torch.Generator().manual_seed(int(source.options["seed"]) + first)
     named = [PlannedDrop(settings=drop.settings, purpose=drop.purpose, body=body.name) for drop in drops]
@@ -124,8 +134,39 @@ def write_measured(path: Path, source: SourceSettings, out: Path) -> str:
     if source.target == _MYSTERY:
         hidden_effects.load(**{key: source.options[key] for key in ("seed", "size", "folder", "scatter")})
     shape = json.dumps(shapes_entries(body.shape)).replace('"', "")
-    again = f"contactlearn diagnose data=table data.path={out} 'data.shape={shape}'"
-    return f"{len(measured)} drops measured, {len(every)} impacts in {out}\nnext     {again}"
+    command = f"contactlearn diagnose data=table data.path={out} 'data.shape={shape}'"
+    lines = [f"{len(measured)} drops measured, {len(every)} impacts in {out}"]
+    known = {"the plan": next(iter(planned.bodies.values()), None)}
+    known |= {} if before is None else {str(out): Specimen.of(before)[0].moments}
+    lines += [f"note     {one}" for one in _other_body(known, body)]
+    return "\n".join([*lines, f"next     {command}"])
+
+
+def _measured_already(drops: list[PlannedDrop], planned: Plan, before: Impacts) -> tuple[str, str] | None:
+    """First and last of the trials in a row that had the settings of the drops, nearly all of them; None if none."""
+    count, values = len(drops), settings_of(before)
+    if len(before) < count:
+        return None
+    close = torch.ones(len(before) - count + 1, count, dtype=torch.bool)
+    for name, one in planned.rig.items():
+        if one.settable and name in values:
+            wanted = torch.tensor([drop.settings[name] for drop in drops], dtype=torch.float64)
+            off = values[name].unfold(0, count, 1) - wanted
+            off = wrapped(off) if name in ANGLES else off
+            reach = _REACHED * (one.precision + one.share * wanted.abs()) + _NEAR * (one.high - one.low)
+            close &= off.abs() <= reach
+    share, first = close.double().mean(1).max(0)
+    return (before.trial[first], before.trial[first + count - 1]) if share >= _SAME_DROPS else None
+
+
+def _other_body(known: Mapping[str, tuple[float, ...] | None], body: Specimen) -> Iterator[str]:
+    """Yield that the body of the plan, or of the table, is not the laboratory's."""
+    for what, moments in known.items():
+        if moments and any(abs(one / new - 1) > _SAME_BODY for one, new in zip(moments, body.moments, strict=True)):
+            there, here = (
+                f"{mass:.3g} kg, {', '.join(f'{x:.3g}' for x in rest)} kg m²" for mass, *rest in (moments, body.moments)
+            )
+            yield f"{what} is for another body, of {there}: the laboratory's has {here}"
 
 
 def read_plan(folder: Path) -> Plan:

@@ -52,6 +52,11 @@ def body_ranges(impacts: Impacts) -> dict[str, Pair]:
     return {name: (low.item(), high.item()) for name, (low, high) in ranges.items()}
 
 
+def is_one_value(low: float, high: float) -> bool:
+    """Whether masses, or moments of inertia, from one to another are those of one body."""
+    return high <= (1 + _SAME_BODY) * low
+
+
 def _show_news(name: str, trained: TrainedModel, impacts: Impacts) -> None:
     """Print what is new to a model: the body, features beyond its training's, features that it cannot use."""
     news = [] if trained.provenance is None else [*_other_body(trained.provenance.data, impacts)]

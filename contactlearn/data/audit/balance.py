@@ -123,7 +123,7 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
     It closes only where the interval of each coefficient, to two decimals, has 1 in it.
     """
     if not fit.terms:
-        closes = "cannot be judged: the moments in these data are negligible"
+        closes = "cannot be judged: the moments in these data are negligible, or in one proportion in all trials"
     elif fit.tested > _TESTED:
         closes = "is weakly tested by these data"
     elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):

@@ -63,7 +63,7 @@ def spin_notes(impacts: Impacts) -> list[Finding]:
         return []
     value = number(spins[0].item() + 0.0, 3)
     seen = f"ω is {value} before and after every impact, though the impulses turn the body: the spin was not measured. "
-    told = "friction, slip and what acts on the spin cannot be told"
+    told = "friction, slip and what acts on the spin cannot be determined"
     ball = terms.normal.abs().max() < _ROUND * terms.scale.max()
     if ball and len(set(impacts.recording)) < len(impacts.recording):
         # The first bounce turns a ball, and the next begins with that spin.

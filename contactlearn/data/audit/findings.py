@@ -21,6 +21,7 @@
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
+    too_few_trials            none of these, of too few trials to check units and axes: a note
     impossible                no hypothesis balances the moments, pushes and approaches: fatal
     mixed_units               a part of the trials has other units or axes than the rest: fatal
     exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
@@ -36,6 +37,7 @@ centre of mass, a moment at the contact) cause none unless they are enormous.  L
 the earlier ones would correct it; nothing is corrected here.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import torch
@@ -59,7 +61,7 @@ from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
 from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.parts import mixed_findings
-from contactlearn.data.audit.result import Audit, Finding
+from contactlearn.data.audit.result import Audit, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.trials import (
     copied,
@@ -70,6 +72,7 @@ from contactlearn.data.audit.trials import (
     rig_notes,
     saturation_findings,
     sorted_notes,
+    speed_findings,
     state_notes,
     trial_findings,
 )
@@ -81,10 +84,19 @@ _QUICK = 500  # trials of a quick audit
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
 
 
-def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> Audit:
+def audit(
+    impacts: Impacts,
+    thresholds: AuditThresholds = AuditThresholds(),
+    every: Callable[[], Iterable[Impacts]] | None = None,
+) -> Audit:
     """Find the mistakes in the measurements, most fundamental first, or note that they are consistent.
 
     The impacts need not be validated.  `data.correct=[…]` takes the corrections of all findings, in their order.
+
+    Args:
+        impacts: measurements.
+        thresholds: limits of the findings.
+        every: all trials in blocks, if the impacts are a sample of them; a part in other units ends among these.
     """
     findings = incomplete_findings(impacts) + duplicate_findings(impacts)
     sound = impacts.replace(validate=False)[~copied(impacts)]
@@ -93,7 +105,8 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     findings += [*limited, *covariance_findings(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
-        return Audit((*findings, *(trial_findings(sound, thresholds) if plane else order_findings(sound)), *notes))
+        findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
+        return Audit((*(findings or [_few_note(sound)]), *notes))
     notes = [*sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     sound = correct(sound, Audit(first).corrections)
@@ -105,7 +118,9 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
         if unmeasured:
             return Audit((*unmeasured, *findings, *first, *notes))
     comparison = compare(_subsample(sound), thresholds)
-    fatal = mixed_findings(comparison) or (exchanged_findings(comparison) if plane else [])
+    shaped = Audit(first).corrections
+    blocks = (lambda: [sound]) if every is None else (lambda: (correct(one, shaped) for one in every()))
+    fatal = mixed_findings(comparison, blocks) or (exchanged_findings(comparison) if plane else [])
     fatal = fatal or impossible_findings(comparison, thresholds)
     if fatal:
         return Audit((*fatal, *findings, *first, *order_findings(sound), *notes))
@@ -128,21 +143,36 @@ def audit(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> 
     return Audit((*shown, *outlines, *notes))
 
 
+def _few_note(impacts: Impacts) -> Finding:
+    """Note that too few trials contradict nothing."""
+    sentence = (
+        f"nothing contradicts rigid impacts, but {len(impacts)} trials are too few to check units and axes: it takes "
+        f"{_MIN_TRIALS}"
+    )
+    evidence = evidence_of(("trials", float(len(impacts)), "trials"))
+    return Finding(name="too_few_trials", sentence=sentence, evidence=evidence, mistake=False)
+
+
 def _not_recommended(finding: Finding) -> Finding:
     """Return a mistake without its correction, which does not close the moment balance."""
     sentence = f"{finding.sentence}; the moment balance does not close after it, so it is not recommended"
     return replace(finding, sentence=sentence, correction=None)
 
 
-def quick_audit(impacts: Impacts) -> tuple[Finding, ...]:
+def quick_audit(impacts: Impacts, every: Callable[[], Iterable[Impacts]] | None = None) -> tuple[Finding, ...]:
     """Find the mistakes in a few hundred of the measurements, spread evenly; notes are left out.
 
-    Repeated trials and their order are looked at in all of them.
+    Repeated trials and their order are looked at in all of them, impossible speeds in all trials there are: `every`, in
+    blocks, or the impacts.
     """
+    blocks = (lambda: [impacts]) if every is None else every
     found = [*duplicate_findings(impacts), *order_findings(impacts)]
     sound = impacts.replace(validate=False, time=None)[~copied(impacts)]  # times of a subset do not show the order
     rows = torch.linspace(0, len(sound) - 1, min(len(sound), _QUICK)).round().long()
-    return Audit((*audit(sound[rows]), *found)).mistakes
+    seen = [one for one in audit(sound[rows], every=blocks) if one.name != "impossible_speeds"]
+    if impacts.space is PLANE and not any(one.fatal or one.hypothesis for one in seen):  # another unit is no speed
+        found += speed_findings(blocks())
+    return Audit((*seen, *found)).mistakes
 
 
 def _subsample(impacts: Impacts) -> Impacts:

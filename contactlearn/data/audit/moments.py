@@ -36,6 +36,7 @@ _INERTIA_UNITS = {1e-3: "g m²", 1e-6: "kg mm²", 1e-9: "g mm²", 1e-4: "kg cm²
 _BESIDE = 0.1  # least I about the centre of mass over that about an axis within reach: a rod about its end has 1/4
 _MAX_ROUNDS, _ABSOLUTE_ROUNDS = 40, 10  # of robust weights, the first by absolute deviations
 _CONVERGED = 1e-12  # change of a weight
+_PROPORTIONAL = 1e-6  # relative singular value up to which two terms are in proportion: numbers of a file have 7 digits
 _SMALL_MOMENTS = 0.05  # median of a term, of |Δv| / ρ, up to which it may be noise of some 5 % of the speeds
 _SURE_MOMENTS = 4.0  # standard errors from 0 from which on the coefficient of such a term is judged
 
@@ -260,7 +261,8 @@ def _signed(value: float) -> str:
 def balance(impacts: Impacts) -> Balance:
     """Fit both coefficients of the moment balance by Tukey's biweight, from least absolute deviations.
 
-    A term that is 0 in every trial (r_x of a disc) has the coefficient 0 ± ∞.
+    A term that is 0 in every trial (r_x of a disc) has the coefficient 0 ± ∞, and both are ± ∞ where their terms are
+    in proportion in all trials, as those of one trial and its copies.
     """
     terms = torque(impacts)
     normal, tangential, y = map(terms.by_component, (terms.normal, terms.tangential, terms.spin))
@@ -282,7 +284,8 @@ def balance(impacts: Impacts) -> Balance:
     freedom = (weight.sum() - 2).clamp_min(1)
     r_squared = 1 - residual / (weight * y**2).sum().clamp_min(1e-300)
     error = torch.full_like(there, math.inf, dtype=y.dtype)
-    error[there] = (inverse.diagonal() * residual / freedom).sqrt()
+    if torch.linalg.matrix_rank(some / some.norm(dim=0), rtol=_PROPORTIONAL) == some.shape[1]:
+        error[there] = (inverse.diagonal() * residual / freedom).sqrt()
     a, b = torch.zeros_like(error).masked_scatter(there, fit).tolist()
     a_error, b_error = error.tolist()
     a_size, b_size = (X.abs().median(0).values / terms.scale.median().clamp_min(1e-300)).tolist()

@@ -35,12 +35,15 @@ class MovingFloor:
     Args:
         velocity: along the normal in m/s, upward.
         restitution: relative to this floor.
+        restitution_error: standard error that the floor's velocity adds to a restitution that is fitted relative to it,
+            |∂ε/∂V| σ_V = (1 + ε) σ_V / |v_n − V|.
         slow: apparent restitution of slow impacts.
         gain: n ln of the mean distance from a restitution that depends on the speed, over that from a moving floor.
     """
 
     velocity: Estimate
     restitution: float
+    restitution_error: float
     slow: float
     gain: float
 
@@ -70,7 +73,8 @@ def moving_floor(impacts: Impacts) -> MovingFloor | None:
     if gain <= _CLEARER:
         return None
     slow = eps + pushed / speed.quantile(_SLOW_QUANTILE).item()
-    return MovingFloor(velocity=velocity, restitution=eps, slow=slow, gain=gain)
+    carried = (1 + eps) * velocity.error / (speed + velocity.value).median().item()
+    return MovingFloor(velocity=velocity, restitution=eps, restitution_error=carried, slow=slow, gain=gain)
 
 
 def on_still_floor(impacts: Impacts, velocity: float) -> Impacts:
@@ -90,6 +94,8 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
     sentence = (
         f"the floor moves {moves}: v_n⁺ has a constant beside its part in proportion to v_n, whose ε is "
         f"{floor.restitution:.3g}; with the floor at rest slow impacts would have ε = {floor.slow:.2f}, and gain energy"
+        f"; ε of a fit relative to it has, beside its own, a standard error of {floor.restitution_error:.2g} from that "
+        "of the floor's velocity"
         if floor.sure
         else f"v_n⁺ has a constant beside its part in proportion to v_n: a floor that moves {moves}, a restitution "
         "that depends on the speed, or adhesion; was the floor or racket at rest?"
@@ -98,6 +104,7 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
         ("velocity", v, "m/s"),
         ("error", error, "m/s"),
         ("restitution", floor.restitution),
+        ("restitution_error", floor.restitution_error),
         ("restitution_of_slow", floor.slow),
         ("log_ratio", floor.gain),
     )

@@ -8,7 +8,7 @@ the user to say, so the data are refused and nothing is corrected.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import torch
 from jaxtyping import Bool, Float
@@ -38,15 +38,20 @@ _EXPLAINED = 0.1  # contradictions up to which one hypothesis explains all trial
 _LEFT, _LEFT_SHARE = 0.15, 0.5  # contradictions that both parts may leave together, and of those that they had
 
 
-def mixed_findings(comparison: ConventionComparison) -> list[Finding]:
-    """Find a part of the trials with other units or axes than the rest; fatal."""
+def mixed_findings(comparison: ConventionComparison, every: Callable[[], Iterable[Impacts]]) -> list[Finding]:
+    """Find a part of the trials with other units or axes than the rest; fatal.
+
+    Args:
+        comparison: of hypotheses about some of the trials.
+        every: all trials, in blocks, among which the ends of the part are.
+    """
     given, best = comparison.given, comparison.best
     explained = best.names and best.score < _EXPLAINED  # what is left of all trials can be in a part only
     bases = [best] if explained or not best.names else [given, best]
-    return next((found for base in bases if (found := _mixed(base))), [])
+    return next((found for base in bases if (found := _mixed(base, every))), [])
 
 
-def _mixed(base: Hypothesis) -> list[Finding]:
+def _mixed(base: Hypothesis, every: Callable[[], Iterable[Impacts]]) -> list[Finding]:
     order = base.impacts.order.argsort(stable=True)
     spread = torch.linspace(0, len(order) - 1, min(len(order), _COMPARED)).round().long()
     impacts = base.impacts[order[spread]]
@@ -56,7 +61,7 @@ def _mixed(base: Hypothesis) -> list[Finding]:
     for depth in range(1, _DEPTH + 1):
         names, columns = combinations(impacts, depth, base.thresholds)
         gains = given - _by_trial(columns)
-        found = list[tuple[float, tuple[str, ...], str, float]]()
+        found = list[tuple[float, tuple[str, ...], str, float]]()  # words are empty for a run of trials
         for k in gains.clamp_min(0).sum(-1).argsort(descending=True)[:_FINALISTS].tolist():
             if FITTED.intersection(names[k]):
                 continue
@@ -67,8 +72,29 @@ def _mixed(base: Hypothesis) -> list[Finding]:
                     found.append((left, names[k], words, part.double().mean().item()))
         if found:
             left, best, words, share = min(found)
+            words, share = (words, share) if words else _run_of(every, base.names, best)
             return [_finding(base, best, words, share, given.mean().item(), left)]
     return []
+
+
+def _run_of(
+    every: Callable[[], Iterable[Impacts]], names: tuple[str, ...], of_part: tuple[str, ...]
+) -> tuple[str, float]:
+    """Name the run of all trials in which corrections of a part gain, and its share."""
+    gains, orders = list[Tensor](), list[Tensor]()
+    for block in every():
+        given = correct(block.replace(validate=False), names)
+        gains.append((_by_trial(Columns.of(given)) - _by_trial(Columns.of(correct(given, of_part))))[0])
+        orders.append(block.order)
+    order = torch.cat(orders).argsort(stable=True)
+    first, end = _best_run(torch.cat(gains)[order])
+    trials = list[str]()
+    for row in order[[first, end - 1]].tolist():
+        for block, gain in zip(every(), gains, strict=True):
+            if 0 <= row < len(gain):
+                trials.append(block.trial[row])
+            row -= len(gain)
+    return f"in trials {trials[0]!r} to {trials[1]!r}", (end - first) / len(order)
 
 
 def _explains(part: Impacts, names: tuple[str, ...]) -> bool:
@@ -106,15 +132,11 @@ def _differs(gain: Float[Tensor, " n"], part: Bool[Tensor, " n"]) -> bool:
 
 
 def _parts(impacts: Impacts, gain: Float[Tensor, " n"]) -> Iterator[tuple[Bool[Tensor, " n"], str]]:
-    """Yield the run of trials, the objects and the groups in which a hypothesis gains, with their names."""
-    total = torch.cat((gain.new_zeros(1), gain.cumsum(0)))
-    lowest = total.cummin(0)
-    end = int((total - lowest.values).argmax())
-    first = int(lowest.indices[end])
+    """Yield the run of trials, the objects and the groups in which a hypothesis gains; groups with their names."""
+    first, end = _best_run(gain)
     place = torch.arange(len(gain))
     if end > first:
-        words = f"in trials {impacts.trial[first]!r} to {impacts.trial[end - 1]!r}"
-        yield (place >= first) & (place < end), words
+        yield (place >= first) & (place < end), ""
     groups = {"object": impacts.object} | {
         name: values for name, values in impacts.covariates.items() if isinstance(values, tuple)
     }
@@ -124,3 +146,11 @@ def _parts(impacts: Impacts, gain: Float[Tensor, " n"]) -> Iterator[tuple[Bool[T
         inside = [value for value in dict.fromkeys(values) if mean[which[values.index(value)]] > 0]
         if 0 < len(inside) < len(mean):
             yield mean[which] > 0, f"in trials of {name} {', '.join(map(repr, inside))}"
+
+
+def _best_run(gain: Float[Tensor, " n"]) -> tuple[int, int]:
+    """First trial of the run of the largest gain, and the one after its last."""
+    total = torch.cat((gain.new_zeros(1), gain.cumsum(0)))
+    lowest = total.cummin(0)
+    end = int((total - lowest.values).argmax())
+    return int(lowest.indices[end]), end

@@ -4,7 +4,7 @@ Each finding is about the rows of a table as read, or with corrected units and a
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import torch
@@ -47,7 +47,7 @@ def trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     """Find the mistakes that need no comparison of hypotheses; gross outliers do not count for energy and shape."""
     by_reason = gross_outliers(impacts, thresholds)
     good = ~torch.stack([*by_reason.values()]).any(0)
-    findings = scale_findings(impacts, thresholds) + _speed_findings(impacts)
+    findings = scale_findings(impacts, thresholds) + speed_findings([impacts])
     findings += _outlier_findings(impacts, by_reason, thresholds)
     if good.any():
         findings += _energy_findings(impacts[good]) + _shape_findings(impacts[good], thresholds)
@@ -102,7 +102,7 @@ def copied(impacts: Impacts) -> Bool[Tensor, " n"]:
     """Find the repeated trials; none where a single number was measured after contact: readings repeat by chance."""
     twice = repeated(impacts)
     outcomes = impacts.v_post[:: max(1, len(impacts) // _COMPARED)]
-    return twice if int((outcomes != outcomes[0]).any(0).sum()) > 1 else torch.zeros_like(twice)
+    return twice if int((outcomes != outcomes[0]).any(0).sum()) != 1 else torch.zeros_like(twice)
 
 
 def repeated(impacts: Impacts) -> Bool[Tensor, " n"]:
@@ -167,7 +167,8 @@ def state_notes(impacts: Impacts) -> list[Finding]:
     off = (impacts.v_post - (means / count[:, None])[which])[several]
     freedom = int(several.sum()) - int((count > 1).sum())
     symbols = impacts.space.symbols.items()
-    spread = (off.square().sum(0) / freedom).sqrt().tolist()
+    deviation = (off.square().sum(0) / freedom).sqrt()
+    spread = torch.where(deviation > _ROUNDING * impacts.v_post.abs().amax(0), deviation, 0.0).tolist()
     if not any(spread):
         return []
     sizes = ", ".join(f"{number(x, 2)} {unit} in {name}" for x, (name, unit) in zip(spread, symbols, strict=True))
@@ -200,7 +201,7 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
         return []
     sentence = (
         f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
-        "order is not to be told from a dependence on it, and none is looked for; measure in random order"
+        "order cannot be distinguished from a dependence on it, and none is looked for; measure in random order"
     )
     evidence = evidence_of(("variable", most), ("rank_correlation", agreement[most]))
     return [Finding(name="sorted_trials", sentence=sentence, evidence=evidence, mistake=False)]
@@ -361,34 +362,30 @@ def _mass_outliers(impacts: Impacts, values: Float[Tensor, " n"], thresholds: Au
     return unlike
 
 
-def _speed_findings(impacts: Impacts) -> list[Finding]:
-    """Implausible speeds of the body, or of its contact point relative to the centre of mass."""
-    lengths = impacts.r.norm(dim=-1, keepdim=True)
-    speeds = {
-        name: torch.stack((v[:, :2].norm(dim=-1), (v[:, 2:] * lengths)[:, 0].abs()), -1)
-        for name, v in (("before", impacts.v_pre), ("after", impacts.v_post))
-    }
-    fast = torch.cat([*speeds.values()], -1) > FASTEST
-    if not fast.any():
+def speed_findings(blocks: Iterable[Impacts]) -> list[Finding]:
+    """Implausible speeds of the body, or of its contact point relative to the centre of mass, in blocks of trials."""
+    trials, bad, count, fastest, seen, listed = 0, 0, 0, 0.0, list[str](), dict[str, None]()
+    for impacts in blocks:
+        lengths, velocities = impacts.r.norm(dim=-1), torch.stack((impacts.v_pre, impacts.v_post), 1)
+        speeds = torch.stack((velocities[..., :2].norm(dim=-1), (velocities[..., 2] * lengths[:, None]).abs()), -1)
+        fast = speeds > FASTEST
+        fastest, count = max(fastest, speeds.max().item()), count + int(fast.sum())
+        bad += int(fast.flatten(1).any(-1).sum())
+        for row, when, turning in fast.nonzero()[: _LISTED - len(seen)].tolist():
+            v_x, v_y, omega = velocities[row, when].tolist()
+            value = f"ω = {omega:.3g} rad/s" if turning else f"|v| = {math.hypot(v_x, v_y):.3g} m/s"
+            name = str(trials + row + 1)
+            seen.append(f"row {name} (trial {impacts.trial[row]!r}) {value} {('before', 'after')[when]} impact")
+            listed[name] = None
+        trials += len(impacts)
+    if not bad:
         return []
-    rows, columns = fast.nonzero().T
-    velocities = torch.cat((impacts.v_pre, impacts.v_post), -1)
-    seen = []
-    for row, column in zip(rows[:_LISTED].tolist(), columns[:_LISTED].tolist(), strict=True):
-        when, (v_x, v_y, omega) = ("before", "after")[column // 2], velocities[row].view(2, 3)[column // 2].tolist()
-        value = f"ω = {omega:.3g} rad/s" if column % 2 else f"|v| = {math.hypot(v_x, v_y):.3g} m/s"
-        seen.append(f"row {row + 1} (trial {impacts.trial[row]!r}) {value} {when} impact")
-    more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
+    more = f" and {count - len(seen)} more" if count > len(seen) else ""
     sentence = (
         f"speeds above {FASTEST:g} m/s, of the centre of mass or of the contact point relative to it, in "
-        f"{int(fast.any(-1).sum())} of {len(impacts)} trials: {'; '.join(seen)}{more}; are the columns' units right?"
+        f"{bad} of {trials} trials: {'; '.join(seen)}{more}; are the columns' units right?"
     )
-    listed = sorted({*rows.tolist()})[:_LISTED]
-    evidence = evidence_of(
-        ("trials", float(fast.any(-1).sum()), "trials"),
-        ("fastest", torch.cat([*speeds.values()], -1).max().item(), "m/s"),
-        ("rows", ", ".join(str(row + 1) for row in listed)),
-    )
+    evidence = evidence_of(("trials", float(bad), "trials"), ("fastest", fastest, "m/s"), ("rows", ", ".join(listed)))
     return [Finding(name="impossible_speeds", sentence=sentence, evidence=evidence)]
 
 

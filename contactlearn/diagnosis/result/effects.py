@@ -229,6 +229,7 @@ class MissingEffect:
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.
         rivals: the best first.
+        coefficient_ends: the coefficient of the law that drifts, at the first and the last trial; None if none does.
     """
 
     effect: EffectId
@@ -245,6 +246,7 @@ class MissingEffect:
     reduction_on_all_trials: Interval | None = None
     improvements: tuple[Improvement, ...] = ()
     rivals: tuple[Rival, ...] = ()
+    coefficient_ends: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,6 +260,7 @@ class Candidate:
         error_reduction: mean error without it, the others refitted, less that with it.
         confidence: probability that the name is right, below 0.5; None of a proxy effect.
         proxy: whether Gaussian processes predict what remains as well without it.
+        coefficient_ends: as of a missing effect.
     """
 
     effect: EffectId
@@ -266,6 +269,7 @@ class Candidate:
     error_reduction: float
     confidence: float | None
     proxy: bool = False
+    coefficient_ends: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,12 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, predict_held_out, smaller
+from contactlearn.effects import State
+from contactlearn.effects.base import ChangesFriction
+from contactlearn.effects.parameter_drift import ParameterDrift
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
+from contactlearn.mechanics.impacts import Impacts
 
 COEFFICIENTS = (0.21, 0.56, 1.85, -10.33, -1.63, -0.85)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
@@ -70,6 +74,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
             level=Level.of(inclusion(selection.plausible, effect)),
             inadmissible_before=outside[k],
             inadmissible_after=outside[k + 1],
+            coefficient_ends=coefficient_ends(final, selection.impacts, effect.name),
             improvements=improvement_by_region(regions, _filled(models[k].error), _filled(models[k + 1].error)),
         )
         for k, effect in enumerate(effects)
@@ -101,6 +106,17 @@ def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[Fi
         for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
         if p.name.rpartition(".")[0] == (name or "")
     )
+
+
+def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:
+    """Return the coefficient that drifts at the first and the last trial; None of an effect that is no drift."""
+    effect = fitted.fit.model.effects[name]
+    if not isinstance(effect, ParameterDrift):
+        return None
+    ends = impacts[impacts.order.argsort(stable=True)[[0, -1]]]
+    mu, eps = effect.law(State.of(ends), *fitted.fit.model.law.coefficients)
+    first, last = (mu if isinstance(effect, ChangesFriction) else eps).tolist()
+    return first, last
 
 
 # --- Confidence --------------------------------------------------------------------------------

@@ -230,6 +230,8 @@ def fit_state_dependence(
     scores = Scores.of_state(impacts, fit, options, block)
     ordered = impacts[scores.rows]
     among = state_variables(ordered)
+    if not among:
+        return None
     p_value, found = screen_state_associations(scores, among, level, block)
     if not found:
         return None

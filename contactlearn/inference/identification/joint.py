@@ -183,6 +183,8 @@ class Fit:
         ]
         if not bool(self.converged.all()):
             lines.append("  the best start has not converged: use more starts")
+        if bool(self.effective_trials.isfinite().all() and self.covariance.isnan().any()):
+            lines.append("  no standard errors: all trials are copies of one")
         if self.loss.ndim == 0 and bool(self.covariance.isfinite().all()):
             lines += [f"  {name} is not determined: {reason}" for name, reason in self.undetermined().items()]
             lines += [f"  {name} {reason}" for name, reason in self.at_bounds().items()]
@@ -310,8 +312,7 @@ def fit(
     added = {name: effect.prepare(impacts) for name, effect in listed.items()}
     rows = impacts.numbered(slice(None) if rows is None else rows)
     parameters = named_parameters(added, options.box, impacts)
-    D = impacts.space.D  # a scatter matrix has D (D + 1)/2 numbers; twice as many residuals keep it from being singular
-    least = (len(parameters) + D * (D + 1)) // D + 1
+    least = least_trials(len(parameters), impacts.space.D)
     if rows.shape[-1] < least:
         raise DataError(f"{len(parameters)} parameters need at least {least} trials, got {rows.shape[-1]}")
     flat = rows.reshape(-1, rows.shape[-1])
@@ -324,6 +325,7 @@ def fit(
     weight = robust.trial_weights(residual, scatter)
     if options.standard_errors:
         covariance, effective = robust.uncertainty(problem, theta, scatter)
+        covariance[_copies(impacts, flat)] = torch.nan
     else:
         covariance, effective = torch.full_like(theta[..., None] * theta[..., None, :], torch.nan), theta * torch.nan
     back = (
@@ -333,6 +335,20 @@ def fit(
     theta, covariance, *others = back
     model = assemble(law, added, theta, covariance if options.standard_errors else None)
     return Fit(model, parameters, theta, covariance, *others, thresholds=options.thresholds)
+
+
+def least_trials(parameters: int, D: int) -> int:
+    """Return the number of trials that so many parameters need.
+
+    A scatter matrix has D (D + 1)/2 numbers; twice as many residuals keep it from being singular.
+    """
+    return (parameters + D * (D + 1)) // D + 1
+
+
+def _copies(impacts: Impacts, rows: Tensor) -> Tensor:
+    """Whether the trials of each subset [B, n] are copies of one, whose scatter shows no error of anything."""
+    trials = torch.cat((impacts.r, impacts.q, impacts.v_pre, impacts.v_post), -1)[rows]
+    return (trials == trials[:, :1]).flatten(1).all(1)
 
 
 class Linearisation(NamedTuple):

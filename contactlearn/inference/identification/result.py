@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+_ROUNDING = 1e-9  # relative spread of parameters that counts as none
+
+
 @dataclass(frozen=True)
 class Box:
     """Bounds of μ and ε, and the number of grid nodes along each."""
@@ -87,14 +90,19 @@ class SubsetFit:
         return self.mu[:, -1].mean().item(), self.eps[:, -1].mean().item()
 
     def std(self) -> tuple[float, float]:
-        """Standard deviation of (μ, ε) over the repetitions, at the largest size; nan for a single one."""
-        if len(self.mu) < 2:
-            return math.nan, math.nan
-        return self.mu[:, -1].std().item(), self.eps[:, -1].std().item()
+        """Standard deviation of (μ, ε) over the repetitions, at the largest size; nan where all have one value."""
+        mu, eps = (_spread(values[:, -1]) for values in (self.mu, self.eps))
+        return mu, eps
 
     def to_law(self) -> Law:
         """The law at the mean parameters, as the paper uses it."""
         return self.law.at(*self.mean())
+
+
+def _spread(values: Float[Tensor, " m"]) -> float:
+    """Standard deviation; nan for a single value, or several that only rounding tells apart."""
+    std = values.std().item() if len(values) > 1 else 0.0
+    return std if std > _ROUNDING * values.abs().max().item() else math.nan
 
 
 @dataclass(frozen=True, repr=False)

@@ -108,7 +108,6 @@ def of_diagnosis(
             "sentences": phrases("summary", diagnosis),
         },
         "findings": [_finding(finding) for finding in diagnosis.findings],
-        "consistent": phrase("consistent"),
         "law": {"name": diagnosis.law, "label": law_style(diagnosis.law).label if diagnosis.law else ""},
         "next": next_command,
         "reproduce": reproduced(provenance, use),

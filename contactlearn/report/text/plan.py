@@ -53,7 +53,7 @@ def plan_summary(plan: Plan) -> list[str]:
         ]
     lines += forecast_lines(plan)
     if plan.hidden:
-        lines.append(f"no drop within these limits shows {join_words([label(name) for name in plan.hidden])}")
+        lines.append(f"no drop within these limits shows {join_words([label(name) for name in plan.hidden], 'or')}")
     lines.append(_STOPS[plan.stop] if plan.stop else "go on: make these drops, and diagnose all of them together")
     return lines
 

@@ -188,7 +188,16 @@ def in_words(effect: MissingEffect | Candidate) -> str:
         f"{one.symbol} at the end of its range, {numbers.Quantity(one):}" for one in effect.parameters if one.at_end
     ]
     beyond = f"; {join_words(ends)}: the true value may lie beyond" if ends else ""
-    return _meaning(effect) + beyond
+    return _meaning(effect) + _drifted(effect) + beyond
+
+
+def _drifted(effect: MissingEffect | Candidate) -> str:
+    """Say from where to where a drift takes its coefficient over the trials."""
+    if effect.coefficient_ends is None:
+        return ""
+    symbol = "μ" if "friction" in str(effect.effect.form) else "ε"
+    first, last = (f"{x:.3f}".replace("-", "−") for x in effect.coefficient_ends)
+    return f"; over these trials {symbol} goes from {first} to {last}"
 
 
 def _meaning(effect: MissingEffect | Candidate) -> str:
