@@ -1,13 +1,15 @@
 """Recordings of round bodies: what shows the sense of angles, and what is known without an angle."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.tracks import find
+from contactlearn.data.tracks import _check_still as check_still, find
+from contactlearn.mechanics.shapes import Sphere
 
 RADIUS, MASS, RATE = 0.033, 0.058, 240.0
 DISC = {"kind": "disc", "radius": RADIUS}
@@ -77,9 +79,10 @@ def test_a_question_names_the_values_of_its_settings(tmp_path):
         find(path, MASS, DISC)
 
 
-def test_markers_define_the_sense(tmp_path):
+@pytest.mark.parametrize("places", [[(0.02, 0.0), (-0.01, 0.015), (-0.01, -0.02)], [(0.0, 0.0), (0.03, 0.0)]])
+def test_markers_define_the_sense_and_move_about_the_centre_of_mass(tmp_path, places):
     """Few contacts are enough, and the places of the markers are the same in all recordings."""
-    path, arms = takes(tmp_path, recordings=2), {1: (0.02, 0.0), 2: (-0.01, 0.015), 3: (-0.01, -0.02)}
+    path, arms = takes(tmp_path, recordings=2), dict(enumerate(places))
     table = pd.read_csv(path)
     for k, (a, b) in arms.items():
         c, s = np.cos(table.theta), np.sin(table.theta)
@@ -88,9 +91,12 @@ def test_markers_define_the_sense(tmp_path):
     found = find(path, MASS, DISC, columns={"markers": [[f"x{k}", f"y{k}"] for k in arms]})
     assert (angles(found).value, angles(found).stated) == ("rad, as_read", True)
     theta = pd.read_csv(takes(tmp_path, name="again", recordings=2)).groupby("recording").theta.first().iloc[0]
-    a, b = 0.0, 5e-3 / 3  # the centre of mass from the mean of the markers, in axes of the first frame
-    c, s = math.cos(theta), math.sin(theta)
-    np.testing.assert_allclose(found.survey.model.centre, (c * a - s * b, s * a + c * b), atol=3e-4)
+    (a, b), c, s = np.mean(places, axis=0), math.cos(theta), math.sin(theta)
+    from_centre = np.mean(found.options.layout.places, axis=0)  # in axes of the first frame
+    np.testing.assert_allclose(from_centre, (c * a - s * b, s * a + c * b), atol=3e-4)
+    np.testing.assert_allclose(found.survey.model.centre, 0, atol=3e-4)
+    e = -found.impacts.v_post[:, 1] / found.impacts.v_pre[:, 1]
+    assert e[:4].mean().item() == pytest.approx(EPS, abs=0.01)
 
 
 @pytest.mark.parametrize("change", [{"theta": lambda table: 0 * table.x}, {"theta": None}], ids=["constant", "missing"])
@@ -134,6 +140,17 @@ def bounces(rise: float, up: int = 1) -> pd.DataFrame:
         frame = pd.DataFrame(seen * (1, 1, up), columns=[*"xyz"])
         frames.append(frame.assign(time=clock[: len(seen)], recording=f"take {k}"))
     return pd.concat(frames)
+
+
+def test_a_fit_through_all_of_few_contacts_shows_no_racket():
+    """Three changes of height are those of two slopes and a velocity, whatever they are."""
+    rng = np.random.default_rng(0)
+    contacts = [
+        SimpleNamespace(pose=np.append(rng.normal(0, 0.1, 3), (1, 0, 0, 0)), time=k / 4, recording="a",
+                        v_pre=np.array((0, 0, -1.0, 0, 0, 0)))
+        for k in range(4)
+    ]  # fmt: skip
+    check_still("a.csv", contacts, Sphere(RADIUS))
 
 
 @pytest.mark.parametrize("up", [1, -1])

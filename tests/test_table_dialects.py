@@ -743,12 +743,14 @@ def test_speed_and_angle(frame):
         pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
         pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
+        pytest.param(("v_impact (m/s)", "v_rebound (m/s)", "X_Value"), (1.0, 1.0), id="of LabVIEW"),
     ],
 )
 def test_bounces_along_the_normal(tmp_path, names, speeds):
     """A disc without slip and spin: heights are those of falls in vacuum."""
     speed = np.array([[1.0, 2.0, 3.0], [0.8, 1.5, 2.2]])
     values = [v if power == 1.0 else v**2 / (2 * GRAVITY) for v, power in zip(speed, speeds, strict=True)]
+    values += [np.arange(3.0)] * (len(names) - 2)  # times
     path = tmp_path / "drops.csv"
     pd.DataFrame(dict(zip(names, values, strict=True))).to_csv(path, index=False)
     found = table.read(path, shape={"kind": "disc", "radius": 0.02}, mass=0.1)
@@ -1114,6 +1116,9 @@ def test_a_surface_that_leans_differently_in_each_row(frame, name, face, said):
 
 def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
     names = ["topspin in (rev/s)", "spin rate (rpm)", "rotation before (deg/s)", "rotation speed"]
+    foreign = ["effet avant (tr/min)", "Drall vor (U/min)", "efecto antes (rpm)", "effetto prima (giri/min)"]
+    for name in foreign:
+        assert recognise([name], impact_vocabulary(PLANE)).names == {"omega": name}
     for name in names:
         assert {*recognise([name], impact_vocabulary(PLANE)).names} <= {"omega"}
     spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(sidespin=frame.omega, sidespin2=0.0)
@@ -1123,6 +1128,8 @@ def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
         table.read(path, **BALL)
     settings = {one.name: one for one in propose(path).settings}
     assert settings["units.angle"].value is None  # no column is an angle yet: the one to be named may say its unit
+    with refused(["missing column omega", "'side (tr/min)'"]):  # by its unit
+        table.read(spun.drop(columns="sidespin2").rename(columns={"sidespin": "side (tr/min)"}), **BALL)
     spun = spun.rename(columns={"sidespin": "side in (rev/s)"}).drop(columns="sidespin2")
     columns = {"omega": "side in (rev/s)", "omega_post": "side in (rev/s) "}
     found = table.read(spun.assign(**{columns["omega_post"]: 1.0}), columns=columns, units={"angle": None}, **BALL)
@@ -1318,3 +1325,10 @@ def test_structures_of_matlab_are_impacts(tmp_path, frame):
     savemat(tmp_path / "drops.mat", {"impacts": made, "setup": {"fps": 500.0, "floor": "steel"}})
     found = table.read(tmp_path / "drops.mat", **BODY)
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    values = frame[[*COLUMNS]].to_numpy()
+    made = [(float(k), row[:3], row[3:6], row[6:]) for k, row in enumerate(values, 1)]
+    dtype = [(name, object) for name in ("id", "q_minus", "v_minus", "v_plus")]
+    savemat(tmp_path / "signs.mat", {"trials": np.array(made, dtype=dtype), "params": {"m": 0.2, "a": 0.08}})
+    found = table.read(tmp_path / "signs.mat", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
+    assert propose(tmp_path / "signs.mat").source == "table"

@@ -381,7 +381,7 @@ def test_ros_bags(kind, tmp_path):
     assert (found.order, found.unit) == ("wxyz", "m")
 
 
-@pytest.mark.parametrize("kind", ["ros2 topic echo --csv", "a header", "rostopic echo -p"])
+@pytest.mark.parametrize("kind", ["ros2 topic echo --csv", "a header", "rostopic echo -p", "a transform"])
 def test_poses_of_ros_as_text(kind, tmp_path):
     """Whole seconds beside nanoseconds, without a header or with it; a header that begins as a comment."""
     one = SPACE[0]
@@ -396,6 +396,14 @@ def test_poses_of_ros_as_text(kind, tmp_path):
     if kind == "rostopic echo -p":
         head = ",".join(["%time", "field.header.frame_id", *(f"field.{name}" for name in header)]) + "\n"
         lines = [f"{stamp},map,{pose}" for stamp, pose in zip(stamps, poses, strict=True)]
+    elif kind == "a transform":  # the times of arrival are those of a network, and dates of their own
+        names = ["time", ".header.seq", ".header.stamp.secs", ".header.stamp.nsecs", ".child_frame_id"]
+        names += [f".transform.translation.{axis}" for axis in "xyz"]
+        head = ",".join([*names, *(f".transform.rotation.{axis}" for axis in "xyzw")]) + "\n"
+        lines = [
+            f"2020/03/12/19:06:40.{k:03d}000,{k},{s // 10**9},{s % 10**9},cube,{pose}"
+            for k, (s, pose) in enumerate(zip(stamps, poses, strict=True))
+        ]
     else:
         head = ",".join(["header.stamp.sec", "header.stamp.nanosec", "header.frame_id", *header]) + "\n"
         head = head if kind == "a header" else ""
@@ -800,6 +808,65 @@ def test_titles_stand_above_recordings(title, suffix, header, mark, tmp_path):
     for one, wanted in zip(found, FLAT, strict=True):
         np.testing.assert_allclose(one.position, wanted.position[wanted.seen], atol=1e-8)
         np.testing.assert_allclose(one.angle, wanted.angle[wanted.seen], atol=1e-8)
+
+
+def test_the_same_comment_stands_above_recordings(tmp_path):
+    """As Kinovea writes trajectories, with times of hours, minutes, seconds and milliseconds."""
+    path, lines = tmp_path / "all.txt", list[str]()
+    for one in FLAT:
+        lines += ["#Kinovea Trajectory data export", "#T X Y"]
+        stamps = [round(1e3 * t) for t in one.time[one.seen]]
+        clock = [f"0:{t // 60000:02d}:{t // 1000 % 60:02d}:{t % 1000:03d}" for t in stamps]
+        places = one.position[one.seen]
+        lines += [f"{t} {x:.9f} {y:.9f}" for t, (x, y) in zip(clock, places, strict=True)] + [""]
+    path.write_text("\n".join(lines))
+    assert [one.name for one in propose(path).settings if one.value == "???"] == ["mass", "shape"]
+    found = [*fail(read(path, track_options(**stated_by_header(path)).layout))]
+    assert [one.name for one in found] == ["1", "2"]
+    for one, wanted in zip(found, FLAT, strict=True):
+        np.testing.assert_allclose(one.position, wanted.position[wanted.seen], atol=1e-8)
+        wanted_time = wanted.time[wanted.seen]
+        np.testing.assert_allclose(one.time - one.time[0], wanted_time - wanted_time[0], atol=1e-3)
+
+
+def test_a_pause_parts_recordings(tmp_path):
+    """Whether frames are missing in it, or lost; a shorter gap does not part them."""
+    one = whole()
+    time = np.concatenate((one.time, one.time + one.time[-1] + 1, one.time + 2 * one.time[-1] + 1.2))
+    rows = np.tile(np.column_stack((one.position, one.quaternion)), (3, 1))
+    pause = np.arange(one.time[-1] + 0.01, one.time[-1] + 1, 0.01)
+    rows = np.column_stack((time, rows))
+    empty = np.column_stack((pause, np.full((len(pause), 7), np.nan)))
+    for name, content in (("gap", rows), ("lost", np.concatenate((rows, empty)))):
+        content = content[content[:, 0].argsort()]
+        path = tmp_path / f"{name}.csv"
+        pd.DataFrame(content, columns=["time", "x", "y", "z", "qw", "qx", "qy", "qz"]).to_csv(path, index=False)
+        found = [*fail(read(path))]
+        assert [each.name for each in found] == [f"{name} 1", f"{name} 2"]
+        assert [len(each) for each in found] == [len(one), 2 * len(one)]
+
+
+def test_environments_of_a_simulator_are_recordings(tmp_path):
+    """A frame rate that the name of the column of times contradicts is refused, with what may be meant."""
+    one, path = whole(), tmp_path / "log.csv"
+    names = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+    poses = pd.DataFrame(np.column_stack((one.position, one.quaternion)), columns=names)
+    for unit, factor in (("ms", 1e3), ("s", 1.0), ("s", 1e3)):
+        frames = poses.assign(**{f"time [{unit}]": factor * one.time})
+        pd.concat([frames.assign(env=k) for k in (0, 1)]).to_csv(path, index=False)
+        if unit == "s" and factor > 1:
+            with refused(["'time [s]'", "4 s apart", "are they in ms?", "time [ms]"]):
+                propose(path)
+            continue
+        assert "body" not in {setting.name for setting in propose(path).settings}
+        stated = stated_by_header(path)
+        found = [*fail(read(path, track_options(**stated).layout))]
+        assert [each.name for each in found] == ["0", "1"]
+        np.testing.assert_allclose(found[1].time, one.time, atol=1e-9)
+    interleaved = pd.concat([poses.assign(time=one.time, env=k) for k in (0, 1)]).sort_values("time", kind="stable")
+    interleaved.to_csv(path, index=False)
+    (found,) = read(path, track_options(body=1).layout)  # a number, as a setting is read
+    np.testing.assert_allclose(found.position, one.position)
 
 
 def test_titles_stand_above_the_frames_of_tum_text(tmp_path):

@@ -1,6 +1,7 @@
 """Recordings of bodies in space: free turning, flights, and impacts of tosses whose truth is known."""
 
 import os
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.recordings import poses
+from contactlearn.data.recordings import angles, poses
 from contactlearn.data.recordings.angles import reading_residual
 from contactlearn.data.recordings.flights import Air, fit
 from contactlearn.data.recordings.floor import find_floor
@@ -199,10 +200,24 @@ def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, m
     assert "\n" not in str(refused.value)
 
 
-def test_exchanged_edges_of_a_box_are_refused(tmp_path):
-    written(tmp_path, 12, 3, solid=Cuboid((0.07, 0.045, 0.03)))
-    with pytest.raises(DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.03\]"):
-        impacts_in(tmp_path, Cuboid((0.045, 0.07, 0.03)))
+def test_exchanged_edges_of_a_box_are_refused(tmp_path, monkeypatch):
+    """Not by few contacts: three points lie on a floor with the edges in some order by chance."""
+    right, wrong = Cuboid((0.07, 0.045, 0.03)), Cuboid((0.045, 0.07, 0.03))
+    written(tmp_path, 12, 3, solid=right)
+    contradicts = pytest.raises(
+        DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.03\]"
+    )
+    with contradicts:
+        impacts_in(tmp_path, wrong)
+    contacts = impacts_in(tmp_path, right).survey.contacts
+    for count, refused in ((3, nullcontext()), (12, contradicts)):
+        searched = {"a": SimpleNamespace(contacts=contacts[:count])}
+        monkeypatch.setattr(angles, "search_reading", lambda *_, found=searched: (None, None, found))
+        with refused:
+            angles._check_edges(
+                [SimpleNamespace(source="a")], None, track_options(), wrong, wrong.gyration_squared(),
+                {("wxyz", "as_read"): {}}, 1.0,
+            )  # fmt: skip
 
 
 @pytest.mark.parametrize("sense", [None, "as_read"])

@@ -29,6 +29,7 @@ from contactlearn.data.recordings.readers.columns import (
     column_names,
     comments,
     first_rows,
+    nanoseconds_beside,
     nested_table,
     of_sensor,
     orientation_columns,
@@ -139,6 +140,7 @@ def propose(path: Path) -> FileContents:
     frames, markers = recognise(header, _frame_units()), _markers(header)
     _refuse_sensors(first, header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
+    frames = _stamped(header, frames)
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in header)], _frame_units())
@@ -198,6 +200,14 @@ def _impacts_of(first: Path) -> Sheet | None:
         return None
     space, impacts = recognised_columns(cells.header)
     return cells if any(column in impacts.names for column in space.components["v_post"]) else None
+
+
+def _stamped(header: Sequence[str], known: Recognised) -> Recognised:
+    """Columns of which whole seconds beside nanoseconds are the times: others are those of arrival, or dates."""
+    if (stamp := next((name for name in header if nanoseconds_beside(name, header)), None)) is None:
+        return known
+    others = tuple(name for name in (*known.others, known.names.get("time")) if name and name != stamp)
+    return replace(known, names={**known.names, "time": stamp}, others=others)
 
 
 def _refuse_sensors(first: Path, header: Sequence[str], known: Recognised) -> None:

@@ -49,7 +49,6 @@ from contactlearn.data.recordings.readers import Layout, read, recording_files
 from contactlearn.data.recordings.result import REASONS, RecordedContact, SearchedTrack
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
-from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.survey import (
     Progress,
     Searched,
@@ -361,17 +360,20 @@ def _on_shape(
 ) -> tuple[TrackOptions, list[Recording]]:
     """Options by which poses are those of the shape, and recordings that are read so.
 
-    Its corners carry the markers; or, in the plane, one zero of θ closes the moment balance, and others do not.
+    Its corners carry the markers; or, in the plane, the centre of mass is found from the wobble, and of a body that is
+    no disc one zero of θ closes the moment balance, and others do not.
     """
     gravity = find_gravity(recordings, options.conventions.drag)
     in_space = isinstance(shape, Solid)
     frame = find_frame(recordings, gravity, options.conventions, options.thresholds, in_space=in_space)
     places = places_on_corners(recordings, frame, shape)
-    if places is None and isinstance(shape, Polygon | Ellipse):
+    if places is None and isinstance(shape, Polygon | Ellipse | Disc):
         _, model, _ = search_reading(recordings, gravity, options.conventions, options)
         places = places_turned(recordings, frame, np.eye(2), np.array(model.centre))  # about the centre of mass
         centred = replace(options, layout=replace(options.layout, places=places.tolist()))
         moved = sample(files, centred.layout)
+        if isinstance(shape, Disc):  # any zero of θ will do
+            return centred, moved
         frame, _, searched = search_reading(moved, gravity, options.conventions, centred)
 
         def left(about: float) -> float:
@@ -466,9 +468,9 @@ def _check_still(path: Path, contacts: Sequence[RecordedContact], shape: Shape) 
     whole = np.column_stack((point[:, :-1], [contact.time for contact in contacts], point[:, -1]))
     follows = np.array([one.recording == other.recording for one, other in pairwise(contacts)], bool)
     change = np.diff(whole, axis=0)[follows]
-    if len(change) < NEEDED.contacts_of_reading:
-        return
     A, b = change[:, :-1], change[:, -1]
+    if len(b) <= 2 * A.shape[1]:  # which a fit through half of them leaves without a residual in the median
+        return
     weight, fit, scale = np.ones(len(b)), np.zeros(A.shape[1]), 0.0
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)

@@ -121,6 +121,9 @@ def find_angles(
     return replace(frame, clues=(*frame.clues, clue)), model, searched
 
 
+_MIN_CONTACTS_OF_EDGES = 2 * NEEDED.contacts_of_reading  # of a box with its edges otherwise
+
+
 def _check_edges(
     recordings: Sequence[Recording],
     gravity: Gravity,
@@ -169,8 +172,9 @@ def _check_edges(
         said = f"as {name}: [{', '.join(f'{edge:g}' for edge in edges)}]"
         fits[said] = min(reading_residual(again[unit], other, moments, SENSES[sense]) for unit, sense in readings)
         counts[said] = max(sum(len(one.contacts) for one in found.values()) for found in again.values())
-    most = max(counts.values(), default=0)
-    fits = {said: residual for said, residual in fits.items() if counts.get(said, most) >= most / 2}
+    most = max(counts.values(), default=_MIN_CONTACTS_OF_EDGES)
+    least_count = max(most / 2, _MIN_CONTACTS_OF_EDGES)  # three lie on a floor by chance
+    fits = {said: residual for said, residual in fits.items() if counts.get(said, least_count) >= least_count}
     if fits and fits[best := min(fits, key=lambda said: fits[said])] <= options.thresholds.reading * least:
         raise DataError(
             f"{recordings[0].source}: the impacts contradict data.shape: {_evidence(shape)} is {least:.2g} with it, "

@@ -24,6 +24,8 @@ _ROUNDED = 20  # steps that show it
 _EXACT = 1e-3  # of a digit, by which a rounded stamp may differ from a multiple of it
 _OF_ROUNDING = 0.75  # of a digit, up to which stamps are off an even grid by rounding: half of one, and its fit
 _NO_TURN = 0.02  # of an entry of Rᵀ R − 1, above which a matrix is no rotation
+_PAUSE = 0.4  # s without a frame: bodies are thrown again, and what they hit meanwhile is lost anyhow
+_PAUSE_STEPS = 5  # between frames, which a pause lasts as well
 _SENSELESS = 1e50  # of a coordinate in any unit: products of a few such numbers still are finite
 
 
@@ -118,6 +120,29 @@ class Recording:
         if self.quaternion.shape[1] == 9:
             return seen & rotations(np.where(seen[:, None], self.quaternion, 0.0))
         return seen & (np.abs(self.quaternion).max(axis=-1) > 1 / _SENSELESS)
+
+
+def parted(recording: Recording) -> list[Recording]:
+    """The recordings before and after each pause, in which no frame was seen for longer than any flight lasts."""
+    seen = np.flatnonzero(recording.seen)
+    ends = np.flatnonzero(
+        np.diff(recording.time[seen]) > max(_PAUSE, _PAUSE_STEPS * np.median(np.diff(recording.time)))
+    )
+    if not len(ends):
+        return [recording]
+    spans = zip(np.append(0, ends + 1), np.append(ends, len(seen) - 1), strict=True)
+    frames = [slice(seen[first], seen[last] + 1) for first, last in spans if last - first >= NEEDED.frames_of_recording]
+    return [
+        replace(
+            recording,
+            name=f"{recording.name} {number}",
+            time=recording.time[part],
+            position=recording.position[part],
+            angle=None if recording.angle is None else recording.angle[part],
+            quaternion=None if recording.quaternion is None else recording.quaternion[part],
+        )
+        for number, part in enumerate(frames, 1)
+    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -191,7 +191,8 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
     """
     fields = [field for field, columns in COMPUTED[space].items() if {*columns} <= {*lacking}]
     words = {word for name in unused for word in name_words(name)}
-    if {"vy", "vy_post"} & {*lacking} or any(word in _SPINS or "spin" in word for word in words):
+    turning = any(unit_in(name, "omega", impact_vocabulary(PLANE)) for name in unused)
+    if {"vy", "vy_post"} & {*lacking} or turning or any(word in _SPINS or "spin" in word for word in words):
         fields = [field for field in fields if field not in ("spin", "slip")]
     if "spin" not in fields or words & {"x", *_SPEEDS}:
         fields = [field for field in fields if field != "slip"]

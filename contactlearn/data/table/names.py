@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from unicodedata import normalize
 
 from contactlearn.data.cameras import images_of_cameras
@@ -23,12 +23,12 @@ MOMENTA = {"px": "vx", "py": "vy", "pz": "vz", "momentum": "speed", "angular_mom
 """Momenta, each also with _post, and the velocities that follow of them and the mass or the moment of inertia."""
 
 _BEFORE = (
-    *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release"),
+    *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release", "minus"),
     *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta", "queda"),
     *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до", "衝突前", "碰撞前", "撞击前"),
 )
 _AFTER = (
-    *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected"),
+    *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected", "plus"),
     *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo", "depois"),
     *("efter", "etter", "na", "jälkeen", "po", "odbicia", "после", "ressalto", "衝突後", "碰撞后", "碰撞後", "撞击后"),
 )
@@ -41,7 +41,8 @@ _WORDS = {
     **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
     **dict.fromkeys(("hastighet", "hastighed", "snelheid", "velocidade", "prędkość", "rychlost", "nopeus"), "v"),
     **dict.fromkeys(("скорость", "速度"), "v"),
-    **dict.fromkeys(("position", "pos", "pose", "field", "of", "the", "dem", "der", "de", "du", "del", "di"), ""),
+    **dict.fromkeys(("position", "pos", "pose", "transform", "field"), ""),
+    **dict.fromkeys(("of", "the", "dem", "der", "de", "du", "del", "di"), ""),
     **dict.fromkeys(("masse", "masa", "massa", "hmotnost", "масса", "質量", "质量"), "mass"),
     **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo", "vinkel", "hoek", "ângulo", "kąt", "úhel"), "theta"),
     **dict.fromkeys(("kulma", "угол", "角度"), "theta"),
@@ -70,7 +71,7 @@ _ALIASES = {
     **dict.fromkeys(("topspin", "spinrate", "rotationv", "rotationalv", "angularrate", "rateofspin"), "omega"),
     **dict.fromkeys(("angularv", "vangular", "vangulaire", "vrotation"), "omega"), "thetadot": "omega",
     "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time",
-    **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts"), "time"),
+    **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts", "xvalue"), "time"),
     **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
     **{name: f"w{axis}" for axis in "xyz" for name in (
         f"omega{axis}", f"ω{axis}", f"spin{axis}", f"angularv{axis}", f"vangular{axis}"
@@ -93,7 +94,10 @@ _ALIASES = {
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
-_WITH_UNIT = {"i": "inertia", "tid": "time", **dict.fromkeys(("rotation", "rotationrate", "rot"), "omega")}
+_WITH_UNIT = {
+    **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
+    **{"i": "inertia", "tid": "time"},
+}
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
            "geschwindigkeit", "vitesse", "velocidad", "velocità", "linearvel", "velocitylinear", "vcom")  # fmt: skip
@@ -109,7 +113,7 @@ _VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
     **{(name, 4): ("q0", "q1", "q2", "q3") for name in _ROTATIONS},
     **{(name, 2): ("rx", "ry") for name in ("r", "lever", "leverarm")},
     **{(name, 3): ("rx", "ry", "rz") for name in ("r", "lever", "leverarm")},
-    ("pose", 3): ("x", "y", "theta"), ("pose", 7): ("x", "y", "z", "q0", "q1", "q2", "q3"),
+    **{(name, 3): ("x", "y", "theta") for name in ("pose", "q")}, ("pose", 7): ("x", "y", "z", "q0", "q1", "q2", "q3"),
     **{(name, 6): ("vx", "vy", "vz", "wx", "wy", "wz") for name in ("twist", "velocity", "velocities")},
     ("twist", 3): ("vx", "vy", "omega"),
 }  # fmt: skip
@@ -234,13 +238,13 @@ def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tupl
     flat = any("z" in name.split(" ")[0].split("_")[0] for names in found.values() for name in names) and not in_space
     if (
         flat
-        and "theta" in recognise([*sizes], impact_vocabulary(PLANE)).names
+        and "theta" in (*recognise([*sizes], impact_vocabulary(PLANE)).names, *chain.from_iterable(found.values()))
         and not any(one.startswith("omega") for names in found.values() for one in names)
     ):  # velocities of a body in a plane have a spin, and no z
         return {
             name: tuple(f"omega{one[2:]}" if one.startswith("vz") else one for one in names)
             for name, names in found.items()
-            if names and (len(names) != len("xyz") or names[-1] in ("vz", "vz_post"))
+            if names and (len(names) != len("xyz") or names[-1] in ("vz", "vz_post", "theta"))
         }
     return {name: names for name, names in found.items() if names and not (flat and len(names) == len("xyz"))}
 

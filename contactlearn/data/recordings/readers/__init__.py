@@ -25,7 +25,7 @@ import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.track import Recording, mean_step, on_grid
+from contactlearn.data.recordings.track import Recording, mean_step, on_grid, parted
 
 LARGEST = 2**30
 """Bytes of a file that is read as one recording."""
@@ -34,7 +34,7 @@ LIKELY = 0.6
 _NUMBERED = 10  # whole numbers in a row that count frames: no flight is seen at one frame a second
 RECORDED = frozenset(
     ("recording", "clip", "take", "toss", "throw", "drop", "trial", "run", "video", "movie", "episode", "experiment")
-) | {"shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
+) | {"env", "environment", "rollout", "shot", "sequence", "aufnahme", "wurf", "versuch", "essai", "ensayo", "prova"}
 """Words for a recording."""
 TITLE = re.compile(
     rf"[#%/;*=\s\[(<-]*(?:{'|'.join(sorted(RECORDED))})(?:[\s_#:=.-]|no|nr)*([\w.-]*\d[\w.-]*?)[\s\])>:=*-]*(?:\(.*\))?",
@@ -44,6 +44,8 @@ TITLE = re.compile(
 _TOP = 10  # lines among which the first title is
 VECTOR = r"(?:rvec|rot(?:ation)?[\W_]*vec(?:tor)?|axis[\W_]*angle|helical)"
 """Names of a vector of rotation begin so."""
+COMMENT = ("#", "%", "//")
+"""Lines that begin so are comments."""
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
@@ -85,6 +87,8 @@ class Layout:
         for name in ("position", "quaternion"):
             object.__setattr__(self, name, _strings(getattr(self, name)))
         object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
+        if self.body is not None:
+            object.__setattr__(self, "body", str(self.body))  # a number in settings
         if self.rate is not None and not 0 < self.rate < np.inf:
             raise DataError(f"data.rate must be a positive number of frames a second, got {self.rate}")
         if len(self.quaternion) not in (1, 3, 4, 9):
@@ -198,7 +202,8 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     reader: Callable[[Path, Layout], Iterator[Recording | DataError]] = module.read
     try:
-        yield from reader(path, layout)
+        for found in reader(path, layout):
+            yield from [found] if isinstance(found, DataError) else parted(found)
     except ContactLearnError:
         raise
     except Exception as error:  # a damaged file can break a library anywhere
@@ -245,12 +250,14 @@ def recording_files(path: Path) -> list[Path]:
 
 
 def has_titles(path: Path) -> bool:
-    """Whether titles such as # toss 3 stand above the first and a second recording of a text."""
+    """Whether titles such as # toss 3, or the comment in the first line, stand above the recordings of a text."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        if not any(TITLE.fullmatch(line.strip()) for line in islice(file, _TOP)):
+        top = [line.strip() for line in islice(file, _TOP)]
+        first = top[0] if top and top[0].startswith(COMMENT) and re.search(r"\w", top[0]) else None
+        if first is None and not any(map(TITLE.fullmatch, top)):
             return False
         file.seek(0)
-        titles = (line for line in file if TITLE.fullmatch(line.strip()))
+        titles = (line for line in map(str.strip, file) if line == first or TITLE.fullmatch(line))
         return len([*islice(titles, 2)]) == 2
 
 

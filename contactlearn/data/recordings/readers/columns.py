@@ -21,8 +21,8 @@ from pyarrow import parquet
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import JSON, RECORDED, VECTOR, Layout
-from contactlearn.data.recordings.readers.exports import COMMENT, Export, export_of
+from contactlearn.data.recordings.readers import COMMENT, JSON, RECORDED, VECTOR, Layout
+from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.recordings.readers.nested import json_table, titled
 from contactlearn.data.recordings.track import Recording
 
@@ -321,18 +321,32 @@ def _times(path: Path, place: str, table: pd.DataFrame, layout: Layout) -> Array
     return layout.checked(_column(place, table, number), place)
 
 
+def nanoseconds_beside(name: str, header: Collection[str]) -> str | None:
+    """Return the column of nanoseconds that belongs to one of whole seconds, such as header.stamp.sec."""
+    parts = (re.sub(r"secs?$", part, name) for part in _NANOSECONDS)
+    return next((one for one in parts if one in header), None) if name.endswith(("sec", "secs")) else None
+
+
 def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     """A column of times, in the unit that its name states; times of day and dates are counted in s from the first.
 
     Beside whole seconds, such as header.stamp.sec, a column of nanoseconds counts too.
     """
-    parts = (re.sub(r"secs?$", part, name) for part in _NANOSECONDS)
-    if name.endswith(("sec", "secs")) and (part := next((one for one in parts if one in table.columns), None)):
+    if part := nanoseconds_beside(name, table.columns):
         return _column(place, table, name) + 1e-9 * _column(place, table, part)
     stated = re.search(r"[\W_](ms|[uµμ]s|ns|min|h)\W*$", name)
     if pd.api.types.is_numeric_dtype(table[name]):
         times = _column(place, table, name)
-        return (times - times[0]) * _SECONDS[stated[1]] if stated else _in_seconds(times)
+        if stated:
+            return (times - times[0]) * _SECONDS[stated[1]]
+        in_seconds = _in_seconds(times)
+        if _IN_SECONDS.search(name) and (in_seconds[1:] - in_seconds[:-1] < times[1:] - times[:-1]).any():
+            step = float(np.median(np.diff(times)))
+            raise DataError(
+                f"{place}: frames are {step:.4g} s apart by the column {name!r}, and no flight is seen at such a rate; "
+                f"are they in ms? Then call it 'time [ms]' in the file"
+            )
+        return in_seconds
     if (clock := _of_clock(place, table[name])) is not None:
         return clock
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
@@ -346,12 +360,16 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
     return ((stamps - stamps.iloc[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=np.float64)
 
 
-_CLOCK = re.compile(r"\s*(?:(?P<h>\d{1,2}):(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+)?)|(\d{1,3}):(\d{1,2}[.,]\d+))\s*")
+_CLOCK = re.compile(
+    r"\s*(?:(?P<h>\d{1,2}):(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+|:\d{3})?)|(\d{1,3}):(\d{1,2}[.,]\d+))\s*"
+)
 _DAY, _HOUR = 86400.0, 3600.0  # s
 
 
 def _of_clock(place: str, cells: pd.Series) -> Array | None:
-    """Times of day hh:mm:ss(.sss), or mm:ss.sss, in s, across midnight or the full hour; None if the first is none.
+    """Times of day in s, across midnight or the full hour; None if the first is none.
+
+    They are hh:mm:ss, with .sss or :sss behind it or not, or mm:ss.sss.
 
     Raises:
         DataError: another one is none.
@@ -365,7 +383,7 @@ def _of_clock(place: str, cells: pd.Series) -> Array | None:
             f"{place}: row {row + 1}, column {cells.name}: must be a time of day as {cells.iloc[0]!r} is, "
             f"got {cells.iloc[row]!r}"
         )
-    numbers = [[float(one.replace(",", ".")) for one in part.groups() if one] for part in parts if part]
+    numbers = [[float(re.sub("[,:]", ".", one)) for one in part.groups() if one] for part in parts if part]
     seconds = np.array([sum(one * 60**k for k, one in enumerate(reversed(row))) for row in numbers])
     period = _DAY if len(numbers[0]) == 3 else _HOUR
     return seconds - seconds[0] + period * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -period / 2)
@@ -384,6 +402,7 @@ def _in_seconds(times: Array) -> Array:
     return times * next((factor for least, factor in _FAR_APART.items() if step > least), 1.0)
 
 
+_IN_SECONDS = re.compile(r"[\[(]\s*s(?:ec|econds)?\s*[\])]\s*$")
 _NANOSECONDS = ("nanosec", "nanosecs", "nsec", "nsecs")
 _SINCE_1970 = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}  # s, of a time in ns, µs and ms that is greater
 _FAR_APART = {500.0: 1e-6, 0.5: 1e-3}  # s, of a time between frames that is greater: no flight lasts several such

@@ -26,7 +26,6 @@ import pandas as pd
 from contactlearn.core.errors import DataError
 from contactlearn.data.recordings.readers import LIKELY, Layout
 
-COMMENT = ("#", "%", "//")
 _HEADER = 60  # lines among which the frames begin
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _AXES = ("x", "y", "z")

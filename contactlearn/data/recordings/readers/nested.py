@@ -3,7 +3,8 @@
 frames       [{"time": 0, "x": 0.1, "position": [..], "pose": {"x": ..}}, ..], or such a line each (JSON Lines)
 columns      {"time": [..], "x": [..], "position": [[..], ..]}
 recordings   a list of these, or an object of these by name; beside them a rate ("fps")
-titles       run 1, # toss 3, [drop 4]: a line above the frames of each recording, with names of columns or without
+titles       run 1, # toss 3, [drop 4]: a line above the frames of each recording, with names of columns or without;
+             or the same comment above each, as Kinovea writes it
 """
 
 import re
@@ -16,8 +17,7 @@ import pandas as pd
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.json_files import json_content
-from contactlearn.data.recordings.readers import RECORDED, TITLE, TUM_COLUMNS, has_titles
-from contactlearn.data.recordings.readers.exports import COMMENT
+from contactlearn.data.recordings.readers import COMMENT, RECORDED, TITLE, TUM_COLUMNS, has_titles
 
 _LARGEST = 2**28  # bytes of a file that is in memory as a whole
 _MOST = 9  # numbers of a frame's list; a longer one holds a number a frame
@@ -40,11 +40,15 @@ def titled(path: Path) -> pd.DataFrame | None:
     if path.stat().st_size > _LARGEST:
         raise DataError(f"{path}: is larger than {_LARGEST >> 20} MiB: split it")
     lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    header, remark, name, rows, names = "", "", "", list[str](), list[str]()
+    header, remark, name, pages, rows, names = "", "", "", 0, list[str](), list[str]()
+    above = lines[0] if lines[0].startswith(COMMENT) and lines.count(lines[0]) > 1 else None
     for line in lines:
         numbers = re.match(r"[-+.]?\d", line) is not None
         if match := TITLE.fullmatch(line):
             name = match[1]
+        elif line == above:
+            pages += 1
+            name = str(pages)
         elif line.startswith(COMMENT):
             remark = line.lstrip("#%/ ") or remark
         elif not header and numbers:
