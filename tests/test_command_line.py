@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 from commands import run
+from omegaconf import OmegaConf
 
 from contactlearn.cli.command_line import parse_command_line, parse_override, quoted, quoted_path
-from contactlearn.cli.hydra_main import compose
+from contactlearn.cli.hydra_main import completed, compose
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data import table
 from contactlearn.results.folder import read_result
@@ -42,8 +43,11 @@ def test_a_path_is_what_the_shell_gives(name, here):
         (f"~/{name}", f"{here}/{name}"),
         (f"{here}/{name}",) * 2,
     ):
-        cfg = compose("evaluate", ["data=table", f"checkpoint={given}", f"data.path={given}"])
-        assert (cfg.checkpoint, cfg.data.path) == (path, path)
+        words = completed(["data=table", f"checkpoint={given}", f"data.path={given}"], "evaluate")
+        for word in words[1:3]:  # as a composition reads them
+            assert OmegaConf.create([parse_override(word).value()])[0] == path
+    cfg = compose("evaluate", ["data=table", f"checkpoint=~/{name}", f"data.path={name}"])
+    assert (cfg.checkpoint, cfg.data.path) == (f"{here}/{name}", name)
     assert compose("train", ["data=table", f"data.path={quoted_path(name)}"]).data.path == name
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from contactlearn.cli import hydra_main
-from contactlearn.cli.config_files import with_diagnosed_model
+from contactlearn.cli.config_files import CONFIGS, with_diagnosed_model
+from contactlearn.cli.config_security import SharedFolder
 from contactlearn.cli.hydra_main import compose
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.cli.sweeps.identity import code_version
@@ -208,3 +209,15 @@ def test_a_model_that_is_no_diagnosis_is_refused(tmp_path, content, message):
         (tmp_path / "diagnosis.json").write_text(content)
     with pytest.raises(ContactLearnError, match=message):
         compose("evaluate", [f"model={tmp_path}"])
+
+
+def test_each_composition_has_a_shipped_file_of_its_own():
+    """It is parsed once; Hydra takes the defaults list out of what it gets."""
+    source = SharedFolder("main", f"{SharedFolder.scheme()}://{CONFIGS}")
+    first, second = (source.load_config("train") for _ in range(2))
+    del first.config["defaults"]
+    first.header["package"] = "elsewhere"
+    third = source.load_config("train")
+    assert second.config == third.config
+    assert "defaults" in third.config
+    assert third.header["package"] is None

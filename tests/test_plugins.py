@@ -5,6 +5,8 @@ import shutil
 
 from commands import ROOT, TRAIN, run_alone
 
+from contactlearn.core.entry_points import announced
+
 LAW = '''
 from dataclasses import dataclass
 
@@ -80,6 +82,18 @@ def test_new_laws_and_effects_are_a_file_each_or_announced_by_another_package(tm
     assert "bumpy_floor + spin_loss" in results["joint"]
     changed = {path for path in _files(tmp_path) if path not in before and not path.startswith("run/")}
     assert changed == NEW.keys()
+
+
+def test_a_package_that_is_installed_later_is_announced(tmp_path, monkeypatch):
+    """In a notebook, which goes on: entry points are read once as long as no folder of the path changes."""
+    monkeypatch.syspath_prepend(tmp_path)
+    assert "dented" not in {entry.name for entry in announced("contactlearn.laws")}
+    about = tmp_path / "theirs-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[contactlearn.laws]\ndented = bumpy\n")
+    assert "dented" in {entry.name for entry in announced("contactlearn.laws")}
+    assert announced("contactlearn.laws") is announced("contactlearn.laws")
 
 
 def _files(folder):

@@ -69,8 +69,14 @@ def outcome(impacts, component, u, law=LAW):
 @cache
 def scattered(space=False, stated=True, trials=250, **planted):
     """Impacts of a world, and their scatter around the law."""
-    impacts = simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials, stated=stated)
+    impacts = drawn_impacts(space, trials, **planted)
+    impacts = impacts if stated else impacts.replace(v_pre_cov=None, v_post_cov=None)
     return impacts, fit_scatter(impacts, fit(impacts, "wang_mason").model)
+
+
+@cache
+def drawn_impacts(space, trials, **planted):
+    return simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials)
 
 
 # --- Components --------------------------------------------------------------------------------

@@ -18,7 +18,6 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
@@ -28,6 +27,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from contactlearn.cli.command_line import parse_override
 from contactlearn.cli.config_security import leaf_values, read_checked
+from contactlearn.core.entry_points import announced
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 
 _PACKAGE = Path(__file__).parents[1]
@@ -343,5 +343,5 @@ def _modules(group: str) -> set[str]:
 def _announced(group: str) -> list[str]:
     """Names of what other packages announce, with all of the catalogue."""
     room, _ = _CATALOGUES[group]
-    announced = entry_points(group=f"contactlearn.{room}")
-    return [*import_module(f"contactlearn.{room}").catalogue()] if announced else []
+    entries = announced(f"contactlearn.{room}")
+    return [*import_module(f"contactlearn.{room}").catalogue()] if entries else []

@@ -15,9 +15,10 @@ Every file but the shipped ones is read by `read_checked`: through `--config-dir
 process, and through `data=NAME`.
 """
 
+import pickle
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from importlib.metadata import entry_points
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from contactlearn.core.entry_points import announced
 from contactlearn.core.errors import ContactLearnError
 
 _GROUPS = ("contactlearn.laws", "contactlearn.effects")
@@ -129,7 +131,10 @@ def _check_hydra(hydra: Any, file: str) -> None:
 
 
 class SharedFolder(ConfigSource):
-    """A folder with a user's configuration files, each of which is checked when Hydra composes it."""
+    """A folder with configuration files: a user's, each of which is checked when Hydra composes it, or the shipped one.
+
+    A command composes its configuration several times, and a sweep each job's: shipped files are parsed once.
+    """
 
     @staticmethod
     def scheme() -> str:
@@ -137,8 +142,12 @@ class SharedFolder(ConfigSource):
         return "contactlearn-folder"
 
     def load_config(self, config_path: str) -> ConfigResult:
-        """Read and check a file."""
+        """Read a file, and check a user's."""
         file = self._file(config_path)
+        if self.provider == "main":  # the shipped folder alone: see `CatalogueSearchPath`
+            status = file.stat()
+            pickled, header = _shipped(file, status.st_mtime_ns, status.st_size)
+            return ConfigResult(self.provider, self.full_path(), pickle.loads(pickled), dict(header))
         config = read_checked(file, config_path.removesuffix(".yaml").rpartition("/")[0])
         return ConfigResult(self.provider, self.full_path(), config, self.header(file.read_text("utf-8")))
 
@@ -168,6 +177,13 @@ class SharedFolder(ConfigSource):
 
     def _file(self, config_path: str) -> Path:
         return Path(self.path, self._normalize_file_name(config_path))
+
+
+@cache
+def _shipped(file: Path, changed: int, size: int) -> tuple[bytes, dict[str, str | None]]:
+    """A shipped file, from which many copies are made, and its header; another one when the file has changed."""
+    del changed, size
+    return pickle.dumps(OmegaConf.load(file)), SharedFolder.header(file.read_text("utf-8"))
 
 
 def check_targets(cfg: DictConfig, words: Iterable[str]) -> None:
@@ -208,8 +224,8 @@ def _resolved(cfg: DictConfig, name: Any) -> Any:
 def _is_declared(target: str) -> bool:
     """Whether a class is of this package, or of one that announces laws or effects."""
     root = target.partition(".")[0]
-    announced = (entry for group in _GROUPS for entry in entry_points(group=group))
-    return root == "contactlearn" or any(entry.module.partition(".")[0] == root for entry in announced)
+    entries = (entry for group in _GROUPS for entry in announced(group))
+    return root == "contactlearn" or any(entry.module.partition(".")[0] == root for entry in entries)
 
 
 def _is_typed(target: str, words: Iterable[str]) -> bool:

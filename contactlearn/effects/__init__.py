@@ -16,9 +16,9 @@ import inspect
 import pkgutil
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, fields
-from importlib.metadata import entry_points
 from typing import Any
 
+from contactlearn.core.entry_points import announced
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.effects import formula as formula
 from contactlearn.effects.base import (
@@ -47,7 +47,7 @@ def catalogue() -> dict[str, tuple[type[Effect], ...]]:
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
-    for entry in entry_points(group=ENTRY_POINT):
+    for entry in announced(ENTRY_POINT):
         entry.load()
     found: dict[str, tuple[type[Effect], ...]] = {}
     for kind in sorted(_defined(Effect), key=lambda e: (PLACES.index(e.place), e.name)):

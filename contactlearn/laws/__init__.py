@@ -10,9 +10,9 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterator
-from importlib.metadata import entry_points
 from typing import Any
 
+from contactlearn.core.entry_points import announced
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
 from contactlearn.laws.base import Law
 from contactlearn.laws.contact import Contact
@@ -114,7 +114,7 @@ def _load_own() -> None:
 
 @functools.cache
 def _load_announced() -> None:
-    for entry in entry_points(group=ENTRY_POINT):
+    for entry in announced(ENTRY_POINT):
         entry.load()
 
 

@@ -11,6 +11,7 @@ measurements instead.
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -62,8 +63,8 @@ class BodyState:
             object.__setattr__(self, "inertia", moments.expand(3))
         given = {name: self._tensor(name, size) for name, size in sizes.items()}
         try:
-            batch = torch.broadcast_shapes(*(x.shape[:-1] if sizes[name] else x.shape for name, x in given.items()))
-        except RuntimeError:
+            batch = np.broadcast_shapes(*(x.shape[:-1] if sizes[name] else x.shape for name, x in given.items()))
+        except ValueError:
             seen = ", ".join(f"{name} {list(x.shape)}" for name, x in given.items())
             raise DataError(f"leading axes of a body's state must broadcast against each other, got {seen}") from None
         for name, x in given.items():

@@ -18,6 +18,7 @@ Source: Fazeli et al. (2017), Section 2; the moment τ about the contact point i
 contact can transmit.
 """
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -48,8 +49,9 @@ def turn_quaternion(
     """Quaternion [..., 4] of a body that is turned by a rotation vector [..., 3] in rad, in world axes."""
     half = vector.norm(dim=-1, keepdim=True) / 2
     c, s = half.cos(), torch.sinc(half / torch.pi) * vector / 2
-    w, u, s = *quaternion.split((1, 3), -1), s.expand(torch.broadcast_shapes(s.shape, quaternion[..., 1:].shape))
-    return torch.cat((c * w - (s * u).sum(-1, keepdim=True), c * u + w * s + torch.linalg.cross(s, u.expand_as(s))), -1)
+    w, u = quaternion.split((1, 3), -1)
+    s, u = torch.broadcast_tensors(s, u)
+    return torch.cat((c * w - (s * u).sum(-1, keepdim=True), c * u + w * s + torch.linalg.cross(s, u)), -1)
 
 
 def inertia_in_world(inertia: Float[Tensor, "..."], q: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -185,7 +187,7 @@ def apply_wrench(
     turned = spin(inertia, moment(r, P) + tau)
     linear = P / mass[..., None]
     if linear.shape[:-1] != turned.shape[:-1]:
-        shape = torch.broadcast_shapes(linear.shape[:-1], turned.shape[:-1])
+        shape = np.broadcast_shapes(linear.shape[:-1], turned.shape[:-1])  # torch's loads SymPy
         linear, turned = linear.expand(*shape, -1), turned.expand(*shape, -1)
     return v + torch.cat((linear, turned), -1)
 

@@ -543,8 +543,9 @@ def linearised(outcome: Callable[..., Tensor], parameters: Sequence[Tensor]) -> 
             rows = torch.vmap(back)(_units(value))
         else:
             value = outcome(*own)
-            options = {"is_grads_batched": True, "create_graph": follows, "materialize_grads": True}
-            rows = torch.autograd.grad(value, own, _units(value), allow_unused=True, **options)
+            options = {"create_graph": follows, "allow_unused": True, "materialize_grads": True}
+            # is_grads_batched=True does the same, but loops over the units in operations such as torch.where.
+            rows = torch.vmap(lambda unit: torch.autograd.grad(value, own, unit, **options))(_units(value))
     slope = torch.stack(rows, -1).movedim(0, -2)
     return (value, slope) if follows else (value.detach(), slope)
 

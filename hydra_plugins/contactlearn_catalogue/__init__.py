@@ -54,9 +54,12 @@ class CatalogueSearchPath(SearchPathPlugin):
     """Adds the groups wherever the configurations of this package are used, and nowhere else."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Append the groups to the search path."""
-        folders = (Path(one.path.removeprefix("file://")) for one in search_path.get_path() if one.path)
-        if Path(CONFIGS) in folders:
+        """Append the groups to the search path, and have the shipped files read once."""
+        places = [one for one in search_path.get_path() if one.path]
+        shipped = [one for one in places if Path(str(one.path).removeprefix("file://")) == Path(CONFIGS)]
+        for one in shipped:
+            one.path = f"{SharedFolder.scheme()}://{CONFIGS}"
+        if shipped:
             search_path.append(_SCHEME, f"{_SCHEME}://")
             first, last = added_folders()
             if first is not None:

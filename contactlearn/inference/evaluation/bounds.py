@@ -26,6 +26,7 @@ Source: Fazeli et al. (2017), Section 3.2; the curve over w is this package's.
 
 from collections.abc import Mapping
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -109,7 +110,7 @@ def irb(impacts: Impacts, norm: str = "mass", patch: Float[Tensor, "*batch"] | f
             f"patch must broadcast against {len(impacts)} trials; for a curve over K widths give them "
             f"as widths[:, None], shape (K, 1); got shape {tuple(width.shape)}"
         )
-    shape = torch.broadcast_shapes(width.shape, impacts.mass.shape)
+    shape = np.broadcast_shapes(width.shape, impacts.mass.shape)
     if widest > 0:
         require_space("a contact patch", impacts.space)
     if impacts.space is SPACE:

@@ -66,6 +66,7 @@ class ScatterThresholds:
 _ROUNDS = 12
 _SETTLED = 1e-2  # nats by which the likelihood changes in a round
 _LENGTHS = (1.0, 0.5, 0.25, 0.0)  # of a step of the deviations that are tried; the best is taken
+_UNCERTAIN = 60.0  # of a BIC whose fit may end before its maximum: a component that is seen changes it by hundreds
 _REFITTED = 3  # sets that are linearised on their own, the best ones about the deviations of all components
 _FIRST = len(INSTRUMENT)  # index of the first component of the contact
 _LEVEL = 0.95  # of the ellipsoids
@@ -253,11 +254,21 @@ def _fitted(
 
 
 def _searched(whole: "_Estimate", fixed: Bool[Tensor, " c"], penalty: float) -> dict[tuple[bool, ...], float]:
-    """BIC of the sets on the way from the components that are seen to the best set, and of those without scatter."""
+    """BIC of the sets on the way from the components that are seen to the best set, and of those without scatter.
+
+    A set is no likelier than one that has its components and more.  One that can be none of the best ones for that is
+    not estimated.
+    """
     seen, bic = (whole.fit.variances > 0) | fixed, dict[tuple[bool, ...], float]()
+
+    def least(free: tuple[bool, ...]) -> float:
+        more = (one for one in bic if all(a or not b for a, b in zip(one, free, strict=True)))
+        return max((bic[one] - penalty * (sum(one) - sum(free)) for one in more), default=-math.inf)
 
     def criterion(free: tuple[bool, ...]) -> float:
         if free not in bic:
+            if len(bic) >= _REFITTED and least(free) > sorted(bic.values())[_REFITTED - 1] + _UNCERTAIN:
+                return math.inf
             bic[free] = whole.without(free).bic(penalty)
         return bic[free]
 
@@ -270,7 +281,8 @@ def _searched(whole: "_Estimate", fixed: Bool[Tensor, " c"], penalty: float) -> 
         near = [tuple(one != (k in change) for k, one in enumerate(best)) for change in changes]
     for instrument in product(*[(False, True) if x else (False,) for x in seen[:_FIRST].tolist()]):
         if bool((torch.tensor(instrument) >= fixed[:_FIRST]).all()):
-            criterion((*instrument, *[False] * (len(seen) - _FIRST)))
+            free = (*instrument, *[False] * (len(seen) - _FIRST))
+            bic[free] = bic[free] if free in bic else whole.without(free).bic(penalty)
     return bic
 
 

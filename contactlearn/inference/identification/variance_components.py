@@ -12,6 +12,8 @@ Sources: Patterson & Thompson 1971; Tukey 1960 (contaminated normal).
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
@@ -22,8 +24,8 @@ _REWEIGHTED = 3  # times that trials get new weights at given variances
 _CALM = 1e-3  # nats that a last round brings
 _MIN_VARIANCE_SHARE = 1e-6  # share of the variance of the trials below which a component is 0
 _FASTEST = 0.05  # of its last value, to which a variance may fall in one step, so that it does not stick at 0 too early
-_FACTOR_BOUNDS = ((1.0, 1.0), (1.5, 5.0), (5.0, 100.0))  # bounds of the factors c of trials, tails, outliers
-_SHARE_BOUNDS = (1.0, 0.4, 0.1)  # bounds of their shares
+_FACTOR_BOUNDS = torch.tensor(((1.0, 1.0), (1.5, 5.0), (5.0, 100.0))).double()  # of c of trials, tails, outliers
+_SHARE_BOUNDS = torch.tensor((1.0, 0.4, 0.1)).double()  # bounds of their shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,19 +43,28 @@ class Mixture:
             factors=torch.tensor((1.0, 2.5, 10.0), dtype=torch.float64),
         )
 
+    @cached_property
+    def precisions(self) -> Float[Tensor, "3"]:
+        """1/c² of each part."""
+        return self.factors.square().reciprocal()
+
+    @cached_property
+    def _height(self) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+        """Logarithms of each part of the density at its middle: the share, and what each component takes off."""
+        return self.shares.clamp_min(1e-300).log(), self.factors.log() + 0.5 * math.log(2 * math.pi)
+
     def log_density(self, distance: Float[Tensor, " n"], components: int) -> Float[Tensor, "n 3"]:
         """Logarithm of each part of the density at squared distances d², without what S adds."""
-        height = self.shares.clamp_min(1e-300).log() - components * (self.factors.log() + 0.5 * math.log(2 * math.pi))
-        return height - 0.5 * distance[:, None] * self.factors.square().reciprocal()
+        share, each = self._height
+        return share - components * each - 0.5 * distance[:, None] * self.precisions
 
     def updated(self, distance: Float[Tensor, " n"], components: int) -> "Mixture":
         """Return the mixture after one step of expectation–maximisation."""
         each = self.log_density(distance, components).softmax(-1)
-        most, bounds = torch.tensor(_SHARE_BOUNDS).double(), torch.tensor(_FACTOR_BOUNDS).double()
-        shares = torch.minimum(each.mean(0), most)
+        shares = torch.minimum(each.mean(0), _SHARE_BOUNDS)
         shares[0] = 1 - shares[1:].sum()
         square = (each * distance[:, None]).sum(0) / (components * each.sum(0).clamp_min(1e-12))
-        return replace(self, shares=shares, factors=square.sqrt().clamp(*bounds.mT))
+        return replace(self, shares=shares, factors=square.sqrt().clamp(*_FACTOR_BOUNDS.mT))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,35 +76,43 @@ class MixedModel:
     known: Float[Tensor, "n D D"]
     bases: Float[Tensor, "c n D D"]
 
-    def at(self, variances: Float[Tensor, " c"], mixture: Mixture, weight: Tensor | None = None) -> "MixedFit":
-        """Return θ and the likelihood at given variances; `weight` [N] of the trials to begin with."""
-        D, K = self.slope.shape[1:]
+    @cached_property
+    def _sides(self) -> Float[Tensor, "n D K+1"]:
+        """Slopes and residuals, of which the normal equations are made."""
+        return torch.cat((self.slope, self.residual[..., None]), -1)
+
+    def _factors(self, variances: Float[Tensor, " c"]) -> "_Factors":
+        """Return what depends on the variances alone."""
         covariance = self.known + (variances @ self.bases.flatten(1)).view_as(self.known)
         covariance = covariance + 1e-12 * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
         root = torch.linalg.cholesky(covariance)
         inverse = torch.cholesky_inverse(root)
         volume = 2 * root.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-        weight = torch.ones_like(volume) if weight is None else weight
-        equations = (self.slope.mT @ inverse @ torch.cat((self.slope, self.residual[..., None]), -1)).flatten(1)
-        precisions = mixture.factors.square().reciprocal()
+        return _Factors(inverse, volume, (self.slope.mT @ inverse @ self._sides).flatten(1))
+
+    def at(self, variances: Float[Tensor, " c"], mixture: Mixture, last: "MixedFit | None" = None) -> "MixedFit":
+        """Return θ and the likelihood at given variances, beginning with the weights of the `last` fit."""
+        D, K = self.slope.shape[1:]
+        same = last if last is not None and last.variances is variances else None  # but for its mixture
+        factors = self._factors(variances) if same is None else same.factors
+        weight = torch.ones_like(factors.volume) if last is None else last.weight
         for left in reversed(range(_REWEIGHTED)):
-            precision, right = (weight @ equations).view(K, K + 1).split((K, 1), -1)
+            precision, right = (weight @ factors.equations).view(K, K + 1).split((K, 1), -1)
             precision = precision + torch.diag(1e-10 * precision.diagonal() + 1e-12)
             step = torch.linalg.solve(precision, right)[:, 0]
             error = self.residual - self.slope @ step
-            pull = (inverse @ error[..., None])[..., 0]
+            pull = (factors.inverse @ error[..., None])[..., 0]
             distance = (error * pull).sum(-1)
             parts = mixture.log_density(distance, D)
-            weight = parts.softmax(-1) @ precisions
+            weight = parts.softmax(-1) @ mixture.precisions
             if left == 0:
-                density = parts.logsumexp(-1) - 0.5 * volume
+                density = parts.logsumexp(-1) - 0.5 * factors.volume
                 return MixedFit(
                     variances=variances,
                     mixture=mixture,
                     step=step,
                     precision=precision,
-                    covariance=covariance,
-                    inverse=inverse,
+                    factors=factors,
                     pull=pull,
                     distance=distance,
                     weight=weight,
@@ -119,7 +138,7 @@ class MixedModel:
         fit = self.at(torch.where(free, start, 0.0), mixture)
         for _ in range(_ROUNDS):
             mixture = fit.mixture.updated(fit.distance, self.residual.shape[-1])
-            fit = self.at(fit.variances, mixture, fit.weight)
+            fit = self.at(fit.variances, mixture, fit)
             better = self._scored(fit, free)
             if better is None or better.log_likelihood - fit.log_likelihood < _CALM:
                 return better or fit
@@ -141,23 +160,35 @@ class MixedModel:
         for length in (1.0, 0.5, 0.25, 0.1, 0.02):
             tried = torch.maximum(fit.variances + length * step, _FASTEST * fit.variances)
             tried = torch.where(tried * whole > _MIN_VARIANCE_SHARE, tried, 0.0)
-            moved = self.at(tried, fit.mixture, fit.weight)
+            moved = self.at(tried, fit.mixture, fit)
             if moved.log_likelihood >= fit.log_likelihood:
                 return moved
         return None
 
 
+class _Factors(NamedTuple):
+    """S⁻¹, log |S|, and each trial's part of the normal equations."""
+
+    inverse: Float[Tensor, "n D D"]
+    volume: Float[Tensor, " n"]
+    equations: Float[Tensor, "n rows"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class MixedFit:
-    """Variances τ [c], `step` θ [K] with its `precision`, S [N, D, D], its inverse, S⁻¹ e as `pull`, and weights."""
+    """Variances τ [c], `step` θ [K] with its `precision`, what is made of S, S⁻¹ e as `pull`, and weights."""
 
     variances: Float[Tensor, " c"]
     mixture: Mixture
     step: Float[Tensor, " K"]
     precision: Float[Tensor, "K K"]
-    covariance: Float[Tensor, "n D D"]
-    inverse: Float[Tensor, "n D D"]
+    factors: _Factors
     pull: Float[Tensor, "n D"]
     distance: Float[Tensor, " n"]
     weight: Float[Tensor, " n"]
     log_likelihood: float
+
+    @property
+    def inverse(self) -> Float[Tensor, "n D D"]:
+        """S⁻¹ [N, D, D]."""
+        return self.factors.inverse
