@@ -468,7 +468,7 @@ def test_deviations_that_follow_something_stay_unknown(structure):
     assert not found.scatter.random
     assert found.budget.shares.unexplained > 0.7
     assert all(one.follows > 0.9 for one in found.scatter.components)
-    assert any("no scatter" in one for one in grounds(found))
+    assert any("not scatter" in one for one in grounds(found))
 
 
 def test_what_deviations_follow_is_no_noise_of_an_estimated_floor():
