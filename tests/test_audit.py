@@ -263,6 +263,25 @@ def test_a_shape_in_another_unit(unit):
     torch.testing.assert_close(correct(wrong, [name]).r, clean.r)
 
 
+@pytest.mark.parametrize("stated", [True, False], ids=["inertia stated", "inertia computed"])
+@pytest.mark.parametrize("unit", ["millimetres", "centimetres"])
+def test_a_shape_in_another_unit_without_heights(unit, stated):
+    """Heights were computed from it, too: the body would be lighter than air, and the moments do not balance."""
+    clean = drops("disc", 1, size=60)
+    clean = clean.replace(q=torch.cat((clean.q[:, :1], -clean.r[:, 1:], clean.q[:, 2:]), -1), q_post=None)
+    clean = clean.replace(inertia=clean.mass * clean.shape.gyration_squared())
+    factor = {"millimetres": 1e3, "centimetres": 1e2}[unit]
+    q = clean.q * torch.tensor((1.0, factor, 1.0))
+    wrong = clean.replace(shape=Disc(factor * 0.03), r=factor * clean.r, q=q)
+    wrong = wrong if stated else wrong.replace(inertia=factor**2 * clean.inertia)
+    found = audit(wrong)
+    assert corrections(found) == [f"{unit}_shape"]
+    assert f"the contact point is {0.03 * factor:g} m from the centre of a 36.4 g body" in found[0].sentence
+    right = correct(wrong, [f"{unit}_shape"])
+    torch.testing.assert_close((right.r, right.q, right.inertia), (clean.r, clean.q, clean.inertia))
+    assert corrections(audit(right)) == []
+
+
 @pytest.mark.parametrize("unit", ["millimetres", "centimetres", "inches", "feet"])
 def test_positions_in_another_unit_where_contact_points_are_computed(unit):
     clean = drops(seed=1)

@@ -171,7 +171,7 @@ def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _resized(impacts: Impacts, factor: float) -> Impacts:
-    """Impacts of bodies of another size; r and the inertia follow where they were computed from the stated shape.
+    """Impacts of bodies of another size; r, y and the inertia follow where the stated shape gave them.
 
     Raises:
         DataError: no shape is stated.
@@ -183,9 +183,13 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
+    up, q = impacts.space.d - 1, impacts.q.clone()
+    if (q[:, up] + expected[:, up]).norm() <= _FOLLOWS * expected.norm():
+        q[:, up] *= factor
     return impacts.replace(
         shape=shapes.get("", shapes),
         r=impacts.r * factor if follows else impacts.r,
+        q=q,
         inertia=impacts.inertia * factor**2 if computed else impacts.inertia,
     )
 
