@@ -140,6 +140,9 @@ class SourceSettings:
             ContactLearnError: naming all of them.
         """
         if self.missing:
+            for choice, settings in shipped_settings("data").items():
+                if settings["_target_"] == self.target and settings.get("seed") == MISSING:
+                    raise ContactLearnError(f"data={choice} needs a seed, such as {self.missing[0]}=7")
             file, comments = self._file_of_user()
             where = f"{file}" if file else "the file NAME.yaml of data=NAME, which contactlearn init writes"
             said = "".join(f"; {name} is {comments[name]}" for name in self.missing if name in comments)
