@@ -235,6 +235,21 @@ def test_no_inertia_beyond_that_of_a_hoop_is_proposed():
     assert "inertia_scaled" not in corrections(audit(half.replace(inertia=4 * clean.inertia)))
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0], ids=["exact", "noisy"])
+@pytest.mark.parametrize(("share", "ball"), [(2 / 3, "a hollow ball (2/3 m R²)"), (2 / 5, "a solid ball (2/5 m R²)")])
+def test_a_ball_as_a_disc_is_named_by_its_inertia(share, ball, noise):
+    """Contact points below the centre tell one ratio: not a place of the outline as well."""
+    uniform = drops("disc", 3, size=60, velocity_noise=0.01 * noise, spin_noise=0.5 * noise)
+    spin = uniform.v_pre[:, 2] + (uniform.v_post - uniform.v_pre)[:, 2] / (2 * share)  # I Δω = −r_y P_t
+    v_post = torch.cat((uniform.v_post[:, :2], spin[:, None]), -1)
+    (note,) = [one for one in audit(uniform.replace(v_post=v_post, validate=False)) if one.name != "constant_columns"]
+    assert (note.name, note.mistake) == ("moment_balance_open", False)
+    ratio = re.search(r"an inertia of ([0-9.]+) times that of a uniform disc: is the body (.*)\? \(data", note.sentence)
+    assert ratio
+    assert (float(ratio[1]), ratio[2]) == (pytest.approx(2 * share, rel=NOISE), ball)
+    assert "outline" not in note.sentence
+
+
 @pytest.mark.parametrize("body", [*BODIES])
 def test_a_diameter_for_a_radius(body):
     """The height at contact is half of what the shape gives, and moments and inertia are those of a smaller body."""
