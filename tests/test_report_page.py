@@ -24,7 +24,7 @@ from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.page.diagnosis import of_diagnosis, write_page
+from contactlearn.report.page.diagnosis import _parts, of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely, of_outcomes
@@ -294,6 +294,21 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
     shown = opened(browser, evaluation[0])
     draw_everything(shown)
     assert silent(shown)
+
+
+def test_every_part_of_the_error_has_the_colour_of_its_legend(shown, found):
+    kinds = [kind for _, kind, _ in _parts(found.budget.shares)]
+    colours = shown.execute_script(
+        """const kinds = arguments[0], [shares, note] = document.querySelectorAll("#budget .shares, #budget .note");
+        shares.innerHTML = kinds.map(kind => `<i class="${kind}"></i>`).join("");
+        note.innerHTML = kinds.map(kind => `<i class="key ${kind}"></i>`).join("");
+        return [shares, note].map(part => [...part.children].map(one => {
+            const style = getComputedStyle(one);
+            return style.backgroundImage + style.backgroundColor; }))""",
+        kinds,
+    )
+    assert colours[0] == colours[1]
+    assert len({*colours[0]}) == len(kinds)
 
 
 def test_ticking_an_effect_moves_numbers_map_and_curves(shown, content):

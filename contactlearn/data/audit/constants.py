@@ -11,7 +11,7 @@ import torch
 
 from contactlearn.core.numerics import MAD_SCALE, number
 from contactlearn.data.audit.contradictions import contradictions
-from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.corrections import correct, orientation
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -107,8 +107,7 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
     """
     if impacts.shape is None:
         return []
-    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
-    computed = (impacts.r - expected).norm() <= _ROUNDING * expected.norm()
+    expected, computed = contact_points(impacts.shape, impacts.body, impacts.q[:, 2]), _computed(impacts)
     if computed:
         ratio, of = impacts.q[:, 1] / -expected[:, 1], "the height y at contact"
     else:
@@ -140,7 +139,7 @@ def light_body_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[F
     It is looked for where contact points are computed from the shape, with or without heights and inertia.
     """
     size, mass = impacts.r.norm(dim=-1).median().item(), impacts.mass.median().item()
-    if impacts.shape is None or mass > _LIGHTEST * size**3:
+    if impacts.shape is None or mass > _LIGHTEST * size**3 or not _computed(impacts):
         return []
     units = [name for name, unit in MISWRITTEN.items() if unit.columns == ("shape",)]
     before, after = _contradictory(impacts), {name: _contradictory(correct(impacts, [name])) for name in units}
@@ -189,6 +188,13 @@ def shape_findings_in_space(impacts: Impacts) -> list[Finding]:
             )
             return [Finding(name="shape_unit", sentence=sentence, evidence=evidence_of(("ratio", middle)))]
     return []
+
+
+def _computed(impacts: Impacts) -> bool:
+    """Whether contact points are those of the stated shape to within rounding."""
+    assert impacts.shape is not None
+    expected = contact_points(impacts.shape, impacts.body, orientation(impacts))
+    return bool((impacts.r - expected).norm() <= _ROUNDING * expected.norm())
 
 
 def _contradictory(impacts: Impacts) -> float:

@@ -203,7 +203,7 @@ def _parts(shares: ErrorShares) -> list[tuple[str, str, float | None]]:
     noise = ("noise", "noise", shares.noise) if shares.scatter is None else ("instrument", "noise", shares.instrument)
     return [
         ("explained by effects", "physics", shares.explained),
-        ("unnamed so far", "processes", shares.unnamed),
+        ("unnamed so far", "unnamed", shares.unnamed),
         ("unexplained", "unexplained", shares.unexplained),
         noise,
         ("scatter of the contact", "scatter", shares.scatter),
