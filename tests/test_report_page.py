@@ -150,10 +150,12 @@ def test_a_large_page_is_small_enough():
     assert len(text.encode()) < 6e6
     whole = made_up(60, EffectId("contact_patch", "linear"))
     assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
-    unsure = Candidate(effect=SIX[4], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
+    unsure = Candidate(
+        effect=SIX[4], equation="", parameters=(), error_after=0.1, error_reduction=0.004, confidence=0.26
+    )
     proxy = replace(unsure, effect=SIX[5], confidence=None, proxy=True)
     text = render(of_diagnosis(replace(whole, candidates=(unsure, proxy)), about(whole.record.impacts)))
-    assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>4\u00a0%</td>' in text
+    assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>0.1040 → 0.1000</td>' in text
     assert '<th scope="row">sampling delay</th><td>a proxy?</td>' in text
     assert "A proxy is an effect without which" in text
     assert "These data cannot distinguish:" not in text

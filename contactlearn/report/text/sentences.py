@@ -48,7 +48,7 @@ from contactlearn.scatter import find_component
 
 _MOST_MODELS = 5  # in the list of plausible models
 _MOST_LISTED = 4  # parameters of an effect without words, and laws with their shares where these are alike
-_LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
+_LEAST_SHARE = 0.01  # of belief from which on a plausible model is listed, and of the error for a candidate
 _LEAST_BELIEF = 0.05  # in another law or form, from which on it is undecided
 
 _VERDICTS = {
@@ -122,7 +122,13 @@ def grounds(diagnosis: Diagnosis) -> list[str]:
 def names_by_level(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
     named = [(str(effect.level), phrase("named", effect)) for effect in diagnosis.missing]
-    return named + [(str(Level.CANDIDATE), phrase("candidate", one, diagnosis.budget)) for one in diagnosis.candidates]
+    return named + [(str(Level.CANDIDATE), phrase("candidate", one)) for one in listed_candidates(diagnosis)]
+
+
+def listed_candidates(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
+    """Return the candidates that are worth a line: those that remove 1 % of the law's error at least."""
+    least = _LEAST_SHARE * diagnosis.budget.base.mean if diagnosis.budget is not None else 0.0
+    return tuple(one for one in diagnosis.candidates if one.error_reduction >= least)
 
 
 def undecided(diagnosis: Diagnosis) -> list[str]:
@@ -160,10 +166,10 @@ def misfit(diagnosis: Diagnosis) -> str:
 
 
 def listed_models(diagnosis: Diagnosis) -> tuple[PlausibleModel, ...]:
-    """Return the models that are worth a line: the chosen one, and then the likeliest others."""
+    """Return the models that are worth a line, the likeliest first: the chosen one is among them."""
     chosen = [model for model in diagnosis.models if _is_chosen(diagnosis, model)]
     others = [model for model in diagnosis.models if model not in chosen and model.share >= _LEAST_SHARE]
-    return (*chosen, *others[: _MOST_MODELS - len(chosen)])
+    return tuple(sorted((*chosen, *others[: _MOST_MODELS - len(chosen)]), key=lambda model: -model.share))
 
 
 def searched_name(diagnosis: Diagnosis, model: FrontierModel | PlausibleModel) -> str:
@@ -210,7 +216,9 @@ def _meaning(effect: MissingEffect | Candidate) -> str:
 
 
 def fitted_value(parameter: FittedParameter) -> str:
-    """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
+    """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad, or φ undetermined."""
+    if parameter.undetermined:
+        return f"{parameter.symbol} undetermined"
     return f"{parameter.symbol} = {measured(parameter.value, parameter.standard_error, parameter.unit)}"
 
 
