@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
+from matplotlib.text import Text
 from pairings import paired
 
 import contactlearn
@@ -55,14 +56,15 @@ def assert_progress(folder, task):
 
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory):
-    """One small evaluation: (what it printed, its folder)."""
+    """One small evaluation: (what it printed, its folder, its figures)."""
     folder = tmp_path_factory.mktemp("evaluation")
-    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", figures=True)
-    return printed, folder
+    with patch.object(record, "save", wraps=record.save) as saved:
+        printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", figures=True)
+    return printed, folder, {call.args[2]: call.args[0] for call in saved.call_args_list}
 
 
 def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evaluation):
-    printed, folder = evaluation
+    printed, folder, _ = evaluation
     assert "models are fitted to random subsets of 20 of them (train.size)" in printed
     assert re.search(r"back-spin +reach", printed)
     assert "back-spin: share of outcomes beyond the line of sticking" in printed
@@ -109,8 +111,19 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
     assert_progress(folder, "every trial")
 
 
+def test_figures_are_of_the_best_law_and_in_the_order_of_the_errors(evaluation):
+    _, folder, drawn = evaluation
+    errors = json.loads((folder / "results.json").read_text())["errors"]
+    ordered = sorted(laws.PAPER_LAWS, key=lambda law: errors[law]["mass_error"]["mean"])
+    shown = [label.get_text().replace("\n", " ") for label in drawn["error_comparison"].axes[0].get_yticklabels()]
+    assert [" ".join(one.split()) for one in shown[:6]] == [model_label(law) for law in ordered]
+    for name in ("cost_surface", "convergence", "trial_parameters"):
+        words = " ".join(text.get_text() for text in drawn[name].findobj(Text)).replace("\n", " ")
+        assert model_label(ordered[0]) in words, name
+
+
 def test_the_log_holds_what_was_printed(evaluation):
-    printed, folder = evaluation
+    printed, folder, _ = evaluation
     logged = (folder / "evaluate.log").read_text("utf-8")
     logged = re.sub(r"^\[.*?\]\[contactlearn\]\[INFO\] - ", "", logged, flags=re.MULTILINE)
     assert logged.split() == printed.split()

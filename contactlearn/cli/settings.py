@@ -309,6 +309,11 @@ def _named_law(entry: Any, _: str, known: Mapping[str, Any]) -> Law:
     return _laws_of([str(entry)], known["law"], known["variant"])[str(entry)]
 
 
+def _named_law_or_best(entry: Any, key: str, known: Mapping[str, Any]) -> Law | None:
+    """The same, or None for `best`."""
+    return None if entry == BEST else _named_law(entry, key, known)
+
+
 def _laws_of(names: Iterable[str], law: Law | None, variant: str) -> dict[str, Law]:
     return {name: law if law is not None and law.name == name else laws.find(name, variant) for name in names}
 
@@ -517,11 +522,14 @@ class TransferSettings(CurveSettings, frozen=True):
 
 
 class FigureSettings(Struct, frozen=True):
-    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence."""
+    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence.
+
+    A law is None where it is the one with the lowest held-out error.
+    """
 
     trial: str | int | float | None
-    surface: Annotated[Law, _named_law]
-    parameters: Annotated[Law, _named_law]
+    surface: Annotated[Law | None, _named_law_or_best]
+    parameters: Annotated[Law | None, _named_law_or_best]
     repetitions: _Whole
 
 
