@@ -298,6 +298,21 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
     assert silent(shown)
 
 
+def test_the_map_begins_with_variables_that_vary(browser, content, tmp_path):
+    """θ of a ball is 0 in every trial."""
+    variables = [
+        one | {"values": [0.0] * len(one["values"])} if one["name"] == "theta" else one
+        for one in content["trials"]["variables"]
+    ]
+    path = tmp_path / "report.html"
+    path.write_text(render(content | {"regions": [], "trials": content["trials"] | {"variables": variables}}))
+    across, up = opened(browser, path).execute_script(
+        "return ['map-x', 'map-y'].map(id => document.getElementById(id).selectedOptions[0].label)"
+    )
+    (theta,) = (one["label"] for one in variables if one["name"] == "theta")
+    assert len({across, up, theta}) == 3
+
+
 def test_every_part_of_the_error_has_the_colour_of_its_legend(shown, found):
     kinds = [kind for _, kind, _ in _parts(found.budget.shares)]
     colours = shown.execute_script(

@@ -270,6 +270,8 @@ def models() -> Iterator[tuple[str, str]]:
     }.items():
         those = tuple(result.PlausibleModel(law=law, effects=effects, share=share) for law, effects, share in rows)
         yield f"undecided, {name}", "; ".join(text.undecided(replace(FOUND, models=those)))
+        if forms := text.forms(replace(FOUND, models=those), TILT):
+            yield f"forms, {name}", forms
 
 
 def terminal() -> Iterator[tuple[str, str]]:

@@ -236,7 +236,7 @@ def _effects(diagnosis: Diagnosis) -> dict[str, Any]:
     listed = listed_candidates(diagnosis)
     return {
         "effects": [
-            effect_content(missing, partial, diagnosis.regions)
+            effect_content(missing, partial, diagnosis)
             for missing, partial in zip(diagnosis.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),

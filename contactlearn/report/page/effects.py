@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import (
     Candidate,
+    Diagnosis,
     Experiment,
     FittedParameter,
     Formula,
     MissingEffect,
-    Region,
     Remainder,
     Rival,
 )
@@ -22,7 +22,7 @@ from contactlearn.report.figures.effects import along, effect_curve, grouped, sc
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text.names import WRENCH, effect_label, sentence
 from contactlearn.report.text.numbers import error
-from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases
+from contactlearn.report.text.sentences import confidence, forms, formula_overrides, in_words, phrase, phrases
 
 
 class _Axis(NamedTuple):
@@ -47,8 +47,8 @@ _AXES = {
 }
 
 
-def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[Region]) -> dict[str, Any]:
-    """Return a missing effect with its parameters, rivals and the curve of its partial residuals."""
+def effect_content(missing: MissingEffect, partial: Partial, diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return a missing effect with its parameters, rivals, likely forms and the curve of its partial residuals."""
     on_all = missing.reduction_on_all_trials
     inadmissible = phrase("inadmissible", missing)
     return {
@@ -64,8 +64,9 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "confidence": confidence(missing),
         "parameters": [_parameter(parameter) for parameter in missing.parameters],
         "inadmissible": sentence(inadmissible) if inadmissible else "",
-        "improvements": phrases("improvements", missing, regions),
+        "improvements": phrases("improvements", missing, diagnosis.regions),
         "rivals": [_rival(rival) for rival in missing.rivals],
+        "forms": forms(diagnosis, missing.effect),
         "curve": curve_content(partial),
     }
 

@@ -131,8 +131,8 @@ def listed_candidates(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
     return tuple(one for one in diagnosis.candidates if one.error_reduction >= least)
 
 
-def undecided(diagnosis: Diagnosis) -> list[str]:
-    """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
+def _beliefs(diagnosis: Diagnosis) -> list[dict[str | EffectId, float]]:
+    """List the forms of each effect, and the laws, of which several are likely, with shares among each other."""
     beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*diagnosis.effects, "law")}
     for model in diagnosis.models:
         for name, one in (*((effect.name, effect) for effect in model.effects), ("law", model.law)):
@@ -143,6 +143,18 @@ def undecided(diagnosis: Diagnosis) -> list[str]:
         shares = {one: share / sum(belief.values()) for one, share in belief.items()}
         likely = sorted((share for share in shares if shares[share] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
+    return listed
+
+
+def forms(diagnosis: Diagnosis, effect: EffectId) -> str:
+    """Say which functional forms of an effect the data cannot distinguish; empty where it is certain."""
+    belief = next((one for one in _beliefs(diagnosis) if effect in one), None)
+    return phrase("forms", belief) if belief else ""
+
+
+def undecided(diagnosis: Diagnosis) -> list[str]:
+    """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
+    listed = _beliefs(diagnosis)
     laws = listed[-1] if listed and diagnosis.law in listed[-1] else {}
     apart = [law.name for law in diagnosis.laws if law.name not in laws]
     agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
