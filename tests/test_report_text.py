@@ -82,6 +82,10 @@ def names() -> Iterator[tuple[str, str]]:
     joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
     for name, label in text_names.model_labels(replace(evaluation(), joint=joint)).items():
         yield f"model {name}", label
+    above = evaluation()
+    below = replace(above, errors=above.errors | {"irb": above.errors["whittaker"]})
+    for found in (above, below):
+        yield "a training", text.phrase("training_headline", text_names.model_labels(found), found)
     yield "clause", text_names.sentence("x points left")
     yield "question", text_names.sentence("no balance. Is it?")
     verdicts = result.Verdict
