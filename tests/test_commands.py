@@ -20,7 +20,7 @@ from pairings import paired
 
 import contactlearn
 from contactlearn import laws
-from contactlearn.__main__ import main
+from contactlearn.__main__ import _parser, main
 from contactlearn.cli import hydra_main
 from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _evaluation_command
@@ -390,8 +390,13 @@ def test_help(script):
 
 def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
-    described = re.findall(r"^    (\w+)(?: +|\n {10,})\w", printed, re.MULTILINE)
-    assert len(described) == 14, printed
+    groups = re.findall(r"^([A-Z][\w ]+):\n((?:    .*\n)+)", printed, re.MULTILINE)
+    described = [name for _, lines in groups for name in re.findall(r"^    (\w+) +\w", lines, re.MULTILINE)]
+    assert sorted(described) == sorted(_parser()[1]), printed
+    assert {title for title, _ in groups} >= {
+        title for title in re.findall(r"^## (.*)", (ROOT / "docs" / "commands.md").read_text("utf-8"), re.MULTILINE)
+        if title.startswith(("Which", "Bring", "Compare", "Use"))
+    }  # fmt: skip
 
 
 def test_help_fits_80_columns():
