@@ -492,6 +492,15 @@ def test_one_repetition_has_no_spread(tmp_path):
     assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
 
 
+def test_a_stopped_diagnosis_says_that_nothing_is_left(tmp_path, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("contactlearn.diagnosis.pipeline.diagnose", stop)
+    told = run("diagnose.py", "data.size=40", cwd=tmp_path, status=130)
+    assert told.endswith("stopped; no result was written, and nothing can be resumed\n")
+
+
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
     words = ("model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "laws=[whittaker]", "workers=1")
     command = ("evaluate.py", *SMALL[:5], *words)
@@ -508,7 +517,8 @@ def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, mon
         return train(self)
 
     monkeypatch.setattr(curves._Training, "run", counted)
-    run(*command, cwd=tmp_path, status=130)
+    told = run(*command, cwd=tmp_path, status=130)
+    assert told.endswith("stopped; the same command goes on after the parts that are finished\n")
     (finished,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
     assert finished.stem == "10"
     curve = {"x1_wrench": [10], "best_post_hoc": [10, 20], "irb": [10, 20]}
