@@ -94,9 +94,9 @@ def _parser() -> tuple[_Parser, dict[str, _Parser]]:
     commands = parser.add_subparsers(required=True, metavar="COMMAND", help=argparse.SUPPRESS)
     summaries = dict[str, str]()
 
-    def add(command: str, *, help: str, **options: Any) -> _Parser:  # argparse's own list has no groups
-        summaries[command] = help
-        return commands.add_parser(command, **options)
+    def add(command: str, *, help: str, description: str | None = None, epilog: str | None = None) -> _Parser:
+        summaries[command] = help  # argparse's own list has no groups
+        return commands.add_parser(command, description=description, epilog=epilog)
 
     for command, summary in _CONFIGURED.items():
         add(command, help=summary)

@@ -274,7 +274,7 @@ def models() -> Iterator[tuple[str, str]]:
     }.items():
         those = tuple(result.PlausibleModel(law=law, effects=effects, share=share) for law, effects, share in rows)
         yield f"undecided, {name}", "; ".join(text.undecided(replace(FOUND, models=those)))
-        if forms := text.forms(replace(FOUND, models=those), TILT):
+        if forms := text.uncertain_forms(replace(FOUND, models=those), TILT):
             yield f"forms, {name}", forms
 
 

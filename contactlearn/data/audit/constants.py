@@ -11,7 +11,7 @@ import torch
 
 from contactlearn.core.numerics import MAD_SCALE, number
 from contactlearn.data.audit.contradictions import contradictions
-from contactlearn.data.audit.corrections import correct, orientation
+from contactlearn.data.audit.corrections import correct, orientation_of
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -193,7 +193,7 @@ def shape_findings_in_space(impacts: Impacts) -> list[Finding]:
 def _computed(impacts: Impacts) -> bool:
     """Whether contact points are those of the stated shape to within rounding."""
     assert impacts.shape is not None
-    expected = contact_points(impacts.shape, impacts.body, orientation(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
     return bool((impacts.r - expected).norm() <= _ROUNDING * expected.norm())
 
 

@@ -97,7 +97,7 @@ def correct(
         require_space(f"correction {name}", impacts.space, CORRECTIONS[name].spaces)
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, orientation(corrected)))
+            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, orientation_of(corrected)))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
@@ -135,7 +135,7 @@ def _multiplied(impacts: Impacts, factors: Sequence[float], names: Sequence[str]
     return impacts.replace(**fields)
 
 
-def orientation(impacts: Impacts | Columns) -> Tensor:
+def orientation_of(impacts: Impacts | Columns) -> Tensor:
     """θ, or in space the quaternion, of every trial."""
     return impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
 
@@ -179,7 +179,7 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
     shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
-    expected = contact_points(impacts.shape, impacts.body, orientation(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
@@ -325,7 +325,7 @@ def _with_contact(one: Correction) -> Correction:
         shape = impacts.shape
         if shape is None:
             return after
-        before, now = (contact_points(shape, one.body, orientation(one)) for one in (impacts, after))
+        before, now = (contact_points(shape, one.body, orientation_of(one)) for one in (impacts, after))
         rounding = _FOLLOWS * before.norm(dim=(-2, -1))
         off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
         follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]

@@ -22,7 +22,7 @@ from contactlearn.report.figures.effects import along, effect_curve, grouped, sc
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text.names import WRENCH, effect_label, sentence
 from contactlearn.report.text.numbers import error
-from contactlearn.report.text.sentences import confidence, forms, formula_overrides, in_words, phrase, phrases
+from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases, uncertain_forms
 
 
 class _Axis(NamedTuple):
@@ -66,7 +66,7 @@ def effect_content(missing: MissingEffect, partial: Partial, diagnosis: Diagnosi
         "inadmissible": sentence(inadmissible) if inadmissible else "",
         "improvements": phrases("improvements", missing, diagnosis.regions),
         "rivals": [_rival(rival) for rival in missing.rivals],
-        "forms": forms(diagnosis, missing.effect),
+        "forms": uncertain_forms(diagnosis, missing.effect),
         "curve": curve_content(partial),
     }
 

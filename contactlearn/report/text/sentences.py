@@ -146,7 +146,7 @@ def _beliefs(diagnosis: Diagnosis) -> list[dict[str | EffectId, float]]:
     return listed
 
 
-def forms(diagnosis: Diagnosis, effect: EffectId) -> str:
+def uncertain_forms(diagnosis: Diagnosis, effect: EffectId) -> str:
     """Say which functional forms of an effect the data cannot distinguish; empty where it is certain."""
     belief = next((one for one in _beliefs(diagnosis) if effect in one), None)
     return phrase("forms", belief) if belief else ""
