@@ -585,13 +585,13 @@ def test_misspelt_settings_of_tools_are_refused(word, tmp_path):
 
 
 @pytest.mark.parametrize(("command", "parts"), [
-    ("train", ("train", "bounds")), ("evaluate", ("train", "bounds", "reference")), ("diagnose", ()),
+    ("train", ("train", "bounds")), ("evaluate", ("train", "bounds", "reference", "figures")), ("diagnose", ()),
 ])  # fmt: skip
 def test_every_command_takes_the_experiment_of_the_paper(command, parts):
     """Without the parts that the command has no use for; those of a typed setting are refused as ever."""
     cfg = hydra_main.compose(command, ["experiment=fazeli2017"])
     assert (cfg.variant, cfg.data.inertia) == ("fazeli2017", "fazeli2017")
-    assert {"train", "bounds", "reference"} & {*map(str, cfg)} == {*parts}
+    assert {"train", "bounds", "reference", "figures"} & {*map(str, cfg)} == {*parts}
     with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds.norm is a setting of"):
         hydra_main.compose(command, ["experiment=fazeli2017", "+bounds.patchy=3"])
 

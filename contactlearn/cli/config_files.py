@@ -64,9 +64,9 @@ _DIAGNOSIS = "diagnosis.json"
 _MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
 """Settings that a diagnosis passes on."""
 UNUSED = {
-    "train": {"reference"},
+    "train": {"reference", "figures"},
     "evaluate": set[str](),
-    "diagnose": {"train", "bounds", "reference"},
+    "diagnose": {"train", "bounds", "reference", "figures"},
     "plan": set[str](),
 }
 """Parts of an experiment that a command has no use for."""
