@@ -7,6 +7,7 @@ settings.  The arguments of all others are argparse's, see `contactlearn.cli.too
 import argparse
 import re
 import sys
+from textwrap import fill
 from typing import Any
 
 from contactlearn.cli.tools import add_tools
@@ -20,6 +21,14 @@ _CONFIGURED = {
     "diagnose": "find out which physical effect is missing",
 }
 """Commands whose arguments Hydra parses."""
+_GROUPS = {
+    "Which physics is missing": ("diagnose", "workbench"),
+    "Bring and check data": ("init", "audit", "impacts"),
+    "Compare laws and learned models": ("evaluate", "train"),
+    "Plan the next impacts": ("plan", "measure"),
+    "Use and compare results": ("export", "replay", "report", "results", "reveal"),
+}
+"""Commands as --help lists them."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -76,15 +85,25 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser() -> tuple[_Parser, dict[str, _Parser]]:
     """The parser of all commands, and that of each by name."""
-    parser = _Parser(prog="contactlearn", description="Learn rigid-body contact from measurements.")
+    parser = _Parser(
+        prog="contactlearn",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="COMMAND --help explains each; diagnose, evaluate and train also have --settings.",
+    )
     parser.add_argument("--version", action="version", version=f"contactlearn {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", help=argparse.SUPPRESS)
+    summaries = dict[str, str]()
+
+    def add(command: str, *, help: str, description: str | None = None, epilog: str | None = None) -> _Parser:
+        summaries[command] = help  # argparse's own list has no groups
+        return commands.add_parser(command, description=description, epilog=epilog)
+
     for command, summary in _CONFIGURED.items():
-        commands.add_parser(command, help=f"{summary}; {command} --help and --settings explain it")
-    add_tools(commands.add_parser)
-    bench = commands.add_parser(
+        add(command, help=summary)
+    add_tools(add)
+    bench = add(
         "workbench",
-        help="compare, see, learn, add and watch the error fall, live in a browser",
+        help="do all of this in a browser",
         description="Serve the workbench on this machine: tick an effect, and the model is fitted again.",
         epilog="example: contactlearn workbench data=mystery data.seed=7",
     )
@@ -95,6 +114,11 @@ def _parser() -> tuple[_Parser, dict[str, _Parser]]:
     bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
     bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
     bench.set_defaults(run=_run_workbench)
+    lines = ["Learn rigid-body contact from measurements."]
+    for group, names in _GROUPS.items():
+        lines += ["", f"{group}:"]
+        lines += [fill(summaries[one], 79, initial_indent=f"    {one:11}", subsequent_indent=15 * " ") for one in names]
+    parser.usage, parser.description = "contactlearn [-h] [--version] COMMAND ...", "\n".join(lines)
     return parser, commands.choices
 
 

@@ -235,6 +235,21 @@ def test_no_inertia_beyond_that_of_a_hoop_is_proposed():
     assert "inertia_scaled" not in corrections(audit(half.replace(inertia=4 * clean.inertia)))
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0], ids=["exact", "noisy"])
+@pytest.mark.parametrize(("share", "ball"), [(2 / 3, "a hollow ball (2/3 m R²)"), (2 / 5, "a solid ball (2/5 m R²)")])
+def test_a_ball_as_a_disc_is_named_by_its_inertia(share, ball, noise):
+    """Contact points below the centre tell one ratio: not a place of the outline as well."""
+    uniform = drops("disc", 3, size=60, velocity_noise=0.01 * noise, spin_noise=0.5 * noise)
+    spin = uniform.v_pre[:, 2] + (uniform.v_post - uniform.v_pre)[:, 2] / (2 * share)  # I Δω = −r_y P_t
+    v_post = torch.cat((uniform.v_post[:, :2], spin[:, None]), -1)
+    (note,) = [one for one in audit(uniform.replace(v_post=v_post, validate=False)) if one.name != "constant_columns"]
+    assert (note.name, note.mistake) == ("moment_balance_open", False)
+    ratio = re.search(r"an inertia of ([0-9.]+) times that of a uniform disc: is the body (.*)\? \(data", note.sentence)
+    assert ratio
+    assert (float(ratio[1]), ratio[2]) == (pytest.approx(2 * share, rel=NOISE), ball)
+    assert "outline" not in note.sentence
+
+
 @pytest.mark.parametrize("body", [*BODIES])
 def test_a_diameter_for_a_radius(body):
     """The height at contact is half of what the shape gives, and moments and inertia are those of a smaller body."""
@@ -261,6 +276,25 @@ def test_a_shape_in_another_unit(unit):
     (name,) = corrections(audit(wrong))
     assert name == f"{unit}_shape"
     torch.testing.assert_close(correct(wrong, [name]).r, clean.r)
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["inertia stated", "inertia computed"])
+@pytest.mark.parametrize("unit", ["millimetres", "centimetres"])
+def test_a_shape_in_another_unit_without_heights(unit, stated):
+    """Heights were computed from it, too: the body would be lighter than air, and the moments do not balance."""
+    clean = drops("disc", 1, size=60)
+    clean = clean.replace(q=torch.cat((clean.q[:, :1], -clean.r[:, 1:], clean.q[:, 2:]), -1), q_post=None)
+    clean = clean.replace(inertia=clean.mass * clean.shape.gyration_squared())
+    factor = {"millimetres": 1e3, "centimetres": 1e2}[unit]
+    q = clean.q * torch.tensor((1.0, factor, 1.0))
+    wrong = clean.replace(shape=Disc(factor * 0.03), r=factor * clean.r, q=q)
+    wrong = wrong if stated else wrong.replace(inertia=factor**2 * clean.inertia)
+    found = audit(wrong)
+    assert corrections(found) == [f"{unit}_shape"]
+    assert f"the contact point is {0.03 * factor:g} m from the centre of a 36.4 g body" in found[0].sentence
+    right = correct(wrong, [f"{unit}_shape"])
+    torch.testing.assert_close((right.r, right.q, right.inertia), (clean.r, clean.q, clean.inertia))
+    assert corrections(audit(right)) == []
 
 
 @pytest.mark.parametrize("unit", ["millimetres", "centimetres", "inches", "feet"])

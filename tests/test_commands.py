@@ -15,11 +15,12 @@ import pandas as pd
 import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
+from matplotlib.text import Text
 from pairings import paired
 
 import contactlearn
 from contactlearn import laws
-from contactlearn.__main__ import main
+from contactlearn.__main__ import _parser, main
 from contactlearn.cli import hydra_main
 from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _evaluation_command
@@ -55,14 +56,15 @@ def assert_progress(folder, task):
 
 @pytest.fixture(scope="module")
 def evaluation(tmp_path_factory):
-    """One small evaluation: (what it printed, its folder)."""
+    """One small evaluation: (what it printed, its folder, its figures)."""
     folder = tmp_path_factory.mktemp("evaluation")
-    printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", figures=True)
-    return printed, folder
+    with patch.object(record, "save", wraps=record.save) as saved:
+        printed = run("evaluate.py", *SMALL, "tables=csv", f"hydra.run.dir={folder}", figures=True)
+    return printed, folder, {call.args[2]: call.args[0] for call in saved.call_args_list}
 
 
 def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evaluation):
-    printed, folder = evaluation
+    printed, folder, _ = evaluation
     assert "models are fitted to random subsets of 20 of them (train.size)" in printed
     assert re.search(r"back-spin +reach", printed)
     assert "back-spin: share of outcomes beyond the line of sticking" in printed
@@ -109,8 +111,19 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
     assert_progress(folder, "every trial")
 
 
+def test_figures_are_of_the_best_law_and_in_the_order_of_the_errors(evaluation):
+    _, folder, drawn = evaluation
+    errors = json.loads((folder / "results.json").read_text())["errors"]
+    ordered = sorted(laws.PAPER_LAWS, key=lambda law: errors[law]["mass_error"]["mean"])
+    shown = [label.get_text().replace("\n", " ") for label in drawn["error_comparison"].axes[0].get_yticklabels()]
+    assert [" ".join(one.split()) for one in shown[:6]] == [model_label(law) for law in ordered]
+    for name in ("cost_surface", "convergence", "trial_parameters"):
+        words = " ".join(text.get_text() for text in drawn[name].findobj(Text)).replace("\n", " ")
+        assert model_label(ordered[0]) in words, name
+
+
 def test_the_log_holds_what_was_printed(evaluation):
-    printed, folder = evaluation
+    printed, folder, _ = evaluation
     logged = (folder / "evaluate.log").read_text("utf-8")
     logged = re.sub(r"^\[.*?\]\[contactlearn\]\[INFO\] - ", "", logged, flags=re.MULTILINE)
     assert logged.split() == printed.split()
@@ -377,8 +390,13 @@ def test_help(script):
 
 def test_every_command_has_a_summary():
     printed = run_alone("-m", "contactlearn", "--help")
-    described = re.findall(r"^    (\w+)(?: +|\n {10,})\w", printed, re.MULTILINE)
-    assert len(described) == 14, printed
+    groups = re.findall(r"^([A-Z][\w ]+):\n((?:    .*\n)+)", printed, re.MULTILINE)
+    described = [name for _, lines in groups for name in re.findall(r"^    (\w+) +\w", lines, re.MULTILINE)]
+    assert sorted(described) == sorted(_parser()[1]), printed
+    assert {title for title, _ in groups} >= {
+        title for title in re.findall(r"^## (.*)", (ROOT / "docs" / "commands.md").read_text("utf-8"), re.MULTILINE)
+        if title.startswith(("Which", "Bring", "Compare", "Use"))
+    }  # fmt: skip
 
 
 def test_help_fits_80_columns():
@@ -478,6 +496,15 @@ def test_one_repetition_has_no_spread(tmp_path):
     assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
 
 
+def test_a_stopped_diagnosis_says_that_nothing_is_left(tmp_path, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("contactlearn.diagnosis.pipeline.diagnose", stop)
+    told = run("diagnose.py", "data.size=40", cwd=tmp_path, status=130)
+    assert told.endswith("stopped; no result was written, and nothing can be resumed\n")
+
+
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
     words = ("model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "laws=[whittaker]", "workers=1")
     command = ("evaluate.py", *SMALL[:5], *words)
@@ -494,7 +521,8 @@ def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, mon
         return train(self)
 
     monkeypatch.setattr(curves._Training, "run", counted)
-    run(*command, cwd=tmp_path, status=130)
+    told = run(*command, cwd=tmp_path, status=130)
+    assert told.endswith("stopped; the same command goes on after the parts that are finished\n")
     (finished,) = tmp_path.glob("outputs/*/.parts/*/*/*.npz")
     assert finished.stem == "10"
     curve = {"x1_wrench": [10], "best_post_hoc": [10, 20], "irb": [10, 20]}
@@ -561,13 +589,13 @@ def test_misspelt_settings_of_tools_are_refused(word, tmp_path):
 
 
 @pytest.mark.parametrize(("command", "parts"), [
-    ("train", ("train", "bounds")), ("evaluate", ("train", "bounds", "reference")), ("diagnose", ()),
+    ("train", ("train", "bounds")), ("evaluate", ("train", "bounds", "reference", "figures")), ("diagnose", ()),
 ])  # fmt: skip
 def test_every_command_takes_the_experiment_of_the_paper(command, parts):
     """Without the parts that the command has no use for; those of a typed setting are refused as ever."""
     cfg = hydra_main.compose(command, ["experiment=fazeli2017"])
     assert (cfg.variant, cfg.data.inertia) == ("fazeli2017", "fazeli2017")
-    assert {"train", "bounds", "reference"} & {*map(str, cfg)} == {*parts}
+    assert {"train", "bounds", "reference", "figures"} & {*map(str, cfg)} == {*parts}
     with pytest.raises(ContactLearnError, match=r"unknown setting 'bounds\.patchy'|bounds.norm is a setting of"):
         hydra_main.compose(command, ["experiment=fazeli2017", "+bounds.patchy=3"])
 

@@ -13,7 +13,7 @@ from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.record import Record
 from contactlearn.diagnosis.result import Diagnosis, RungKind, Verdict
 from contactlearn.diagnosis.thresholds import Thresholds
-from contactlearn.inference.evaluation.metrics import bootstrap, mass_error
+from contactlearn.inference.evaluation.metrics import Interval, bootstrap, mass_error
 from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Prediction
@@ -54,6 +54,13 @@ def test_a_diagnosis_is_read_back_equal(found):
         RungKind.LAW, *[RungKind.EFFECT] * len(found.missing), RungKind.PROCESSES, RungKind.NOISE
     ]  # fmt: skip
     assert [rung.effect for rung in found.ladder[1:-2]] == [missing.effect for missing in found.missing]
+    floor = Interval(0.0022, 0.0020, 0.0024)
+    for instrument, kinds in (
+        (Interval(0.0023, 0.0021, 0.0025), [RungKind.NOISE]),
+        (Interval(0.0010, 0.0009, 0.0011), [RungKind.SCATTER, RungKind.INSTRUMENT]),
+    ):
+        budget = replace(found.budget, noise=floor, instrument=instrument)
+        assert [rung.kind for rung in budget.rungs[1:]] == kinds
     budget = found.budget
     assert (budget.base, budget.named) == (found.ladder[0].error, found.ladder[len(found.missing)].error)
     assert (budget.flexible, budget.noise) == (found.ladder[-2].error, found.ladder[-1].error)

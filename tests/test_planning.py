@@ -568,7 +568,7 @@ def test_a_wrong_measurement_is_one_line(tmp_path):
     for words, message in (
         (("one", "data=synthetic"), "in the laboratory of data=mystery"),
         (("none", *MYSTERY), "none: holds no plan.json"),
-        (("one", "data=mystery"), "data.seed must be given"),
+        (("one", "data=mystery"), "data=mystery needs a seed, such as data.seed=7"),
     ):
         assert message in run("contactlearn", "measure", *words, "-o", "drops.csv", cwd=tmp_path, status=2)
     table.astype({"theta [°]": str}).replace({"theta [°]": {str(table.loc[1, "theta [°]"]): "up"}}).to_csv(

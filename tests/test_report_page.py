@@ -24,7 +24,7 @@ from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.page.diagnosis import of_diagnosis, write_page
+from contactlearn.report.page.diagnosis import _parts, of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely, of_outcomes
@@ -150,10 +150,12 @@ def test_a_large_page_is_small_enough():
     assert len(text.encode()) < 6e6
     whole = made_up(60, EffectId("contact_patch", "linear"))
     assert "100\u00a0% is noise" in render(of_diagnosis(whole, about(whole.record.impacts)))
-    unsure = Candidate(effect=SIX[4], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
+    unsure = Candidate(
+        effect=SIX[4], equation="", parameters=(), error_after=0.1, error_reduction=0.004, confidence=0.26
+    )
     proxy = replace(unsure, effect=SIX[5], confidence=None, proxy=True)
     text = render(of_diagnosis(replace(whole, candidates=(unsure, proxy)), about(whole.record.impacts)))
-    assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>4\u00a0%</td>' in text
+    assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>0.1040 → 0.1000</td>' in text
     assert '<th scope="row">sampling delay</th><td>a proxy?</td>' in text
     assert "A proxy is an effect without which" in text
     assert "These data cannot distinguish:" not in text
@@ -294,6 +296,36 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
     shown = opened(browser, evaluation[0])
     draw_everything(shown)
     assert silent(shown)
+
+
+def test_the_map_begins_with_variables_that_vary(browser, content, tmp_path):
+    """θ of a ball is 0 in every trial."""
+    variables = [
+        one | {"values": [0.0] * len(one["values"])} if one["name"] == "theta" else one
+        for one in content["trials"]["variables"]
+    ]
+    path = tmp_path / "report.html"
+    path.write_text(render(content | {"regions": [], "trials": content["trials"] | {"variables": variables}}))
+    across, up = opened(browser, path).execute_script(
+        "return ['map-x', 'map-y'].map(id => document.getElementById(id).selectedOptions[0].label)"
+    )
+    (theta,) = (one["label"] for one in variables if one["name"] == "theta")
+    assert len({across, up, theta}) == 3
+
+
+def test_every_part_of_the_error_has_the_colour_of_its_legend(shown, found):
+    kinds = [kind for _, kind, _ in _parts(found.budget.shares)]
+    colours = shown.execute_script(
+        """const kinds = arguments[0], [shares, note] = document.querySelectorAll("#budget .shares, #budget .note");
+        shares.innerHTML = kinds.map(kind => `<i class="${kind}"></i>`).join("");
+        note.innerHTML = kinds.map(kind => `<i class="key ${kind}"></i>`).join("");
+        return [shares, note].map(part => [...part.children].map(one => {
+            const style = getComputedStyle(one);
+            return style.backgroundImage + style.backgroundColor; }))""",
+        kinds,
+    )
+    assert colours[0] == colours[1]
+    assert len({*colours[0]}) == len(kinds)
 
 
 def test_ticking_an_effect_moves_numbers_map_and_curves(shown, content):

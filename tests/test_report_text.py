@@ -83,6 +83,10 @@ def names() -> Iterator[tuple[str, str]]:
     joint = {"irb": joint_estimate("wang_mason", "side_drag"), "mirtich": joint_estimate("mirtich")}
     for name, label in text_names.model_labels(replace(evaluation(), joint=joint)).items():
         yield f"model {name}", label
+    above = evaluation()
+    below = replace(above, errors=above.errors | {"irb": above.errors["whittaker"]})
+    for found in (above, below):
+        yield "a training", text.phrase("training_headline", text_names.model_labels(found), found)
     yield "clause", text_names.sentence("x points left")
     yield "question", text_names.sentence("no balance. Is it?")
     verdicts = result.Verdict
@@ -103,7 +107,12 @@ def headlines() -> Iterator[tuple[str, str]]:
     unstated = replace(FOUND, shapeless=(EffectId("shape_error"), TILT))
     yield "shape that no name needs", said(unstated)
     patch = result.Candidate(
-        effect=EffectId("contact_patch", "linear"), equation="", parameters=(), error_reduction=0.004, confidence=0.26
+        effect=EffectId("contact_patch", "linear"),
+        equation="",
+        parameters=(),
+        error_after=0.1,
+        error_reduction=0.004,
+        confidence=0.26,
     )
     yield "unknown shape", said(replace(unstated, candidates=(patch,)))
     for name, finding in {
@@ -209,6 +218,11 @@ def effects() -> Iterator[tuple[str, str]]:
         replace(fitted(EffectId("parameter_drift", "restitution"), -0.7), coefficient_ends=(0.699, 0.549)),
     ):
         yield f"{one.effect} in words", text.in_words(one)
+    patch = fitted(EffectId("contact_patch", "linear"), -0.2, 0.001)
+    known, open_ = patch.parameters
+    open_ = replace(open_, undetermined=True)
+    yield "a parameter that is open", text.in_words(replace(patch, parameters=(known, open_)))
+    yield "a parameter that is open, alone", text.fitted_value(open_)
     yield "effect at the end of its range", text.phrase("missing_effect", stopped)
 
 
@@ -269,6 +283,8 @@ def models() -> Iterator[tuple[str, str]]:
     }.items():
         those = tuple(result.PlausibleModel(law=law, effects=effects, share=share) for law, effects, share in rows)
         yield f"undecided, {name}", "; ".join(text.undecided(replace(FOUND, models=those)))
+        if forms := text.uncertain_forms(replace(FOUND, models=those), TILT):
+            yield f"forms, {name}", forms
 
 
 def terminal() -> Iterator[tuple[str, str]]:
@@ -281,13 +297,19 @@ def terminal() -> Iterator[tuple[str, str]]:
     _, damping = FOUND.missing
     sure = replace(fitted(TILT, 0.0398), rivals=(rival,), confidence=0.97)
     probable = replace(damping, confidence=0.62, level=result.Level.PROBABLE)
-    unsure = result.Candidate(effect=SIX[2], equation="", parameters=(), error_reduction=0.004, confidence=0.26)
+    unsure = result.Candidate(
+        effect=SIX[2], equation="", parameters=(), error_after=0.1, error_reduction=0.004, confidence=0.26
+    )
     separation = result.Separation(effect=TILT, rival=DRAG, drops_needed=4)
     drop = result.Drop(theta=0.5, v_x=-1.0, v_y=-2.0, omega=3.0, differences=(3.2,))
     laws = (("wang_mason", TILT, 0.5), ("mirtich", replace(TILT, form="seen"), 0.47), ("whittaker", TILT, 0.03))
     shown = replace(
         FOUND, missing=(sure, probable),
-        candidates=(unsure, replace(unsure, effect=SIX[3], confidence=None, proxy=True)),
+        candidates=(
+            unsure,
+            replace(unsure, effect=SIX[3], confidence=None, proxy=True),
+            replace(unsure, effect=SIX[4], error_reduction=0.0009),  # below 1 % of the error: not listed
+        ),
         experiment=result.Experiment(separations=(separation,) * 12, drops=(drop,) * 4),
         models=tuple(result.PlausibleModel(law=law, effects=(one,), share=share) for law, one, share in laws),
         equation="mirtich", remainder=LEFT, formulas=(BEST,) * 3,

@@ -53,8 +53,7 @@ def test_workers_end_silently_with_their_parent(stop, status, tmp_path):
                 os.kill(worker, signal.SIGKILL)
     assert parent.returncode == status
     if status > 0:
-        assert message.startswith("stopped; the same command resumes ")
-        assert message.count("\n") == 1
+        assert message == "stopped\n"
     else:  # Python's own resource tracker warns of what the killed one did not clean up
         assert "Traceback" not in message
 

@@ -207,6 +207,8 @@ def test_the_shape_gives_what_is_left_out(tmp_path, drops, shape, left_out):
 BAD_HEADER = {
     "needs a shape": ({"rx": None, "ry": None}, None, ["missing column rx, ry", "data.shape={kind: …}, from which"]),
     "inertia needs one": ({"inertia": None}, None, ["missing column inertia", "data.shape="]),
+    "a ball": ({"theta": None}, {"kind": "sphere", "radius": 0.02},
+        ["a sphere is a body in space", "no orientation at all", "in a plane write {kind: disc, radius: 0.02}"]),
     "half a contact point": ({"ry": None}, SHAPE, ["missing column ry"]),
     "slips": ({"vx": "vx_", "omega": "sipn", "vy": "vvy"}, SHAPE,
         ["'vvy', did you mean 'vy'?", "missing column omega", "not used: 'sipn'", "data.columns={vy: vvy, omega: …}"]),

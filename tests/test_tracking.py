@@ -275,7 +275,11 @@ def test_a_run_has_few_tags_and_says_what_they_are(runs):
     for name, events in runs[1].items():
         tags = [tag for kind in ("scalars", "images", "histograms") for tag in events.Tags()[kind]]
         assert len(tags) <= 30, (name, tags)
-        assert all(events.SummaryMetadata(tag).summary_description for tag in events.Tags()["scalars"]), name
+        told = {tag: events.SummaryMetadata(tag).summary_description for tag in events.Tags()["scalars"]}
+        assert all(told.values()), name
+        for tag in told:
+            of_value = (f"{end} end of the 95 % interval of {tag}." for end in ("Lower", "Upper"))
+            assert all(told.get(end, text) == text for end, text in zip(ends(tag), of_value, strict=True))
 
 
 def test_learning_curves_have_the_bounds_beside_them(runs):

@@ -91,7 +91,12 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
         for one, error in zip(missing, [budget.base, budget.named][-names:] if names else [], strict=True)
     )
     candidate = Candidate(
-        effect=EffectId("side_drag", "linear"), equation="", parameters=(), error_reduction=0.1 * base, confidence=0.3
+        effect=EffectId("side_drag", "linear"),
+        equation="",
+        parameters=(),
+        error_after=0.1,
+        error_reduction=0.1 * base,
+        confidence=0.3,
     )
     laws = tuple(
         replace(

@@ -64,9 +64,9 @@ _DIAGNOSIS = "diagnosis.json"
 _MODEL_WORD = re.compile(r"[+~]*(data|experiment|law|variant|effect|fit)(?=[.=])")
 """Settings that a diagnosis passes on."""
 UNUSED = {
-    "train": {"reference"},
+    "train": {"reference", "figures"},
     "evaluate": set[str](),
-    "diagnose": {"train", "bounds", "reference"},
+    "diagnose": {"train", "bounds", "reference", "figures"},
     "plan": set[str](),
 }
 """Parts of an experiment that a command has no use for."""
@@ -141,9 +141,11 @@ def own_data() -> dict[str, Path]:
 def with_pluses(words: Sequence[str], command: str) -> list[str]:
     """Return the words of a command with ++ before each setting that its file has not, so that Hydra refuses none.
 
-    What the whole configuration has is checked once it is composed, where the nearest name is known.
+    A group that the file chooses, such as law, needs no plus and gets none.  What the whole configuration has is
+    checked once it is composed, where the nearest name is known.
     """
-    return [f"++{word.lstrip('+')}" if _is_setting(word, command) else word for word in words]
+    plain = [word.lstrip("+") if word.lstrip("+").partition("=")[0] in groups(command) else word for word in words]
+    return [f"++{word.lstrip('+')}" if _is_setting(word, command) else word for word in plain]
 
 
 def _is_setting(word: str, command: str) -> bool:
@@ -256,7 +258,9 @@ def check_choices(words: list[str], command: str) -> None:
         for name in re.findall(r"\w+", choice):
             if name != "null" and name not in choices(group):
                 absent = group == "data" and not suggest(name, choices(group), _MISTYPED)
-                hint = f": no file {name}.yaml is in this folder; `contactlearn init FILE --name {name}` writes it"
+                wanted = f"`contactlearn init FILE --name {name}` writes it"
+                wanted = wanted if DATA_NAME.fullmatch(name) else "NAME.yaml has the letters a to z, digits and _"
+                hint = f": no file {name}.yaml is in this folder; {wanted}"
                 raise UnknownNameError(group, name, () if absent else choices(group), hint if absent else "")
             if group == "experiment" and name not in ("null", *experiments(command)):
                 taken = ", ".join(experiments(command))

@@ -191,7 +191,12 @@ def _run(command: str, work: Callable[[Any, Run], None], cfg: DictConfig, hydra:
                 folder=folder,
                 partial=shared / ".parts" / identity.job,
             )
-            work(settings, run)
+            try:
+                work(settings, run)
+            except KeyboardInterrupt as stop:
+                resumed = "the same command goes on after the parts that are finished"
+                stop.add_note(resumed if run.partial.is_dir() else "no result was written, and nothing can be resumed")
+                raise
             finish(folder, replace(identity, seconds=round(time.monotonic() - start, 3)))
 
 

@@ -140,6 +140,9 @@ class SourceSettings:
             ContactLearnError: naming all of them.
         """
         if self.missing:
+            for choice, settings in shipped_settings("data").items():
+                if settings["_target_"] == self.target and settings.get("seed") == MISSING:
+                    raise ContactLearnError(f"data={choice} needs a seed, such as {self.missing[0]}=7")
             file, comments = self._file_of_user()
             where = f"{file}" if file else "the file NAME.yaml of data=NAME, which contactlearn init writes"
             said = "".join(f"; {name} is {comments[name]}" for name in self.missing if name in comments)
@@ -304,6 +307,11 @@ def _law(entry: Any, key: str, known: Mapping[str, Any]) -> Law:
 def _named_law(entry: Any, _: str, known: Mapping[str, Any]) -> Law:
     """The law of a name in the variant of the configuration; `law` has the options that are given to it."""
     return _laws_of([str(entry)], known["law"], known["variant"])[str(entry)]
+
+
+def _named_law_or_best(entry: Any, key: str, known: Mapping[str, Any]) -> Law | None:
+    """The same, or None for `best`."""
+    return None if entry == BEST else _named_law(entry, key, known)
 
 
 def _laws_of(names: Iterable[str], law: Law | None, variant: str) -> dict[str, Law]:
@@ -514,11 +522,14 @@ class TransferSettings(CurveSettings, frozen=True):
 
 
 class FigureSettings(Struct, frozen=True):
-    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence."""
+    """The trial to draw, the laws of cost surface and of per-trial parameters, and subsets of the convergence.
+
+    A law is None where it is the one with the lowest held-out error.
+    """
 
     trial: str | int | float | None
-    surface: Annotated[Law, _named_law]
-    parameters: Annotated[Law, _named_law]
+    surface: Annotated[Law | None, _named_law_or_best]
+    parameters: Annotated[Law | None, _named_law_or_best]
     repetitions: _Whole
 
 

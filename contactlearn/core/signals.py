@@ -11,8 +11,6 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import NoReturn
 
-_STOPPED = "stopped; the same command resumes learning curves and large diagnoses, with hydra.sweep.dir=FOLDER a sweep"
-
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _LAST_STREAM = 2  # the number of the standard error
 
@@ -25,7 +23,8 @@ class _Terminated(KeyboardInterrupt):
 def graceful_exit() -> Generator[None]:
     """End with one line and the status of a shell for Ctrl-C and SIGTERM, and silently for a closed `| head`.
 
-    See `prepare_process` for what else a command needs.
+    The line has the last note of the interruption, by which a command says what it leaves.  See `prepare_process` for
+    what else a command needs.
 
     The default for a closed pipe, death by SIGPIPE, would also kill a parent that writes to a dead worker.
 
@@ -41,7 +40,7 @@ def graceful_exit() -> Generator[None]:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt as stop:
-        print(_STOPPED, file=sys.stderr)
+        print("; ".join(("stopped", *getattr(stop, "__notes__", [])[-1:])), file=sys.stderr)
         sys.exit(128 + (signal.SIGTERM if isinstance(stop, _Terminated) else signal.SIGINT))
     except BrokenPipeError:
         if not _unread():

@@ -194,6 +194,7 @@ class SearchResult:
                 effect=effect,
                 equation=larger.present.fit.model.effects[effect.name].equation,
                 parameters=fitted_parameters(larger.present, effect.name),
+                error_after=larger.present.mean_error,
                 error_reduction=less.mean_error - larger.present.mean_error,
                 confidence=confidence.get(effect),
                 coefficient_ends=coefficient_ends(larger.present, larger.impacts, effect.name),

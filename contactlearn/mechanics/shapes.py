@@ -516,6 +516,11 @@ def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
         DataError: naming it.
     """
     if shape is not None and isinstance(shape, Solid) != (space is SPACE):
+        if isinstance(shape, Sphere):
+            raise DataError(
+                f"{source}: a sphere is a body in space, whose tables have quaternions or no orientation at all; for "
+                f"impacts in a plane write {{kind: disc, radius: {shape.radius:g}}}"
+            )
         rule = f"{source}: a body in {'space' if space is SPACE else 'a plane'} has the shape of one"
         raise DataError(
             f"{rule}, got {shape}; cuboid, ellipsoid, polyhedron, sphere are of space, other kinds of the plane"

@@ -18,6 +18,7 @@ from contactlearn.report.text.numbers import error, share_of_whole
 from contactlearn.report.text.sentences import (
     formula_overrides,
     headline,
+    listed_candidates,
     listed_models,
     listed_name,
     misfit,
@@ -149,8 +150,8 @@ def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
     said = (one for one in diagnosis.findings if one.correction or one.mistake)
     lines += [f"audit: {sentence(one.sentence)}" for one in said]
     lines += [f"{effect.level}: {phrase('named', effect)}" for effect in diagnosis.missing]
-    if diagnosis.candidates:
-        lines.append(f"candidates: {phrase('candidates', diagnosis.candidates)}")
+    if candidates := listed_candidates(diagnosis):
+        lines.append(f"candidates: {phrase('candidates', candidates)}")
     if equal := undecided(diagnosis):
         lines.append(f"cannot distinguish: {'; '.join(equal)}")
     if diagnosis.experiment is not None:
@@ -173,7 +174,7 @@ def _detail_lines(diagnosis: Diagnosis) -> list[str]:
         f"model: {share_of_whole(model.share)}  {listed_name(diagnosis, model)}" for model in listed_models(diagnosis)
     ]
     lines += [f"note: {note}" for note in phrases("notes", diagnosis)]
-    lines += [f"candidate: {phrase('candidate', candidate, diagnosis.budget)}" for candidate in diagnosis.candidates]
+    lines += [f"candidate: {phrase('candidate', candidate)}" for candidate in listed_candidates(diagnosis)]
     if diagnosis.experiment is not None:
         lines += [f"next experiment: {phrase('drop', one, diagnosis.experiment)}" for one in diagnosis.experiment.drops]
         lines += [f"next experiment: {text}" for text in phrases("needed_drops", diagnosis.experiment)]

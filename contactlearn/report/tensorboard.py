@@ -52,11 +52,12 @@ _DESCRIPTIONS = {
     r"\w+_error/irb": "Ideal rigid-body bound: no impulse at the measured contact point has a lower held-out error.",
     r"curve_.*": "Mean held-out error of a learned model, or of a bound, against the number of training impacts.",
     r"transfer_.*": "Held-out error on another body against the number of its training impacts.",
-    r"ladder/.*": "Held-out error of the law, then with one more effect each, Gaussian processes, noise; see the card.",
+    r"ladder/.*": "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text.",
     r"limits/.*": "Error of the law alone, of Gaussian processes of the full state, and the ideal rigid-body bound.",
     r"floor/.*": "Error of noise alone: no model of the state comes below it.",
     r"fit/.*": "One training by its rounds: loss of the fit, and error and log density on held-out trials.",
-    r"interval/.*": "End of the 95 % interval of the value behind interval/.",
+    r"interval/(.*)/low": r"Lower end of the 95 % interval of \1.",
+    r"interval/(.*)/high": r"Upper end of the 95 % interval of \1.",
 }
 
 Charts = Mapping[str, Mapping[str, str | Sequence[str]]]
@@ -302,7 +303,7 @@ class Tracker:
 
 
 def _description(tag: str) -> str:
-    return next((text for pattern, text in _DESCRIPTIONS.items() if re.fullmatch(pattern, tag)), "")
+    return next((found.expand(text) for of, text in _DESCRIPTIONS.items() if (found := re.fullmatch(of, tag))), "")
 
 
 def _escaped(text: str) -> str:

@@ -42,7 +42,9 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     record.save_recordings_page(run.folder, loaded.tracked)
     impacts = loaded.impacts
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
-    charts = {"Ladder of a diagnosis": {"Mass error by rung; the run card names the rungs": _LADDER}}
+    charts = {
+        "Ladder of a diagnosis": {"Mass error by step: 0 the law, 1 the first effect, …; named under Text": _LADDER}
+    }
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
         _diagnose(settings, run, impacts, tracker)
     run.remove_partial_results()

@@ -33,6 +33,7 @@ from contactlearn.report.figures import laws as figures, learning, quality
 from contactlearn.report.figures.comparison import error_comparison, patch_curve
 from contactlearn.report.figures.contact_in_space import body_at_contact, slip_hodograph
 from contactlearn.report.figures.impulse_space import reachable_impulses
+from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
@@ -109,7 +110,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         terminal.show_curves({name: entries[name] for name in shown}, result.metric, settled)
         run.remove_partial_results()
     with progress(run.folder, tracker) as on_event:
-        drawn = _laws_drawn(settings, data, compared, on_event)
+        drawn = _laws_drawn(settings, data, compared, _best_law(compared, result), on_event)
     drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
     if result.trained:
         drawn |= _judged_drawn(result, held_out)
@@ -227,18 +228,25 @@ def _record(data: Split, held_out: HeldOut, result: Evaluation) -> RunRecord:
     )
 
 
-def _laws_drawn(settings: EvaluateSettings, data: Split, compared: Comparison, on_event: OnEvent) -> dict[str, Figure]:
+def _best_law(compared: Comparison, result: Evaluation) -> str:
+    """Name of the law with the lowest held-out error, without effects."""
+    return min((fit.law.name for fit in compared.fits), key=lambda name: result.errors[name].of(result.metric))
+
+
+def _laws_drawn(
+    settings: EvaluateSettings, data: Split, compared: Comparison, best: str, on_event: OnEvent
+) -> dict[str, Figure]:
     """Convergence and cost surface of a law, per-trial parameters, and the curves of the effects, by file name."""
     most, shown, how = min(data.train_size, FITTED), settings.figures, settings.train
     sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()  # every k to 120, as many of a larger range
-    pool = moved(data.pool, settings.device)
+    pool, law = moved(data.pool, settings.device), shown.surface or settings.laws[best]
     convergence = fitting.identify_law(
-        shown.surface, pool, how, data.generator, on_event, sizes=sizes, repetitions=shown.repetitions
+        law, pool, how, data.generator, on_event, sizes=sizes, repetitions=shown.repetitions
     )
     drawn = record.draw_effects(list(compared.joint.values())[-1].model, data.test) if compared.joint else {}
-    per_trial = compared.trials[shown.parameters.name]
+    per_trial = compared.trials[best if shown.parameters is None else shown.parameters.name]
     return drawn | {
-        "cost_surface": fitting.draw_cost_surface(shown.surface, pool, most, how),
+        "cost_surface": fitting.draw_cost_surface(law, pool, most, how),
         "convergence": figures.convergence(moved(convergence, "cpu")),
         "trial_parameters": figures.trial_parameters(per_trial, data.impacts, box=how.box),
     }
@@ -259,7 +267,7 @@ def _errors_drawn(
     """
     test, how, headline, bounded = data.test, settings.train, metrics.METRICS[result.metric], settings.bounds
     laws = {fit.law.name: fit.to_law() for fit in compared.fits}
-    best = min(laws, key=lambda name: result.errors[name].of(result.metric))
+    best = _best_law(compared, result)
     if row is None:
         row = int(headline.error(test, held_out.predictions[best]).argsort()[len(test) // 2])
     if test.space is PLANE:
@@ -282,7 +290,8 @@ def _errors_drawn(
         }
     for name, suffix in _bounded(result).items():
         metric, intervals = metrics.METRICS[name], {model: errors.of(name) for model, errors in result.errors.items()}
-        per_trial = {model: metric.error(test, prediction) for model, prediction in held_out.predictions.items()}
+        order = sorted(held_out.predictions, key=lambda model: (model in BOUNDS, intervals[model].mean))
+        per_trial = {model: metric.error(test, held_out.predictions[model]) for model in order}
         drawn[f"error_comparison{suffix}"] = error_comparison(per_trial, intervals, metric.axis)
     return drawn
 

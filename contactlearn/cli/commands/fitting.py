@@ -135,7 +135,7 @@ def compare_models(settings: EvaluateSettings, data: Split, on_event: OnEvent) -
         found = fit_with_effects(settings.law, settings.effects, pool, rows, settings.fit_options, on_event)
         joint = {f"{name} (joint)" if name in laws else name: fit for name, fit in found.items()}
     shown = settings.figures.parameters
-    every = {**laws, shown.name: shown}
+    every = laws if shown is None else {**laws, shown.name: shown}
     trials = {
         name: fit_trials(impacts, law, target=how.target, box=how.box)
         for name, law in track(every.items(), "every trial", on_event)

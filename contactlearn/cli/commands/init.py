@@ -32,7 +32,7 @@ def write_settings(path: Path, name: str | None) -> str:
     word = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
     file = Path(f"{word}.yaml")
     if not DATA_NAME.fullmatch(word):
-        raise ContactLearnError(f"--name is a word of letters, digits and _ for data=NAME, got {word!r}")
+        raise ContactLearnError(f"--name is a word of the letters a to z, digits and _ for data=NAME, got {word!r}")
     if word in choices("data") and word not in own_data():
         raise ContactLearnError(f"data={word} is a source of this package; choose another name, --name my{word}")
     if file.exists():

@@ -71,6 +71,9 @@ def sweep(hydra: DictConfig, swept: Sequence[str]) -> Generator[Path]:
     try:
         with _curves(folder, swept, jobs):
             yield folder
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"the same command with {place} runs what has no result")
+        raise
     except (HydraException, OmegaConfBaseException):  # a word that is wrong in one of the jobs
         raise
     except Exception as error:  # a launcher's own, or of a job that could not leave its reason

@@ -4,20 +4,32 @@ import math
 
 import torch
 
+from contactlearn.core.numerics import number
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS
-from contactlearn.data.audit.moments import BALANCE, Balance, balance, drag_factor, inertia_text, needed_inertia, torque
+from contactlearn.data.audit.moments import (
+    BALANCE,
+    Balance,
+    balance,
+    drag_factor,
+    inertia_text,
+    median_gyration,
+    needed_inertia,
+    torque,
+)
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.rig import simplest_rig
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.apparatus import PROPERTIES, Row
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc
 from contactlearn.mechanics.space import PLANE
 
 _INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
 _INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
 _INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
 _DRAG = 2.0  # factor on the velocities after contact up to which a drag is the effect `side_drag`
+_BALLS = {"a solid ball (2/5 m R²)": 2 / 5, "a hollow ball (2/3 m R²)": 2 / 3, "a hoop (m R²)": 1.0}  # I/m over R²
 _TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
 
 
@@ -97,6 +109,14 @@ def _proposal(impacts: Impacts) -> str:
     rows = [Row(name=name, estimate=one, **PROPERTIES[name]) for name, one in fit.estimates.items()]
     differing = [row for row in rows if row.differs]
     alone = [row.name for row in differing] == ["inertia"]
+    if alone and isinstance(impacts.shape, Disc):
+        ratio = math.exp(differing[0].estimate.value) * median_gyration(impacts).item() / impacts.shape.radius**2
+        name, most = min(_BALLS.items(), key=lambda one: abs(math.log(ratio / one[1])))
+        likely = f": is the body {name}?" if abs(math.log(ratio / most)) < _INERTIA_ERROR else ""
+        return (
+            f"; the data are consistent with an inertia of {number(2 * ratio)} times that of a uniform disc{likely} "
+            "(data.correct=[inertia_scaled] takes it)"
+        )
     return (
         f"; it closes with {' and '.join(map(str, differing))}, which leaves {fit.remaining / fit.given:.0%} of the "
         f"residual{' (data.correct=[inertia_scaled] takes it)' if alone else ''}, and a single moment at the contact "

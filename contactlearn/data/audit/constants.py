@@ -11,9 +11,10 @@ import torch
 
 from contactlearn.core.numerics import MAD_SCALE, number
 from contactlearn.data.audit.contradictions import contradictions
-from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.corrections import correct, orientation_of
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.data.table.units import UNIT_FACTORS
 from contactlearn.mechanics.bodies import contact_points
@@ -33,6 +34,7 @@ _COLUMNS = (
 _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
 _LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
 _ROUND = 0.05  # lever r_x of a round body, relative, on a floor whose slope was corrected
+_LIGHTEST = 0.1  # mass over |r|³ in kg/m³: a balloon has 5 with its air, and a shape in cm a millionth of what it had
 _WORSE = 0.01  # sum of contradictions that another unit of the shape may add: none but noise
 
 
@@ -105,8 +107,7 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
     """
     if impacts.shape is None:
         return []
-    expected = contact_points(impacts.shape, impacts.body, impacts.q[:, 2])
-    computed = (impacts.r - expected).norm() <= _ROUNDING * expected.norm()
+    expected, computed = contact_points(impacts.shape, impacts.body, impacts.q[:, 2]), _computed(impacts)
     if computed:
         ratio, of = impacts.q[:, 1] / -expected[:, 1], "the height y at contact"
     else:
@@ -130,6 +131,33 @@ def shape_unit_findings(impacts: Impacts) -> list[Finding]:
             )
             return [Finding(name=name, sentence=sentence, evidence=evidence, correction=name)]
     return []
+
+
+def light_body_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
+    """Find the unit of a shape in which bodies would be lighter than air, where another one balances the moments.
+
+    It is looked for where contact points are computed from the shape, with or without heights and inertia.
+    """
+    size, mass = impacts.r.norm(dim=-1).median().item(), impacts.mass.median().item()
+    if impacts.shape is None or mass > _LIGHTEST * size**3 or not _computed(impacts):
+        return []
+    units = [name for name, unit in MISWRITTEN.items() if unit.columns == ("shape",)]
+    before, after = _contradictory(impacts), {name: _contradictory(correct(impacts, [name])) for name in units}
+    best = min(after, key=lambda name: after[name])
+    if after[best] > before - thresholds.convention_gain:
+        return []
+    sentence = (
+        f"{MISWRITTEN[best].words}: the contact point is {number(size, 3)} m from the centre of a {number(1e3 * mass)} "
+        f"g body, and lengths of a shape are in m; corrected, the contradictions per trial fall from {before:.2f} to "
+        f"{after[best]:.2f}"
+    )
+    evidence = evidence_of(
+        ("size", size, "m"),
+        ("mass", mass, "kg"),
+        ("contradictions_before", before),
+        ("contradictions_after", after[best]),
+    )
+    return [Finding(name=best, sentence=sentence, evidence=evidence, correction=best)]
 
 
 def place_notes(impacts: Impacts) -> list[Finding]:
@@ -160,6 +188,13 @@ def shape_findings_in_space(impacts: Impacts) -> list[Finding]:
             )
             return [Finding(name="shape_unit", sentence=sentence, evidence=evidence_of(("ratio", middle)))]
     return []
+
+
+def _computed(impacts: Impacts) -> bool:
+    """Whether contact points are those of the stated shape to within rounding."""
+    assert impacts.shape is not None
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+    return bool((impacts.r - expected).norm() <= _ROUNDING * expected.norm())
 
 
 def _contradictory(impacts: Impacts) -> float:

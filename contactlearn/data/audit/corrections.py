@@ -97,7 +97,7 @@ def correct(
         require_space(f"correction {name}", impacts.space, CORRECTIONS[name].spaces)
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, _orientation(corrected)))
+            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, orientation_of(corrected)))
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
@@ -135,7 +135,7 @@ def _multiplied(impacts: Impacts, factors: Sequence[float], names: Sequence[str]
     return impacts.replace(**fields)
 
 
-def _orientation(impacts: Impacts | Columns) -> Tensor:
+def orientation_of(impacts: Impacts | Columns) -> Tensor:
     """θ, or in space the quaternion, of every trial."""
     return impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
 
@@ -171,7 +171,7 @@ def _converted(unit: Miswritten) -> Callable[[Impacts, AuditThresholds], Impacts
 
 
 def _resized(impacts: Impacts, factor: float) -> Impacts:
-    """Impacts of bodies of another size; r and the inertia follow where they were computed from the stated shape.
+    """Impacts of bodies of another size; r, y and the inertia follow where the stated shape gave them.
 
     Raises:
         DataError: no shape is stated.
@@ -179,13 +179,17 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
     shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
-    expected = contact_points(impacts.shape, impacts.body, _orientation(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
+    up, q = impacts.space.d - 1, impacts.q.clone()
+    if (q[:, up] + expected[:, up]).norm() <= _FOLLOWS * expected.norm():
+        q[:, up] *= factor
     return impacts.replace(
         shape=shapes.get("", shapes),
         r=impacts.r * factor if follows else impacts.r,
+        q=q,
         inertia=impacts.inertia * factor**2 if computed else impacts.inertia,
     )
 
@@ -321,7 +325,7 @@ def _with_contact(one: Correction) -> Correction:
         shape = impacts.shape
         if shape is None:
             return after
-        before, now = (contact_points(shape, one.body, _orientation(one)) for one in (impacts, after))
+        before, now = (contact_points(shape, one.body, orientation_of(one)) for one in (impacts, after))
         rounding = _FOLLOWS * before.norm(dim=(-2, -1))
         off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
         follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]

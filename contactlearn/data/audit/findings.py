@@ -1,6 +1,7 @@
 """The audit: mistakes in the measurements themselves, found before any physics is fitted to them.
 
-    …_shape                   the stated shape differs by a constant of units from |r| or from the height at contact
+    …_shape                   the stated shape differs by a constant of units from |r|, from the height at contact, or
+                              from what a body as light as this can have
     millimetres, inches, …    positions are in another unit than the shape, from which contact points are computed
     spin_not_measured         spins are 0, though impulses turn the body: a note
     units, columns, axes      one finding for each correction of the best hypothesis of `conventions`
@@ -45,6 +46,7 @@ import torch
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
 from contactlearn.data.audit.constants import (
     constant_notes,
+    light_body_findings,
     place_notes,
     shape_findings_in_space,
     shape_unit_findings,
@@ -109,6 +111,7 @@ def audit(
         return Audit((*(findings or [_few_note(sound)]), *notes))
     notes = [*sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
+    first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)
     if plane:
         notes, spins = [*constant_notes(sound), *place_notes(sound), *notes], spin_notes(sound)

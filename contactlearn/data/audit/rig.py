@@ -235,12 +235,13 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
     """Return the fewest changes of what was stated that close the balance of a table nearly as well as any.
 
     Combinations of inertia, zero of θ, outline and its place are compared; None where none closes it clearly better.
+    Contact points below the centre, as those of a disc, show one ratio alone: that of the inertia is compared.
     """
     some = impacts[torch.linspace(0, len(impacts) - 1, min(len(impacts), _COMPARED)).round().long()]
     length = _SHARE * some.r.norm(dim=-1).median().item()
     about = lambda error, *names: dict.fromkeys(names, Estimate(value=0.0, error=error))  # noqa: E731
     groups = [about(_INERTIA, "inertia")]
-    if impacts.shape is not None:
+    if impacts.shape is not None and (some.r[:, 0].abs() > _SLIGHT * length).any():
         groups += [
             about(_SHARE, "orientation"),
             about(length, "corner", "oblong"),

@@ -70,7 +70,7 @@ from contactlearn.mechanics.bodies import (
     shapes_among,
 )
 from contactlearn.mechanics.impacts import COVARIATE, Impacts
-from contactlearn.mechanics.shapes import Disc, Shape, require_dimension
+from contactlearn.mechanics.shapes import Disc, Shape, Sphere, require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ def read_blocks(
             cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
         )
         shaped = known_shape is not None
-        turning = not (shaped and all(isinstance(each, Disc) for each in shapes_among(known_shape).values()))
+        turning = not (shaped and all(isinstance(each, (Disc, Sphere)) for each in shapes_among(known_shape).values()))
         named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))

@@ -188,10 +188,15 @@ class ErrorBudget:
     instrument: Interval | None = None
 
     @property
+    def floors_differ(self) -> bool:
+        """Whether the instrument alone makes less error than with the contact's scatter, beyond their intervals."""
+        return self.instrument is not None and self.noise is not None and self.instrument.high < self.noise.low
+
+    @property
     def rungs(self) -> tuple[Rung, ...]:
         """The last rungs of the ladder: processes and, where they are known, noise and its part of the instrument."""
         floors = {RungKind.NOISE: self.noise}
-        if self.instrument is not None:
+        if self.floors_differ:
             floors = {RungKind.SCATTER: self.noise, RungKind.INSTRUMENT: self.instrument}
         rungs = {RungKind.PROCESSES: self.flexible} | floors
         return tuple(Rung(kind=kind, error=error) for kind, error in rungs.items() if error is not None)

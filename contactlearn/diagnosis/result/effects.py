@@ -199,7 +199,8 @@ class FrontierModel:
 class FittedParameter:
     """A parameter of an effect: symbol, unit, value and standard error.
 
-    `at_end`: whether the value is an end of its plausible range, so that the true one may lie beyond.
+    `at_end`: whether the value is an end of its plausible range, so that the true one may lie beyond; `undetermined`:
+    whether its standard error exceeds that range.
     """
 
     name: str
@@ -208,6 +209,7 @@ class FittedParameter:
     value: float
     standard_error: float
     at_end: bool = False
+    undetermined: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,6 +259,7 @@ class Candidate:
         effect: its identity.
         equation: its formula with symbols.
         parameters: fitted together with the missing effects and all candidates.
+        error_after: mean held-out error of the model with it, the missing effects and the other candidates.
         error_reduction: mean error without it, the others refitted, less that with it.
         confidence: probability that the name is right, below 0.5; None of a proxy effect.
         proxy: whether Gaussian processes predict what remains as well without it.
@@ -266,6 +269,7 @@ class Candidate:
     effect: EffectId
     equation: str
     parameters: tuple[FittedParameter, ...]
+    error_after: float
     error_reduction: float
     confidence: float | None
     proxy: bool = False

@@ -102,6 +102,7 @@ def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[Fi
             value=value,
             standard_error=error,
             at_end=p.name in ends,
+            undetermined=error > p.high - p.low,
         )
         for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
         if p.name.rpartition(".")[0] == (name or "")

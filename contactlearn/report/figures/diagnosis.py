@@ -51,7 +51,7 @@ from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import scattered_impulses
-from contactlearn.report.text.names import base_label, effect_label, rung_label, sentence
+from contactlearn.report.text.names import base_label, effect_label, rung_label
 from contactlearn.report.text.numbers import error, fix_spacing, percent
 from contactlearn.report.text.sentences import phrase
 
@@ -400,17 +400,17 @@ def _draw_means(axes: Axes, x: Float[Tensor, " n"], values: Float[Tensor, " n"])
 
 @st.look()
 def audit_figure(finding: Finding, evidence: BalanceEvidence) -> Figure:
-    """Draw the moment balance behind a finding about units, axes or inertia, under its sentence.
+    """Draw the moment balance behind a finding about units, axes or inertia, under its coefficients.
 
     Both sides of the balance, and how much the trials contradict themselves, are shown without the correction and with
     it, the outermost percent of the moments left out.
     """
-    lines = wrap(sentence(finding.sentence), 112, max_lines=6, placeholder=" …")
-    figure = st.new_figure(st.PAGE, 2.85 + st.ROW * len(lines))
-    figure.suptitle("\n".join(st.plain(line, 120) for line in lines))
     name = finding.correction
     titles = (f"Without {name}", f"With {name}") if name else ("As read", "Under the best hypothesis")
     sides = (evidence.before,) if evidence.after is None else (evidence.before, evidence.after)
+    fits = (", ".join(f"{x} = {value:.2f}" for x, (value, *_) in side.fit.terms.items()) for side in sides)
+    figure = st.new_figure(st.PAGE, 2.85 + st.ROW)
+    figure.suptitle(f"Moment balance: {' → '.join(fit or 'open' for fit in fits)}".replace("-", "−"))
     shown = dict(zip(titles, sides, strict=False))
     *panels, axes = figure.subplots(1, len(shown) + 1, width_ratios=(*(1 for _ in shown), 0.8))
     for panel, (title, side) in zip(panels, shown.items(), strict=True):

@@ -48,6 +48,7 @@ from contactlearn.report.text.numbers import counted, share_of_whole
 from contactlearn.report.text.sentences import (
     grounds,
     headline,
+    listed_candidates,
     listed_models,
     listed_name,
     phrase,
@@ -202,7 +203,7 @@ def _parts(shares: ErrorShares) -> list[tuple[str, str, float | None]]:
     noise = ("noise", "noise", shares.noise) if shares.scatter is None else ("instrument", "noise", shares.instrument)
     return [
         ("explained by effects", "physics", shares.explained),
-        ("unnamed so far", "processes", shares.unnamed),
+        ("unnamed so far", "unnamed", shares.unnamed),
         ("unexplained", "unexplained", shares.unexplained),
         noise,
         ("scatter of the contact", "scatter", shares.scatter),
@@ -231,15 +232,16 @@ def _models(diagnosis: Diagnosis, choices: Choices) -> dict[str, Any]:
 def _effects(diagnosis: Diagnosis) -> dict[str, Any]:
     """Effects with their rivals, the next experiment, and the residual."""
     partials = () if diagnosis.record is None else diagnosis.record.residuals
+    listed = listed_candidates(diagnosis)
     return {
         "effects": [
-            effect_content(missing, partial, diagnosis.regions)
+            effect_content(missing, partial, diagnosis)
             for missing, partial in zip(diagnosis.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),
         "undecided": undecided(diagnosis),
-        "candidates": [candidate_content(candidate, diagnosis.budget) for candidate in diagnosis.candidates],
-        "proxy": phrase("proxy") if any(candidate.proxy for candidate in diagnosis.candidates) else "",
+        "candidates": [candidate_content(candidate) for candidate in listed],
+        "proxy": phrase("proxy") if any(candidate.proxy for candidate in listed) else "",
         "experiment": None if diagnosis.experiment is None else experiment_content(diagnosis.experiment),
         "residual": None if diagnosis.remainder is None else residual_content(diagnosis.remainder, diagnosis.formulas),
         "equation": diagnosis.equation,

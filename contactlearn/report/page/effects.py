@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 from contactlearn.core.numerics import measured
 from contactlearn.diagnosis.result import (
     Candidate,
-    ErrorBudget,
+    Diagnosis,
     Experiment,
     FittedParameter,
     Formula,
     MissingEffect,
-    Region,
     Remainder,
     Rival,
 )
@@ -22,8 +21,8 @@ from contactlearn.report.figures.browser import as_plotly
 from contactlearn.report.figures.effects import along, effect_curve, grouped, scaled_unit
 from contactlearn.report.page.trials import bounded, digits, finely
 from contactlearn.report.text.names import WRENCH, effect_label, sentence
-from contactlearn.report.text.numbers import fine_percent
-from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases
+from contactlearn.report.text.numbers import error
+from contactlearn.report.text.sentences import confidence, formula_overrides, in_words, phrase, phrases, uncertain_forms
 
 
 class _Axis(NamedTuple):
@@ -48,8 +47,8 @@ _AXES = {
 }
 
 
-def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[Region]) -> dict[str, Any]:
-    """Return a missing effect with its parameters, rivals and the curve of its partial residuals."""
+def effect_content(missing: MissingEffect, partial: Partial, diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return a missing effect with its parameters, rivals, likely forms and the curve of its partial residuals."""
     on_all = missing.reduction_on_all_trials
     inadmissible = phrase("inadmissible", missing)
     return {
@@ -65,20 +64,20 @@ def effect_content(missing: MissingEffect, partial: Partial, regions: Sequence[R
         "confidence": confidence(missing),
         "parameters": [_parameter(parameter) for parameter in missing.parameters],
         "inadmissible": sentence(inadmissible) if inadmissible else "",
-        "improvements": phrases("improvements", missing, regions),
+        "improvements": phrases("improvements", missing, diagnosis.regions),
         "rivals": [_rival(rival) for rival in missing.rivals],
+        "forms": uncertain_forms(diagnosis, missing.effect),
         "curve": curve_content(partial),
     }
 
 
-def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, Any]:
-    """Return a candidate with its parameters, the share of the error that it would remove, and its probability."""
-    base = budget.base.mean if budget is not None else 0.0
+def candidate_content(one: Candidate) -> dict[str, Any]:
+    """Return a candidate with its parameters, the error without it and with it, and its probability."""
     return {
         "label": effect_label(one.effect),
         "formula": one.equation,
         "in_words": sentence(in_words(one)) if one.parameters else "",
-        "removes": fine_percent(one.error_reduction / base if base else 0.0),
+        "errors": f"{error(one.error_after + one.error_reduction)} → {error(one.error_after)}",
         "confidence": confidence(one),
     }
 
@@ -86,6 +85,7 @@ def candidate_content(one: Candidate, budget: ErrorBudget | None) -> dict[str, A
 def _parameter(parameter: FittedParameter) -> dict[str, Any]:
     numbers = digits({"value": parameter.value, "standard_error": parameter.standard_error}, 4)
     text = measured(parameter.value, parameter.standard_error, parameter.unit)
+    text = "undetermined" if parameter.undetermined else text
     return {"symbol": parameter.symbol, "unit": parameter.unit, "text": text, **numbers}
 
 

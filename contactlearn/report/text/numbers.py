@@ -96,6 +96,8 @@ class Quantity:
     parameter: FittedParameter
 
     def __format__(self, how: str) -> str:
+        if self.parameter.undetermined:
+            return "an undetermined amount"
         value, error = self.parameter.value, self.parameter.standard_error
         value, how = (-value, how[1:]) if how.startswith("-") else (value, how)
         if how == "exp":

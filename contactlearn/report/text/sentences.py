@@ -48,7 +48,7 @@ from contactlearn.scatter import find_component
 
 _MOST_MODELS = 5  # in the list of plausible models
 _MOST_LISTED = 4  # parameters of an effect without words, and laws with their shares where these are alike
-_LEAST_SHARE = 0.01  # of belief, from which on a plausible model is listed
+_LEAST_SHARE = 0.01  # of belief from which on a plausible model is listed, and of the error for a candidate
 _LEAST_BELIEF = 0.05  # in another law or form, from which on it is undecided
 
 _VERDICTS = {
@@ -122,11 +122,17 @@ def grounds(diagnosis: Diagnosis) -> list[str]:
 def names_by_level(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """List what is missing with its level: effects found or probable, then candidates, a clause each."""
     named = [(str(effect.level), phrase("named", effect)) for effect in diagnosis.missing]
-    return named + [(str(Level.CANDIDATE), phrase("candidate", one, diagnosis.budget)) for one in diagnosis.candidates]
+    return named + [(str(Level.CANDIDATE), phrase("candidate", one)) for one in listed_candidates(diagnosis)]
 
 
-def undecided(diagnosis: Diagnosis) -> list[str]:
-    """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
+def listed_candidates(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
+    """Return the candidates that are worth a line: those that remove 1 % of the law's error at least."""
+    least = _LEAST_SHARE * diagnosis.budget.base.mean if diagnosis.budget is not None else 0.0
+    return tuple(one for one in diagnosis.candidates if one.error_reduction >= least)
+
+
+def _beliefs(diagnosis: Diagnosis) -> list[dict[str | EffectId, float]]:
+    """List the forms of each effect, and the laws, of which several are likely, with shares among each other."""
     beliefs = {name: defaultdict[str | EffectId, float](float) for name in (*diagnosis.effects, "law")}
     for model in diagnosis.models:
         for name, one in (*((effect.name, effect) for effect in model.effects), ("law", model.law)):
@@ -137,6 +143,18 @@ def undecided(diagnosis: Diagnosis) -> list[str]:
         shares = {one: share / sum(belief.values()) for one, share in belief.items()}
         likely = sorted((share for share in shares if shares[share] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
+    return listed
+
+
+def uncertain_forms(diagnosis: Diagnosis, effect: EffectId) -> str:
+    """Say which functional forms of an effect the data cannot distinguish; empty where it is certain."""
+    belief = next((one for one in _beliefs(diagnosis) if effect in one), None)
+    return phrase("forms", belief) if belief else ""
+
+
+def undecided(diagnosis: Diagnosis) -> list[str]:
+    """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
+    listed = _beliefs(diagnosis)
     laws = listed[-1] if listed and diagnosis.law in listed[-1] else {}
     apart = [law.name for law in diagnosis.laws if law.name not in laws]
     agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
@@ -160,10 +178,10 @@ def misfit(diagnosis: Diagnosis) -> str:
 
 
 def listed_models(diagnosis: Diagnosis) -> tuple[PlausibleModel, ...]:
-    """Return the models that are worth a line: the chosen one, and then the likeliest others."""
+    """Return the models that are worth a line, the likeliest first: the chosen one is among them."""
     chosen = [model for model in diagnosis.models if _is_chosen(diagnosis, model)]
     others = [model for model in diagnosis.models if model not in chosen and model.share >= _LEAST_SHARE]
-    return (*chosen, *others[: _MOST_MODELS - len(chosen)])
+    return tuple(sorted((*chosen, *others[: _MOST_MODELS - len(chosen)]), key=lambda model: -model.share))
 
 
 def searched_name(diagnosis: Diagnosis, model: FrontierModel | PlausibleModel) -> str:
@@ -219,7 +237,9 @@ def _meaning(effect: MissingEffect | Candidate) -> str:
 
 
 def fitted_value(parameter: FittedParameter) -> str:
-    """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad."""
+    """Write a fitted parameter with its standard error and unit: φ = 0.0020 ± 0.0010 rad, or φ undetermined."""
+    if parameter.undetermined:
+        return f"{parameter.symbol} undetermined"
     return f"{parameter.symbol} = {measured(parameter.value, parameter.standard_error, parameter.unit)}"
 
 

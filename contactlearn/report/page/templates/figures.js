@@ -272,7 +272,7 @@ function drawPicture(state) {
   const [x, y] = [0, 1].map(k => [Math.min(...ends.map(p => p[k])), Math.max(...ends.map(p => p[k]))]);
   const margin = 0.08 * Math.max(x[1] - x[0], y[1] - y[0]);
   return draw("picture", traces, {
-    xaxis: {title: {text: d > 2 ? "Along the slip from the contact point (mm)" : "From the contact point (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
+    xaxis: {title: {text: d > 2 ? "Along the slip from the contact point (mm)" : "Horizontal distance from contact (mm)"}, range: [x[0] - margin, x[1] + margin], zeroline: false},
     yaxis: {title: {text: "Height (mm)"}, scaleanchor: "x", range: [Math.min(0, y[0]) - margin, y[1] + margin], zeroline: d < 3, zerolinecolor: color("text"), zerolinewidth: 3},
     summary: `Trial ${trials.name[i]}${posed(i)}. ` + velocities.map(([name, v]) =>
       `${name}: v = (${told(v.slice(0, d))}) m/s, ω = ${told(v.slice(d))} rad/s`).join(". ") + ".",

@@ -181,9 +181,13 @@ async function start() {
   const [block] = await Promise.all([unpacked("block"), library()]);
   for (const [name, entry] of Object.entries(page.arrays)) arrays[name] = view(block, entry);
   const labels = trials.variables.map(one => one.label), place = name => trials.variables.findIndex(one => one.name === name);
-  const up = page.regions?.[0]?.variable ?? (trials.theta ? "theta" : "approach_speed"), pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(up);
-  axes("map-x", "across", labels, place(pose || !trials.theta ? "incidence" : "theta"), "map");
-  axes("map-y", "up", labels, place(up), "map");
+  // A variable that is constant, as θ of a ball, shows no map.
+  const varying = trials.variables.filter(one => one.values.some(value => value !== one.values[0])).map(one => one.name);
+  const likely = names => Math.max(0, place([...names, ...varying].find(name => varying.includes(name))));
+  const up = likely([page.regions?.[0]?.variable, "theta", "approach_speed"]), drawnUp = trials.variables[up].name;
+  const pose = ["theta", "theta_folded", "lever_arm", "lever_length"].includes(drawnUp);
+  axes("map-x", "across", labels, likely([...(pose ? [] : ["theta"]), "incidence", ...varying].filter(name => name !== drawnUp)), "map");
+  axes("map-y", "up", labels, up, "map");
   if (page.experiment) {
     const states = page.experiment.axes.map(one => one.label), known = name => page.experiment.axes.findIndex(one => one.name === name);
     axes("drops-x", "dropAcross", states, known(trials.space.planar ? "theta" : "v_z"), "drops");
