@@ -111,12 +111,17 @@ def test_flags_and_folders_come_in_any_order(here):
     assert len(list(here.glob("s/*/done.json"))) == 1
 
 
+def test_a_choice_needs_no_plus(here):
+    assert compose("train", ["+law=mirtich"]) == compose("train", ["law=mirtich"])
+
+
 @pytest.mark.parametrize(("words", "message"), [
     (["train.size=10,20"], "train.size=10,20 has several values: add -m to run each"),
     (["law=mirtich,whittaker"], "law=mirtich,whittaker has several values: add -m to run each"),
     (["law=glob(*mason*)"], "law=wang_mason,wang_mason_newton has several values: add -m to run each"),
     (["law=glob(xx*)"], "law=glob(xx*) matches no law; known: anitescu_potra_newton"),
     (["seed=glob(1*)"], "glob(…) takes choices, of data, effect, experiment, law, model; seed has none"),
+    (["data=würfe"], "no file würfe.yaml is in this folder; NAME.yaml has the letters a to z, digits and _"),
     (["+x=1"], "unknown setting 'x'"),
     (["++x=1"], "unknown setting 'x'"),
     (["x"], "'x' is no setting; settings are written key=value"),

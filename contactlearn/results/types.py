@@ -22,7 +22,7 @@ from contactlearn.mechanics.apparatus import KnownParameter
 # --- Provenance -----------------------------------------------------------------------------------
 
 
-FORMAT = 3
+FORMAT = 4
 """Number of the format of result files; a file without one is of format 1."""
 
 
