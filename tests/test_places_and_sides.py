@@ -13,15 +13,15 @@ from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import in_body
-from contactlearn.mechanics.space import SPACE
 from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 
 FLOOR, BODY = "location_dependent_{}", "orientation_dependent_{}"
 
 
 def chosen(impacts: Impacts, family: str) -> tuple[EffectId | None, dict[str, float]]:
     """The form of a family that a search takes, with its values."""
-    candidates = {kind.id: kind().prepare(impacts) for kind in catalogue()[family] if SPACE in kind.spaces}
+    candidates = {kind.id: kind().prepare(impacts) for kind in catalogue()[family] if impacts.space in kind.spaces}
     pool = Pool({"wang_mason": find("wang_mason")}, impacts, candidates, {}, FitOptions())
     pool.all_fitted({Spec("wang_mason"): None})
     Search(pool, 1).run()
@@ -73,6 +73,22 @@ def test_a_spot_without_an_edge_has_its_depth():
     assert found == EffectId("location_dependent_restitution", "spot")
     assert values["a"] == pytest.approx(-0.3, abs=0.03)
     assert values["n"] < 1.5
+
+
+def test_a_stretch_of_a_planar_floor_is_found():
+    """Five polynomials along a floor of 60 cm have no place for 5 cm of it."""
+    drops = synthetic.load(250, velocity_noise=0, spin_noise=0, seed=6)
+    u = torch.linspace(-1, 1, len(drops), dtype=torch.float64)[
+        torch.randperm(len(drops), generator=torch.Generator().manual_seed(1))
+    ]
+    drops = drops.replace(q=torch.cat((0.3 * u[:, None], drops.q[:, 1:]), 1))
+    soft = 0.6 - 0.2 * (-0.5 * ((drops.q[:, 0] - 0.12) / 0.04).square()).exp()
+    after = ContactModel(find("wang_mason").at(0.2, soft)).predict(drops).v_post
+    noise = torch.tensor((0.005, 0.005, 0.1)) * torch.randn(len(drops), 3, generator=torch.Generator().manual_seed(2))
+    found, values = chosen(drops.replace(v_post=after + noise), FLOOR.format("restitution"))
+    assert found == EffectId("location_dependent_restitution", "stretch")
+    assert values["a"] == pytest.approx(-0.2, abs=0.02)
+    assert values["d"] * 0.285 == pytest.approx(0.12, abs=0.01)  # nine tenths of 0.6 m are the span
 
 
 def test_a_strip_is_found():

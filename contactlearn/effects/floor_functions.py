@@ -21,14 +21,13 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import parameter, usual_parameter
+from contactlearn.effects.functions import SHARPNESS, inside
 from contactlearn.effects.state import State
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
 
 _INNER = (0.025, 0.975)  # quantiles of the places between which a span lies: single trials far out do not bend a field
 _LEAST = 1e-4  # m, of a half-span
-_SHARPNESS = 1.0, 6.0  # exponents n of a part of the floor: 1 is a hill of Gauss's form, tape has 4 and more
-_NEAR = 1e-12  # square of a distance from the middle, in half-spans, below which it makes no difference
 
 Square = tuple[float, float, float]
 """Middle (x, y) of a floor and its half-span, m."""
@@ -114,10 +113,10 @@ class SpotOnFloor(_Shaped):
     u_0: Tensor | float = parameter("u₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     w_0: Tensor | float = parameter("w₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.1, 1.2, vanishing=None, start=0.5)
-    n: Tensor | float = parameter("n", "–", *_SHARPNESS, vanishing=None, start=3.0)
+    n: Tensor | float = parameter("n", "–", *SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a * _inside((u - self.u_0).square() + (w - self.w_0).square(), self.b, self.n)
+        return self.a * inside((u - self.u_0).square() + (w - self.w_0).square(), self.b, self.n)
 
 
 class StripOnFloor(_Shaped):
@@ -126,15 +125,10 @@ class StripOnFloor(_Shaped):
     phi: Tensor | float = parameter("φ", "rad", -1.6, 1.6, vanishing=None, start=0.0)
     d: Tensor | float = parameter("d", "–", -1.0, 1.0, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.03, 0.6, vanishing=None, start=0.3)
-    n: Tensor | float = parameter("n", "–", *_SHARPNESS, vanishing=None, start=3.0)
+    n: Tensor | float = parameter("n", "–", *SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a * _inside(_distance(u, w, self.phi, self.d).square(), self.b, self.n)
-
-
-def _inside(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | float) -> Float[Tensor, "... n"]:
-    """exp(−(s/b)²ⁿ) of the square of a distance s."""
-    return (-(n * (square.clamp_min(_NEAR).log() - torch.as_tensor(b).square().log())).exp()).exp()
+        return self.a * inside(_distance(u, w, self.phi, self.d).square(), self.b, self.n)
 
 
 def _distance(

@@ -4,7 +4,7 @@
     TrialShare          k/N, the share of all trials before one
     Spline              s(u), a natural cubic spline over one `Argument`
     AroundBody, …       functions of the orientation θ, of period 2π
-    AlongFloor          Legendre polynomials of the place x on the floor
+    AlongFloor, …       functions of the place x on the floor: Legendre polynomials, or a stretch of it
     ByBody              one value for each object
     OfCovariate         functions of a covariate: LinearInCovariate, CovariateCurve, ByGroup
 
@@ -262,19 +262,13 @@ class SpotOnBody(_OfOrientation):
 # --- Place -------------------------------------------------------------------------------------------------
 
 
-class AlongFloor(Frozen):
-    """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u in [−1, 1] is the place on the span, or its nearer end.
+class _OnSpan(Frozen, ABC):
+    """A function of the place u on a span of x, on which u is from −1 to 1.
 
     The span is left open for `prepare`: the middle nine tenths of the measured places, for single trials far out
     would otherwise bend the functions to themselves.
     """
 
-    argument: ClassVar[Argument] = PLACE
-    c1: Tensor | float = usual_parameter("c₁")
-    c2: Tensor | float = usual_parameter("c₂")
-    c3: Tensor | float = usual_parameter("c₃")
-    c4: Tensor | float = usual_parameter("c₄")
-    c5: Tensor | float = usual_parameter("c₅")
     span: tuple[float, float] | None = None  # of x in m; None: that of nine tenths of the measurements
 
     def taken_from(self, impacts: Impacts) -> Self:
@@ -286,6 +280,10 @@ class AlongFloor(Frozen):
         low, high = round(low - 5e-5, 4), round(high + 5e-5, 4)
         return replace(self, span=(low, max(high, round(low + 1e-4, 4))))  # also where all impacts are at one place
 
+    @abstractmethod
+    def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        """Evaluate the function at u [..., N], which may lie beyond the span."""
+
     def change(self, x: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
         """Evaluate the function at x [..., N] in m.
 
@@ -296,7 +294,25 @@ class AlongFloor(Frozen):
             rule = "a span must be [low, high] of x in m with low < high, given or taken by prepare(impacts)"
             raise ContactLearnError(f"{rule}; got {self.span}")
         low, high = self.span
-        u = ((2 * x - low - high) / (high - low)).clamp(-1, 1)
+        return self.over((2 * x - low - high) / (high - low))
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with the function of the place added."""
+        return value + self.change(state.x)
+
+
+class AlongFloor(_OnSpan):
+    """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u is the place on the span, or its nearer end."""
+
+    argument: ClassVar[Argument] = PLACE
+    c1: Tensor | float = usual_parameter("c₁")
+    c2: Tensor | float = usual_parameter("c₂")
+    c3: Tensor | float = usual_parameter("c₃")
+    c4: Tensor | float = usual_parameter("c₄")
+    c5: Tensor | float = usual_parameter("c₅")
+
+    def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        u = u.clamp(-1, 1)
         before, now = torch.ones_like(u), u
         total = self.c1 * now
         for k, c in enumerate((self.c2, self.c3, self.c4, self.c5), 2):
@@ -304,9 +320,36 @@ class AlongFloor(Frozen):
             total = total + c * now
         return total
 
-    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-        """Return the coefficient with the function of the place added."""
-        return value + self.change(state.x)
+
+SHARPNESS = 1.0, 6.0
+"""Exponents n of a part of the floor: 1 is a hill of Gauss's form, tape has 4 and more."""
+_NEAR = 1e-12  # square of a distance from the middle, in half-spans, below which it makes no difference
+
+
+def inside(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | float) -> Float[Tensor, "... n"]:
+    """Return exp(−(s/b)²ⁿ) of the square of a distance s."""
+    return (-(n * (square.clamp_min(_NEAR).log() - torch.as_tensor(b).square().log())).exp()).exp()
+
+
+class StretchOfFloor(_OnSpan):
+    """a exp(−(t/b)²ⁿ) at a distance t = u − d from the middle of a stretch of the floor."""
+
+    formula: ClassVar[str]
+    a: Tensor | float = usual_parameter("a")
+    d: Tensor | float = parameter("d", "–", -1.1, 1.1, vanishing=None, start=0.0)
+    b: Tensor | float = parameter("b", "–", 0.05, 1.0, vanishing=None, start=0.3)
+    n: Tensor | float = parameter("n", "–", *SHARPNESS, vanishing=None, start=3.0)
+
+    @property
+    def equation(self) -> str:
+        """The formula, and the span once it is known."""
+        if self.span is None:
+            return self.formula
+        low, high = self.span
+        return f"{self.formula}, in {(high - low) / 2:g} m about {(low + high) / 2:g} m"
+
+    def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
+        return self.a * inside((u - self.d).square(), self.b, self.n)
 
 
 # --- Objects -----------------------------------------------------------------------------------------------

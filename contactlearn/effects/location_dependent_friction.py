@@ -2,14 +2,15 @@
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
-from contactlearn.effects.functions import AlongFloor
-from contactlearn.mechanics.space import BOTH
+from contactlearn.effects.functions import AlongFloor, StretchOfFloor
+from contactlearn.mechanics.space import BOTH, PLANE
 
 
 class LocationDependentFriction(ChangesFriction, Effect):
     """μ depends on the place on the floor.
 
         along      μ + Σ c_k P_k(u), k = 1 … 5, along x, see `functions.AlongFloor`
+        stretch    in the plane a stretch of the floor
         field      in space a smooth function of x and y
         border     in space another half of the floor, whose border has any bearing
         spot       in space a round spot
@@ -28,6 +29,16 @@ class FrictionAlongFloor(AlongFloor, LocationDependentFriction):
     spaces = BOTH
     form = "along"
     formula = "μ ← μ + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+
+
+class FrictionOfStretch(StretchOfFloor, LocationDependentFriction):
+    """μ → μ + a exp(−(t/b)²ⁿ), t from the middle of a stretch.  It has edges (`FrictionAlongFloor`)."""
+
+    spaces = (PLANE,)
+    form = "stretch"
+    formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
+    in_words = "μ changes by {a} on a stretch at {d} half-spans, {b} to each side, edges of sharpness {n}"
+    refines = ("location_dependent_friction",)
 
 
 class FrictionOverFloor(FieldOverFloor, LocationDependentFriction):

@@ -2,14 +2,15 @@
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
-from contactlearn.effects.functions import AlongFloor
-from contactlearn.mechanics.space import BOTH
+from contactlearn.effects.functions import AlongFloor, StretchOfFloor
+from contactlearn.mechanics.space import BOTH, PLANE
 
 
 class LocationDependentRestitution(ChangesRestitution, Effect):
     """ε depends on the place on the floor.
 
         along      ε + Σ c_k P_k(u), k = 1 … 5, along x, see `functions.AlongFloor`
+        stretch    in the plane a stretch of the floor
         field      in space a smooth function of x and y
         border     in space another half of the floor, whose border has any bearing
         spot       in space a round spot
@@ -28,6 +29,16 @@ class RestitutionAlongFloor(AlongFloor, LocationDependentRestitution):
     spaces = BOTH
     form = "along"
     formula = "ε ← ε + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
+
+
+class RestitutionOfStretch(StretchOfFloor, LocationDependentRestitution):
+    """ε → ε + a exp(−(t/b)²ⁿ), t from the middle of a stretch.  It has edges (`RestitutionAlongFloor`)."""
+
+    spaces = (PLANE,)
+    form = "stretch"
+    formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
+    in_words = "ε changes by {a} on a stretch at {d} half-spans, {b} to each side, edges of sharpness {n}"
+    refines = ("location_dependent_restitution",)
 
 
 class RestitutionOverFloor(FieldOverFloor, LocationDependentRestitution):
