@@ -21,7 +21,7 @@ from torch import Tensor
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import parameter, usual_parameter
-from contactlearn.effects.functions import SHARPNESS, inside
+from contactlearn.effects.functions import SHARPNESS, within_part
 from contactlearn.effects.state import State
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import SPACE
@@ -116,7 +116,7 @@ class SpotOnFloor(_Shaped):
     n: Tensor | float = parameter("n", "–", *SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a * inside((u - self.u_0).square() + (w - self.w_0).square(), self.b, self.n)
+        return self.a * within_part((u - self.u_0).square() + (w - self.w_0).square(), self.b, self.n)
 
 
 class StripOnFloor(_Shaped):
@@ -128,7 +128,7 @@ class StripOnFloor(_Shaped):
     n: Tensor | float = parameter("n", "–", *SHARPNESS, vanishing=None, start=3.0)
 
     def change(self, u: Float[Tensor, "... n"], w: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a * inside(_distance(u, w, self.phi, self.d).square(), self.b, self.n)
+        return self.a * within_part(_distance(u, w, self.phi, self.d).square(), self.b, self.n)
 
 
 def _distance(

@@ -326,7 +326,7 @@ SHARPNESS = 1.0, 6.0
 _NEAR = 1e-12  # square of a distance from the middle, in half-spans, below which it makes no difference
 
 
-def inside(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | float) -> Float[Tensor, "... n"]:
+def within_part(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | float) -> Float[Tensor, "... n"]:
     """Return exp(−(s/b)²ⁿ) of the square of a distance s."""
     return (-(n * (square.clamp_min(_NEAR).log() - torch.as_tensor(b).square().log())).exp()).exp()
 
@@ -349,7 +349,7 @@ class StretchOfFloor(_OnSpan):
         return f"{self.formula}, in {(high - low) / 2:g} m about {(low + high) / 2:g} m"
 
     def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
-        return self.a * inside((u - self.d).square(), self.b, self.n)
+        return self.a * within_part((u - self.d).square(), self.b, self.n)
 
 
 # --- Objects -----------------------------------------------------------------------------------------------
