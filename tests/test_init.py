@@ -324,7 +324,7 @@ def test_a_name_in_a_file_is_text(drops):
         (["broken.jsonl"], "broken.jsonl: is no whole JSON: it breaks off at line 2"),
         (["other.json"], "other.json: holds neither frames nor impacts"),
         (["drops.csv", "--name", "table"], "data=table is a source of this package; choose another name"),
-        (["drops.csv", "--name", "my data"], "a word of letters, digits and _ for data=NAME, got 'my data'"),
+        (["drops.csv", "--name", "my data"], "a word of the letters a to z, digits and _ for data=NAME, got 'my data'"),
         (["taken.csv"], "taken.yaml exists already and is not replaced"),
         (["other.csv"], "other.csv: is neither a table of impacts"),
         (["times.csv"], "are 'Time 1 (s)', 'Time 2 (s)' times between bounces?"),

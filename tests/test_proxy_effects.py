@@ -58,7 +58,7 @@ def test_a_diagnosis_reports_excluded_candidates():
     assert found.remainder.state_dependence is not None
     (left_out,) = (one for one in found.candidates if one.confidence is None)
     assert left_out.effect.name == STAND_IN
-    assert phrase("candidate", left_out, found.budget).startswith(f"{effect_label(left_out.effect)} (a proxy?)")
+    assert phrase("candidate", left_out).startswith(f"{effect_label(left_out.effect)} (a proxy?)")
     assert Diagnosis.from_json(found.to_json()) == found
 
 

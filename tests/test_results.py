@@ -51,8 +51,8 @@ RESULTS = {
 
 @pytest.mark.parametrize(("number", "entry", "message"), [
     (None, "errors", r"^is of format 1, by an earlier contactlearn: run its command again \(errors is not there"),
-    (3, "errors", "^errors is not there"),
-    (99, None, "^is of format 99, and the newest known is 3: upgrade contactlearn"),
+    (4, "errors", "^errors is not there"),
+    (99, None, "^is of format 99, and the newest known is 4: upgrade contactlearn"),
 ])  # fmt: skip
 def test_results_of_another_format_are_refused_in_one_line(number, entry, message, tmp_path):
     """Unless an earlier one has all that is needed."""

@@ -113,7 +113,7 @@ def test_in_space_the_mass_centre_flies_with_v_and_omega_cross_d():
         ({"pose": (0, 0, 0.02, 1, 0.1, 0, 0), "velocity": (0, 0, -1, 0, 0, 0)}, r"must be of length 1, got 1\.00499"),
         ({"pose": (0, 0, 0.02, 1, 0, 0, 0)}, "velocity of a body's state must have 6 components"),
         ({"pose": (0, 0, 0.02, 1, 0, 0, 0), "velocity": (0, 0, -1, 0, 0, 0)}, "has the shape of one, got Disc"),
-        ({"shape": Sphere(0.02)}, "a body in a plane has the shape of one"),
+        ({"shape": Sphere(0.02)}, "a sphere is a body in space"),
     ],
 )
 def test_an_impossible_state_is_refused_in_a_line(wrong, rule):
