@@ -6,7 +6,8 @@
 # make docs       the site, strictly, into site/
 # make versions   the oldest and the newest supported versions, and pre-releases, each in an environment of its own
 # make release    the release checklist, up to the upload
-MAKEFLAGS += -j 2 # packages and browser are installed side by side
+# Packages and browser are installed side by side.
+MAKEFLAGS += -j 2
 PYTHON ?= python3
 PY := .venv/bin/python
 # Compiling all modules of all packages takes a bare machine of CI a minute; the tests compile the few that they import.

@@ -138,6 +138,8 @@ def test_a_database_has_one_table_of_impacts(tmp_path, frame):
     with closing(sqlite3.connect(path)) as base:
         frame.to_sql("impacts of May", base, index=False)
         frame[["x", "y"]].to_sql("points", base, index=False)
+        endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS vy_post FROM n"
+        base.execute(f"CREATE VIEW endless AS {endless}")
     path.chmod(0o444)
     found = table.read(path, **BODY)
     np.testing.assert_array_equal(numbers(found.impacts), frame)
@@ -648,6 +650,10 @@ JSON = {
     "lists": (".json", lambda f: json.dumps(f.to_dict("list"))),
     "under a name": (".json", lambda f: json.dumps({"by": "me", "trials": f.to_dict("records")})),
     "nested lines": (".ndjson", lambda f: "\n".join(map(json.dumps, nested(f)))),
+    "under a name, a record a line": (
+        ".json",
+        lambda f: json.dumps({"by": "me", "trials": f.to_dict("records")}).replace('{"', '\n{"').lstrip(),
+    ),
     "nested": (".json", lambda f: json.dumps(nested(f))),
 }
 

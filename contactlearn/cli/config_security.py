@@ -181,7 +181,7 @@ class SharedFolder(ConfigSource):
 
 @cache
 def _shipped(file: Path, changed: int, size: int) -> tuple[bytes, dict[str, str | None]]:
-    """A shipped file, from which many copies are made, and its header; another one when the file has changed."""
+    """A shipped file, pickled here so that copies are quick, and its header; another one when the file has changed."""
     del changed, size
     return pickle.dumps(OmegaConf.load(file)), SharedFolder.header(file.read_text("utf-8"))
 

@@ -26,17 +26,28 @@ def json_content(path: Path, *, most: int) -> Any:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{path}: is no JSON: it must be UTF-8 text throughout") from None
-    parts = text.splitlines() if text.lstrip()[:1] == "{" and "\n{" in text else [text]
-    records = list[Any]()
     try:
-        for part in parts:
-            records.append(json.loads(part) if part.strip() or len(parts) == 1 else None)
+        return _parsed(path, text)
+    except _SeveralError:
+        lines = enumerate(text.splitlines())
+        return [_parsed(path, line, above) for above, line in lines if line.strip()]
+
+
+class _SeveralError(DataError):
+    """A text goes on after its first value."""
+
+
+def _parsed(path: Path, text: str, above: int = 0) -> Any:
+    """Return the value of a text with so many lines above it."""
+    try:
+        return json.loads(text)
     except RecursionError:
         raise DataError(f"{path}: is no JSON that can be read: it is nested too deeply") from None
     except json.JSONDecodeError as error:
-        place = f"line {len(records) + error.lineno}, column {error.colno}"
+        place = f"line {above + error.lineno}, column {error.colno}"
+        if error.msg == "Extra data":
+            raise _SeveralError(f"{path}: is no JSON: a value ends before {place}") from None
         if "Unterminated" in error.msg or _END.fullmatch(error.doc, error.pos):
             why = "as a download that was interrupted; copy or export the file again"
             raise DataError(f"{path}: is no whole JSON: it breaks off at {place}, {why}") from None
         raise DataError(f"{path}: is no JSON: {error.msg} at {place}") from None
-    return [one for one in records if one is not None] if len(parts) > 1 else records[0]

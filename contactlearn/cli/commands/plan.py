@@ -16,6 +16,7 @@ import torch
 
 from contactlearn.cli.commands.export import refuse_existing
 from contactlearn.cli.commands.loading import load_data
+from contactlearn.cli.commands.trained import is_one_value
 from contactlearn.cli.settings import PlanSettings, SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.core.numerics import atomic_write, wrapped
@@ -45,7 +46,6 @@ _MYSTERY, _MUJOCO = "contactlearn.simulation.hidden_effects.load", "contactlearn
 _DROP, _FOR, _BODY = "drop", "for", "body"
 _REACHED, _NEAR = 5.0, 0.02  # standard deviations of a setting, and share of its limits, within which a drop has it
 _SAME_DROPS = 0.9  # share of the drops of a plan in a row of trials from which on they are these
-_SAME_BODY = 0.01  # relative difference up to which masses and moments of inertia are those of one body
 
 
 def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bool) -> str:
@@ -162,7 +162,7 @@ def _measured_already(drops: list[PlannedDrop], planned: Plan, before: Impacts) 
 def _other_body(known: Mapping[str, tuple[float, ...] | None], body: Specimen) -> Iterator[str]:
     """Yield that the body of the plan, or of the table, is not the laboratory's."""
     for what, moments in known.items():
-        if moments and any(abs(one / new - 1) > _SAME_BODY for one, new in zip(moments, body.moments, strict=True)):
+        if moments and not all(is_one_value(*sorted(pair)) for pair in zip(moments, body.moments, strict=True)):
             there, here = (
                 f"{mass:.3g} kg, {', '.join(f'{x:.3g}' for x in rest)} kg m²" for mass, *rest in (moments, body.moments)
             )

@@ -123,7 +123,7 @@ class Recording:
 
 
 def parted(recording: Recording) -> list[Recording]:
-    """The recordings before and after each pause, in which no frame was seen for longer than any flight lasts."""
+    """The recordings before and after each pause of 0.4 s and more in which no frame was seen."""
     seen = np.flatnonzero(recording.seen)
     ends = np.flatnonzero(
         np.diff(recording.time[seen]) > max(_PAUSE, _PAUSE_STEPS * np.median(np.diff(recording.time)))

@@ -227,14 +227,18 @@ def _flat(record: Mapping[str, Any]) -> dict[str, Any]:
 def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
     """Cells of the only table of SQLite, or the only one with velocities after contact.
 
+    Views are left out: one of a stranger's need not end.
+
     Raises:
-        DataError: the file is no database, or has no or several such tables.
+        DataError: the file is no database, too large, or has no or several such tables.
     """
     del rows  # a database is read as a whole
+    if path.stat().st_size > _UNPACKED:
+        raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export its table as Parquet or CSV")
     tables = dict[str, tuple[list[str], list[Cells]]]()
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
-            names = base.execute("SELECT name FROM sqlite_master WHERE type IN ('table', 'view')").fetchall()
+            names = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             for (name,) in names:
                 found = base.execute('SELECT * FROM "{}"'.format(name.replace('"', '""')))
                 header = [column[0] for column in found.description]
@@ -274,7 +278,6 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
     groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
-    of_impacts = [(name, arrays) for name, arrays in groups if _has_outcomes(arrays)]
     of_impacts = dict[str, dict[str, np.ndarray]]()
     for name, one in groups:  # the outermost that are whole
         if _has_outcomes(one) and not any(name.startswith(f"{above}/") for above in of_impacts):
