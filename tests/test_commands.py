@@ -427,8 +427,10 @@ ERRORS = {
         "holds out 1 of 20 trials, and an error of a single trial has no interval; use test=0.1 or more"),
     "few to fit": (["train.py", "data.size=7", "test=0.5"],
         "test=0.5 leaves 3 of 7 trials, but 2 parameters need at least 5; use test=0.29 or less"),
-    "few in all": (["train.py", "data.size=3"],
-        "at least 7 trials are needed, got 3: 5 for 2 parameters, and 2 held out"),
+    "one too few to fit": (["train.py", "data.size=8", "test=0.5"],
+        "test=0.5 leaves 4 of 8 trials, but 2 parameters need at least 5; use test=0.38 or less"),
+    "few in all": (["train.py", "data.size=6"],
+        "at least 7 trials are needed, got 6: 5 for 2 parameters, and 2 held out"),
     "seed": (["train.py", "seed=9223372036854775808"],
         "seed must be a whole number from 0 to 9223372036854775807, got"),
     "test share": (["train.py", "test=1.5"], "share in (0, 1)"),
@@ -494,6 +496,13 @@ def test_one_repetition_has_no_spread(tmp_path):
     fit = json.loads((tmp_path / "results.json").read_text())["fits"][0]
     assert fit["mu_std"] is None
     assert fit["mu_range"][0] <= fit["mu"] <= fit["mu_range"][1]
+
+
+def test_as_few_trials_as_are_needed_are_enough(tmp_path):
+    """With the share that the refusal of another one gives."""
+    run("train.py", "data.size=7", "test=0.29", "train.repetitions=1", "bootstrap=10", "model=analytical",
+        f"hydra.run.dir={tmp_path}")  # fmt: skip
+    assert (tmp_path / "results.json").exists()
 
 
 def test_a_stopped_diagnosis_says_that_nothing_is_left(tmp_path, monkeypatch):

@@ -221,3 +221,10 @@ def test_each_composition_has_a_shipped_file_of_its_own():
     assert second.config == third.config
     assert "defaults" in third.config
     assert third.header["package"] is None
+
+
+def test_a_shipped_file_that_changes_is_read_again(tmp_path):
+    source = SharedFolder("main", f"{SharedFolder.scheme()}://{tmp_path}")
+    for seed in (3, 1234):
+        (tmp_path / "train.yaml").write_text(f"seed: {seed}\n")
+        assert source.load_config("train").config == {"seed": seed}

@@ -102,4 +102,4 @@ def test_the_error_that_the_floor_gives_the_restitution():
         return ((after - velocity) / (velocity - before)).median().item()
 
     change = restitution(floor.velocity.value) - restitution(floor.velocity.value + floor.velocity.error)
-    assert floor.restitution_error == pytest.approx(change, rel=0.5)
+    assert floor.restitution_error == pytest.approx(change, rel=0.05)

@@ -89,6 +89,8 @@ def test_a_stretch_of_a_planar_floor_is_found():
     assert found == EffectId("location_dependent_restitution", "stretch")
     assert values["a"] == pytest.approx(-0.2, abs=0.02)
     assert values["d"] * 0.285 == pytest.approx(0.12, abs=0.01)  # nine tenths of 0.6 m are the span
+    (stretch,) = (kind for kind in catalogue()[found.name] if kind.form == "stretch")
+    assert stretch(span=(-0.2, 0.4)).equation.endswith(", in 0.3 m about 0.1 m")
 
 
 def test_a_strip_is_found():

@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import replace
 from itertools import combinations, pairwise
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -12,6 +13,7 @@ from commands import run
 from spatial import box_tosses
 
 import contactlearn as cl
+from contactlearn.cli.commands.plan import _measured_already, _other_body
 from contactlearn.core.errors import DataError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.discrimination.experiment import ModelDiscrimination, discriminations
@@ -154,6 +156,17 @@ def test_effects_are_apart_by_what_a_refit_of_the_others_leaves():
     gain = separation(after.squared()) - separation(one.squared())
     torch.testing.assert_close(one.gain()[4], gain, **ROUNDING)
     assert (one.gain() > 0).all()
+
+
+def test_effects_are_of_a_visible_and_plausible_size():
+    """Three times the noise over all settings, or twice the prior; the others of one name are no rivals."""
+    made = candidates()
+    made = replace(made, prior=made.prior * torch.tensor((1, 1, 0.1, 9, 0.1, 9)))
+    one = EffectSeparation.of(made, repeats=2)
+    change = one.size * made.slope[..., 2:].square().sum(-2).mean(0).sqrt()
+    torch.testing.assert_close(change[[1, 3]], torch.full((2,), 3.0, dtype=torch.float64), **ROUNDING)
+    torch.testing.assert_close(one.size[[0, 2]], 2 * made.prior[[2, 4]], **ROUNDING)
+    assert one.rival.tolist() == [[True] * 4, [False, *[True] * 3], [True, False, False, True], [*[True] * 3, False]]
 
 
 def test_space_is_filled_away_from_what_is_there():
@@ -512,12 +525,13 @@ def test_a_loop_of_commands(tmp_path):
     two = from_json(Plan, (tmp_path / "two" / "plan.json").read_bytes())
     assert two.rig.keys() >= {"height", "theta", "omega"}
     assert [one.trials for one in two.looks] == [22]
-    said = run("contactlearn", "measure", "one", *MYSTERY, "-o", "drops.csv", cwd=tmp_path, status=2)
-    assert "drops.csv holds the drops of one already, as trials 1 to 22" in said
     said = run("contactlearn", "measure", "two", *MYSTERY, "-o", "drops.csv", cwd=tmp_path)
     assert "note" not in said
     assert "6 drops measured, 28 impacts in drops.csv" in said
     assert cl.read_table(tmp_path / "drops.csv").trial == tuple(str(k) for k in range(1, 29))
+    for name, trials in (("one", "1 to 22"), ("two", "23 to 28")):
+        said = run("contactlearn", "measure", name, *MYSTERY, "-o", "drops.csv", cwd=tmp_path, status=2)
+        assert f"drops.csv holds the drops of {name} already, as trials {trials};" in said
 
 
 def test_a_plan_for_measured_impacts_of_a_table(tmp_path):
@@ -557,6 +571,23 @@ def test_a_wrong_plan_is_one_line(case, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+def test_a_body_is_another_by_its_mass_alone():
+    mine, other = (SimpleNamespace(moments=(mass, 3e-5)) for mass in (0.05, 0.06))
+    assert not [*_other_body({"the plan": mine.moments, "a table": None}, mine)]
+    (said,) = _other_body({"the plan": other.moments}, mine)
+    assert said == "the plan is for another body, of 0.06 kg, 3e-05 kg m²: the laboratory's has 0.05 kg, 3e-05 kg m²"
+
+
+def test_drops_at_half_a_turn_are_there_already():
+    """−π and π are one angle."""
+    drops = cl.simulation.synthetic.load(6)
+    sign = torch.tensor((1, -1, 1, -1, 1, -1), dtype=torch.float64)
+    drops = drops.replace(q=torch.cat((drops.q[:, :2], 3.141 * sign[:, None]), 1), validate=False)
+    planned = [SimpleNamespace(settings={"theta": 3.141}) for _ in drops.trial[:4]]
+    plan = SimpleNamespace(rig={"theta": Limits(low=-3.14, high=3.14, precision=0.01)})
+    assert _measured_already(planned, plan, drops) == ("1", "4")
+
+
 def test_a_wrong_measurement_is_one_line(tmp_path):
     run("contactlearn", "plan", *MYSTERY, *LIMITS, "count=4", "-o", "one", cwd=tmp_path)
     path, table = tmp_path / "one" / "plan.csv", pd.read_csv(tmp_path / "one" / "plan.csv")
@@ -565,6 +596,11 @@ def test_a_wrong_measurement_is_one_line(tmp_path):
     assert "the plan is for another body, of" in said
     said = run("contactlearn", "measure", "one", "data=mujoco", "-o", "other.csv", "--again", cwd=tmp_path)
     assert "4 drops measured, 8 impacts in other.csv" in said
+    assert "other.csv is for another body" not in said
+    run("contactlearn", "measure", "one", "data=mystery", "data.seed=8", "-o", "eight.csv", cwd=tmp_path)
+    said = run("contactlearn", "measure", "one", *MYSTERY, "-o", "eight.csv", "--again", cwd=tmp_path)
+    assert "eight.csv is for another body, of" in said
+    assert "the plan is for another body" not in said
     for words, message in (
         (("one", "data=synthetic"), "in the laboratory of data=mystery"),
         (("none", *MYSTERY), "none: holds no plan.json"),

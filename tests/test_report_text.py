@@ -216,6 +216,7 @@ def effects() -> Iterator[tuple[str, str]]:
         replace(fitted(DRAG, 0.08), effect=EffectId("mine")),
         stopped,
         replace(fitted(EffectId("parameter_drift", "restitution"), -0.7), coefficient_ends=(0.699, 0.549)),
+        replace(fitted(EffectId("parameter_drift", "friction"), 0.2), coefficient_ends=(0.1, 0.3)),
     ):
         yield f"{one.effect} in words", text.in_words(one)
     patch = fitted(EffectId("contact_patch", "linear"), -0.2, 0.001)

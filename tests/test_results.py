@@ -256,6 +256,8 @@ def test_identities_are_there(tmp_path):
         assert "repeats the job of another one, with another version of the code" in run(
             "contactlearn", *words, str(tmp_path)
         ).replace("\n", " ")
+    (tmp_path / "b" / "done.json").write_text(json.dumps(done | {"data": "0" * 64}))  # of a file that has changed
+    assert "note" not in run("contactlearn", "results", str(tmp_path), "-o", str(tmp_path / "other.csv"))
 
 
 @pytest.mark.parametrize(("arguments", "message"), [

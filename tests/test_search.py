@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -11,7 +12,7 @@ from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
-from contactlearn.diagnosis.search.ladder import calibrated
+from contactlearn.diagnosis.search.ladder import calibrated, coefficient_ends
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
@@ -312,6 +313,17 @@ def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
     (per_thousand,), (first, last) = (one.value for one in drift.parameters), drift.coefficient_ends
     assert last - first == pytest.approx(0.239 * per_thousand)
     assert next(one for one in finding.evidence if one.quantity == "time_scale").value < 5
+
+
+@pytest.mark.parametrize(("form", "ends"), [("restitution", (0.6, 0.5)), ("friction", (0.2, 0.1))])
+def test_a_drift_ends_at_the_trial_that_was_measured_last(form, ends):
+    """Wherever it stands in the table; c k/1000 of 101 trials is a tenth."""
+    drops = synthetic.load(101)
+    drops = drops.replace(order=drops.order.roll(40))
+    effects = {"parameter_drift": find_effect("parameter_drift", form)(-1.0), "spin_damping": few(SPIN)[SPIN]}
+    fitted = SimpleNamespace(fit=SimpleNamespace(model=ContactModel(find("wang_mason").at(0.2, 0.6), effects=effects)))
+    assert coefficient_ends(fitted, drops, "parameter_drift") == pytest.approx(ends)
+    assert coefficient_ends(fitted, drops, "spin_damping") is None
 
 
 def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():

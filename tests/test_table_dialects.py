@@ -136,23 +136,27 @@ def test_a_database_has_one_table_of_impacts(tmp_path, frame):
     """Beside others; of two you are asked for one, and nothing is written to it."""
     path = tmp_path / "drops.sqlite"
     with closing(sqlite3.connect(path)) as base:
-        frame.to_sql("impacts of May", base, index=False)
+        frame.to_sql('impacts of "May"', base, index=False)
         frame[["x", "y"]].to_sql("points", base, index=False)
         endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS vy_post FROM n"
         base.execute(f"CREATE VIEW endless AS {endless}")
     path.chmod(0o444)
     found = table.read(path, **BODY)
     np.testing.assert_array_equal(numbers(found.impacts), frame)
-    assert found.read_as == ("table impacts of May",)
+    assert found.read_as == ('table impacts of "May"',)
     assert propose(path).source == "table"
     path.chmod(0o644)
     with closing(sqlite3.connect(path)) as base:
         frame.to_sql("impacts of June", base, index=False)
-    with refused(["has several tables, 'impacts of May', 'impacts of June'"]):
+    with refused(["has several tables, 'impacts of \"May\"', 'impacts of June'"]):
         table.read(path, **BODY)
     (tmp_path / "no.db").write_text("no database, but a text that is long enough to be looked at as one" * 9)
     with refused(["no.db: is no readable database of SQLite (file is not a database)"]):
         table.read(tmp_path / "no.db", **BODY)
+    with closing(sqlite3.connect(tmp_path / "points.db")) as base:
+        frame[["x", "y", "vx", "vy"]].to_sql("points", base, index=False)
+    with refused(["points.db: has no velocity after contact"]):
+        table.read(tmp_path / "points.db", **BODY)
 
 
 STATISTICS = {
@@ -196,6 +200,13 @@ def test_last_rows_that_begin_with_a_word_where_others_have_a_number_are_left_ou
     found = table.read(tmp_path / "drops.csv", **BODY)
     assert found.impacts.trial[-2:] == ("30", "30b")
     assert found.read_as == ("left out 2 rows that are no impacts: 'Keskihajonta' (line 33), 'virhe' (line 34)",)
+
+
+def test_a_last_trial_without_a_number_stays(tmp_path, frame):
+    lines = text(frame).splitlines()
+    rows = [f"{'NA' if k == 30 else k},{line}" for k, line in enumerate(lines[1:], 1)]
+    (tmp_path / "drops.csv").write_text("\n".join([f"run,{lines[0]}", *rows]), "utf-8")
+    assert len(table.read(tmp_path / "drops.csv", **BODY).impacts) == 30
 
 
 def test_words_of_statistics_that_are_names_stay(tmp_path, frame):
@@ -362,6 +373,10 @@ def test_names_of_rows_under_a_header_without_one(tmp_path, frame):
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
     assert "names of rows, which R writes" in found.read_as
     assert found.impacts.trial[-1] == "30"
+    (tmp_path / "names.txt").write_text(
+        "\n".join([lines[0], *(f'"drop {k}" {line}' for k, line in enumerate(lines[1:], 1))])
+    )
+    np.testing.assert_allclose(numbers(table.read(tmp_path / "names.txt", **BODY).impacts), frame, rtol=ROUNDING)
     (tmp_path / "commas.csv").write_text("nr,vx\n" + "".join(f"{k},0,5\n" for k in range(1, 6)))
     with refused(["row 1 (line 2) has 3 cells", "a decimal comma?"]):
         table.read(tmp_path / "commas.csv", **BODY)
@@ -782,19 +797,26 @@ def test_times_between_bounces_of_a_run(tmp_path, name):
     """As phyphox writes them; a run may have fewer. Times that grow are those of the bounces, and are refused."""
     times = np.array([[0.4, 0.3, 0.2], [0.5, 0.45, np.nan], [0.6, 0.4, 0.3]]) * (1e3 if "ms" in name else 1)
     frame = pd.DataFrame(times, columns=[name.format(k) for k in (1, 2, 3)])
+    first, second, third = frame
+    frame = frame[[first, third, second]].assign(mass=[0.1, 0.2, 0.3])
     frame.insert(0, "Run", ["a", "b", "c"])
-    path, ball = tmp_path / "runs.csv", {"shape": {"kind": "disc", "radius": 0.02}, "mass": 0.1}
+    path, ball = tmp_path / "runs.csv", {"shape": {"kind": "disc", "radius": 0.02}}
+    frame.assign(mass=[0.1, 0.2, "x"]).to_csv(path, index=False)
+    with refused(["line 4", "'x'"]):
+        table.read(path, **ball)
     frame.to_csv(path, index=False)
     found = table.read(path, **ball)
     assert found.impacts.trial == ("a/2", "a/3", "b/2", "c/2", "c/3")
+    assert found.impacts.mass.tolist() == [0.1, 0.1, 0.2, 0.3, 0.3]
     np.testing.assert_allclose(found.impacts.v_pre[:, 1], -GRAVITY / 2 * np.array([0.4, 0.3, 0.5, 0.6, 0.4]))
     np.testing.assert_allclose(found.impacts.v_post[:, 1], GRAVITY / 2 * np.array([0.3, 0.2, 0.45, 0.4, 0.3]))
     assert propose(path).source == "table"
-    frame.iloc[2, 1] = 0
-    frame.to_csv(path, index=False)
-    for use in (propose, lambda path: table.read(path, **ball)):
-        with refused(["times between bounces? A body is in flight for t = 2 v/g"]):
-            use(path)
+    frame.loc[2, first] = 0
+    for doubtful in (frame, frame.drop(columns=third).loc[:1]):  # two times may be those of the bounces
+        doubtful.to_csv(path, index=False)
+        for use in (propose, lambda path: table.read(path, **ball)):
+            with refused(["times between bounces? A body is in flight for t = 2 v/g"]):
+                use(path)
 
 
 def test_a_table_without_anything_after_contact_is_refused_so(tmp_path):

@@ -311,16 +311,19 @@ def test_the_quick_audit_looks_at_all_for_repetitions_and_order():
 def test_the_quick_audit_looks_at_all_for_the_ends_of_a_part_and_for_speeds():
     drops = synthetic.load(size=1500).replace(validate=False)
     scale = torch.ones(1500, 3, dtype=torch.float64)
-    scale[600:701, :2] = 1e3
+    scale[602:703, :2] = 1e3  # between those of the sample
     mixed = drops.replace(v_pre=scale * drops.v_pre, v_post=scale * drops.v_post)
     sampled = mixed[::4]
     for found in (quick_audit(mixed), quick_audit(sampled, lambda: (mixed[:650], mixed[650:]))):
-        assert "in trials '601' to '701' (7% of the trials) velocities are in mm/s" in found[0].sentence
+        assert "in trials '603' to '703' (7% of the trials) velocities are in mm/s" in found[0].sentence
     v_post = drops.v_post.clone()
-    v_post[701, 0] = 1e3
+    v_post[[401, 701], 0] = torch.tensor((2e3, 1e3), dtype=torch.float64)
     fast = drops.replace(v_post=v_post)
     for found in (quick_audit(fast), quick_audit(fast[::4], lambda: (fast[:700], fast[700:]))):
-        assert [(one.name, one.value("rows")) for one in found] == [("impossible_speeds", "702")]
+        (one,) = found
+        assert (one.name, one.value("rows"), one.value("trials")) == ("impossible_speeds", "402, 702", 2.0)
+        assert one.value("fastest") == pytest.approx(2e3, rel=1e-3)
+        assert "more" not in one.sentence
 
 
 SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")

@@ -24,6 +24,7 @@ from contactlearn.diagnosis.result import (
     StateDependence,
     VariableShare,
     Verdict,
+    clearly_better,
 )
 from contactlearn.diagnosis.stages import trust_balance
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -229,6 +230,16 @@ def test_scatter_in_the_floor_turns_an_unknown_remainder_into_none_and_never_the
         seen.add(tuple(verdicts))
     unknown, none = Verdict.UNKNOWN, Verdict.NONE
     assert seen == {(none, none), (unknown, unknown), (unknown, none)}
+
+
+@pytest.mark.parametrize(("alone", "with_effects", "better"), [(2, 0.5, True), (0.5, None, True), (2, None, False)])
+def test_another_law_is_better_alone_or_with_the_same_effects(alone, with_effects, better):
+    found = made_up(12)
+    law = replace(
+        found.laws[-1], error=alone * found.budget.named.mean,
+        error_with_effects=None if with_effects is None else with_effects * found.budget.named.mean,
+    )  # fmt: skip
+    assert (clearly_better([law], found.budget.named.mean, Thresholds()) is law) is better
 
 
 def test_structure_is_named_and_is_no_scatter():
