@@ -602,11 +602,16 @@ def test_a_wrong_measurement_is_one_line(tmp_path):
     assert "eight.csv is for another body, of" in said
     assert "the plan is for another body" not in said
     for words, message in (
+        (
+            ("one", *MYSTERY, "--again", "-o", "other.csv"),
+            "other.csv is of another laboratory: only one of the two has",
+        ),
         (("one", "data=synthetic"), "in the laboratory of data=mystery"),
         (("none", *MYSTERY), "none: holds no plan.json"),
         (("one", "data=mystery"), "data=mystery needs a seed, such as data.seed=7"),
     ):
-        assert message in run("contactlearn", "measure", *words, "-o", "drops.csv", cwd=tmp_path, status=2)
+        out = () if "-o" in words else ("-o", "drops.csv")
+        assert message in run("contactlearn", "measure", *words, *out, cwd=tmp_path, status=2)
     table.astype({"theta [°]": str}).replace({"theta [°]": {str(table.loc[1, "theta [°]"]): "up"}}).to_csv(
         path, index=False
     )

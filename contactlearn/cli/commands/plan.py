@@ -129,6 +129,8 @@ def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool
     generator = torch.Generator().manual_seed(int(source.options["seed"]) + first)
     named = [PlannedDrop(settings=drop.settings, purpose=drop.purpose, body=body.name) for drop in drops]
     measured = carry_out(rig, named, [body], laboratory, generator=generator, first=first)
+    if before is not None:
+        _require_same_fields(before, measured, out)
     every = measured if before is None else joined([before, measured])
     table.save(every, out)
     if source.target == _MYSTERY:
@@ -140,6 +142,16 @@ def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool
     known |= {} if before is None else {str(out): Specimen.of(before)[0].moments}
     lines += [f"note     {one}" for one in _other_body(known, body)]
     return "\n".join([*lines, f"next     {command}"])
+
+
+def _require_same_fields(before: Impacts, measured: Impacts, out: Path) -> None:
+    """Refuse drops that have what a table has not, such as a pose after contact, or lack what it has."""
+    fields = (*before.space.components, *before.space.covariances)
+    other = [name for name in fields if (getattr(before, name) is None) != (getattr(measured, name) is None)]
+    if other:
+        raise ContactLearnError(
+            f"{out} is of another laboratory: only one of the two has {', '.join(other)}; choose another file"
+        )
 
 
 def _measured_already(drops: list[PlannedDrop], planned: Plan, before: Impacts) -> tuple[str, str] | None:
