@@ -41,6 +41,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write, finite_number
 from contactlearn.data.array_files import HDF5
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
+from contactlearn.data.packed import UNREAD, exists, for_library, only_file, opened_bytes
 from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
     COLUMNS,
@@ -95,7 +96,6 @@ _READERS = {
     **dict.fromkeys(_ARRAYS, files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
-PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
 SHARED = (*_JSON, *_ARRAYS)
 """Suffixes of files that may be recordings as well."""
 SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in _ARRAYS)
@@ -329,11 +329,11 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
     if not isinstance(path, str | os.PathLike):
         yield _filled(files.sheet_of(path))
         return
-    path = Path(path)
+    path = only_file(Path(path), _READERS, "table")
     if path.is_dir():
         raise DataError(f"{path}: is a directory; give the path of a table, such as a .csv file")
     reader = _READERS[_suffix(path, _READERS)]
-    if not path.exists():
+    if not exists(path):
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
         for cells in reader(path, rows):
@@ -510,7 +510,7 @@ def check_suffix(path: Path, suffixes: Iterable[str] = tuple(_WRITERS)) -> None:
 
 def _suffix(path: Path, suffixes: Iterable[str]) -> str:
     suffix = path.suffix.lower()
-    if suffix in PACKED:
+    if suffix in UNREAD:
         raise DataError(f"{path}: is compressed; unpack it first, and give the file that comes out")
     if suffix not in suffixes:
         raise DataError(f"{path}: a table is a {' or '.join(suffixes)} file, got suffix {suffix!r}; export it as CSV")
@@ -551,12 +551,13 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
 def is_large(path: Path) -> bool:
     """Whether a table file has more than `LARGE` rows; an unreadable file is not large."""
     try:
+        path = only_file(path, _READERS, "table")
         if path.suffix.lower() == ".parquet":
             from pyarrow import parquet
 
-            with parquet.ParquetFile(path) as file:
+            with parquet.ParquetFile(for_library(path)) as file:
                 return file.metadata.num_rows > LARGE
-        with path.open("rb") as file:
+        with opened_bytes(path) as file:
             return sum(1 for _ in islice(file, LARGE + 2)) > LARGE + 1
-    except (OSError, ValueError):  # pyarrow's errors are these
+    except (OSError, ValueError):  # errors of pyarrow and of archives are these
         return False

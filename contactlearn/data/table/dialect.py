@@ -16,6 +16,7 @@ from typing import Any
 from unicodedata import normalize
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import opened_bytes
 from contactlearn.data.table.comments import with_units
 from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words, recognise, time_of
 from contactlearn.mechanics.space import BOTH
@@ -185,7 +186,7 @@ def sniffed(path: Path) -> Dialect:
     Raises:
         DataError: it is empty, no text, or has two readings.
     """
-    with path.open("rb") as file:
+    with opened_bytes(path) as file:
         head = file.read(_SAMPLE + 1)
     whole = len(head) <= _SAMPLE
     encoding = _encoding(path, head)

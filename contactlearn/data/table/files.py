@@ -21,6 +21,7 @@ import numpy as np
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
 from contactlearn.data.json_files import json_content
+from contactlearn.data.packed import for_library, on_disk, opened_text
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import components_of, impact_vocabulary, name_words, recognise
 from contactlearn.data.table.rows import impactful
@@ -51,7 +52,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
     dialect = sniffed(path)
     header, read_as = dialect.header.names, dialect.read_as()
     try:
-        with path.open(newline="", encoding=dialect.encoding) as file:
+        with opened_text(path, newline="", encoding=dialect.encoding) as file:
             for _ in islice(file, dialect.above):
                 pass
             written = csv_rows(file, dialect.separator)
@@ -102,7 +103,7 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
     first = 0
     try:
         # Not read_table: that one also makes columns out of folder names such as mass=1.  A buffer would keep the file.
-        with parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
+        with parquet.ParquetFile(for_library(path), page_checksum_verification=True, pre_buffer=False) as file:
             whole = rows is None or file.metadata.num_rows <= rows
             for block in [file.read()] if whole else file.iter_batches(rows):
                 names = [*map(_joined, block.schema.names)]
@@ -140,11 +141,12 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     del rows  # a spreadsheet is read as a whole
     engine = {".xlsx": "openpyxl", ".ods": "odf"}[path.suffix.lower()]
     try:
-        with ZipFile(path) as packed:
+        with ZipFile(for_library(path)) as packed:
             unpacked = sum(entry.file_size for entry in packed.infolist())
         if unpacked > _UNPACKED:
             raise DataError(f"{path}: takes {unpacked / 2**30:.1f} GiB unpacked; export it as CSV")
-        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object, engine=engine, na_filter=False)
+        source = for_library(path)
+        frames = pd.read_excel(source, sheet_name=None, header=None, dtype=object, engine=engine, na_filter=False)
     except (DataError, OSError):
         raise
     except ImportError:
@@ -233,7 +235,7 @@ def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is no database, too large, or has no or several such tables.
     """
     del rows  # a database is read as a whole
-    if path.stat().st_size > _UNPACKED:
+    if on_disk(path).stat().st_size > _UNPACKED:
         raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export its table as Parquet or CSV")
     tables = dict[str, tuple[list[str], list[Cells]]]()
     try:
