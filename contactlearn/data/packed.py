@@ -12,7 +12,7 @@ from collections.abc import Collection
 from functools import lru_cache
 from io import BytesIO, TextIOWrapper
 from pathlib import Path, PurePosixPath
-from typing import IO, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 from zipfile import BadZipFile, ZipFile
 
 from contactlearn.core.errors import DataError
@@ -156,7 +156,7 @@ def _unpacked(archive: Path, name: str, changed: int, size: int) -> bytes:
         raise _damaged(archive, error) from None
 
 
-def _bounded(path: Path, file: IO[bytes]) -> bytes:
+def _bounded(path: Path, file: Any) -> bytes:
     found = BytesIO()
     while chunk := file.read(_CHUNK):
         found.write(chunk)

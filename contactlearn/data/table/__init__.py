@@ -87,8 +87,9 @@ _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the r
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
+_DELIMITED = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm")
 _READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm"), files.read_text),
+    **dict.fromkeys((*_DELIMITED, ".tex", ".md", ".html", ".htm"), files.read_text),
     **dict.fromkeys((".sqlite", ".sqlite3", ".db"), files.read_database),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,

@@ -13,7 +13,7 @@ from unicodedata import normalize
 
 from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.table.units import POWERS, UNIT_FACTORS, Units
-from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
 NAMES = ("trial", "object")
 """Columns of names, not numbers."""
@@ -329,6 +329,11 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
         others=tuple(name for name in header if name not in names.values()),
         doubtful={ours: tuple(candidates) for ours, candidates in matches.items() if ours not in names},
     )
+
+
+def are_outcomes(names: Sequence[str]) -> bool:
+    """Return whether some names are those of velocities after contact."""
+    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
 
 
 def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, list[str]]:
