@@ -54,6 +54,7 @@ from contactlearn.data.table.columns import (
     name_columns,
 )
 from contactlearn.data.table.descriptions import by_settings, phase_column, restated
+from contactlearn.data.table.mapped import with_made_columns
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -123,7 +124,7 @@ class Table:
 def load(
     path: "str | os.PathLike[str] | DataFrame",
     shape: Mapping[str, Any] | Shape | None = None,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | Sequence[float] | None = None,
@@ -137,7 +138,8 @@ def load(
     Args:
         path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
-        columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
+        columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.  In place of a
+            name {"column": "U", "unit": "km/h", "factor": -1}, or {"value": 0.5} for all rows.
         units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
             columns, such as "vx [mm/s]", or SI.
         mass: of all bodies in kg, for a table without that column.
@@ -164,7 +166,7 @@ def read(
     path: "str | os.PathLike[str] | DataFrame",
     *,
     shape: Mapping[str, Any] | Shape | None = None,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | Sequence[float] | None = None,
@@ -213,7 +215,7 @@ def read_blocks(
     inertia: float | Sequence[float] | None = None,
     covariates: Sequence[str] = (),
     units: Mapping[str, str | None] = STATED,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
     """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
@@ -226,14 +228,14 @@ def read_blocks(
     read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
-        columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells, columns = by_settings(cells, columns)
+        mapped: Any = {**columns, **own} if isinstance(columns, Mapping) else own or columns
+        cells, mapped = by_settings(*with_made_columns(cells, mapped, gaps=drop_incomplete))
         cells = restated(
-            cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
+            cells.measured([*own.values()]), known_units, mapped, known_shape, stated=stated, gaps=drop_incomplete
         )
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, (Disc, Sphere)) for each in shapes_among(known_shape).values()))
-        named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
+        named = name_columns(cells, mapped, known_units, shaped=shaped, turning=turning, stated=[*stated])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))

@@ -305,8 +305,9 @@ def is_unit(text: str) -> bool:
 
 
 def unit_as_written(text: str, column: str) -> Stated:
-    """Return the unit that a text is of one of our columns in the plane, by quantity; none if it is none of it."""
-    return impact_vocabulary(PLANE).get(column, {}).get(_unit(name_words(f"[{text}]")), {}) if text.strip() else {}
+    """Return the unit that a text is of one of our columns, by quantity; none if it is none of it."""
+    word = _unit(name_words(f"[{text}]")) if text.strip() else ""
+    return next((unit for space in BOTH if (unit := impact_vocabulary(space).get(column, {}).get(word))), {})
 
 
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
