@@ -29,6 +29,10 @@ class DataError(ContactLearnError):
         return DataError(text, row=self.row and self.row + rows, column=self.column)
 
 
+class UnknownLayoutError(DataError):
+    """A file whose columns are not known: its text goes on with a line for each, and the command that names them."""
+
+
 class UnknownNameError(ContactLearnError):
     """A law, variant, column, norm … that does not exist."""
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from contactlearn.core.errors import ContactLearnError, DataError, suggest
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownLayoutError, suggest
 from contactlearn.data import table
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.packed import files_in, is_archive, is_single, several
+from contactlearn.data.probable import probable_columns
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
     SUFFIXES as RECORDING_SUFFIXES,
@@ -185,14 +186,12 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
+    told = f" {', '.join(map(repr, header))}" if cells is None else f"\n{probable_columns(first, cells)}"
     if why := refusal_of_unmeasured(header):
-        raise DataError(f"{first}: {why}")
-    raise DataError(
+        raise UnknownLayoutError(f"{first}: {why}; its columns are{told}")
+    raise UnknownLayoutError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
-        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
-        f"{', '.join(map(repr, header))}; those of a table are named by data=table data.path={first} "
-        "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
-        "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
+        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are{told}"
     )
 
 

@@ -18,7 +18,7 @@ from unicodedata import normalize
 from contactlearn.core.errors import DataError
 from contactlearn.data.packed import opened_bytes, opened_text, size_of
 from contactlearn.data.table.comments import with_units
-from contactlearn.data.table.markup import as_text, tables_in
+from contactlearn.data.table.markup import tab_separated, tables_in
 from contactlearn.data.table.names import are_outcomes, impact_vocabulary, is_unit, name_words, recognise, time_of
 from contactlearn.mechanics.space import BOTH
 
@@ -252,7 +252,7 @@ def _marked_up(path: Path, encoding: str) -> Dialect:
     numerals = numerals_of(str(path), [cells for _, cells in rows[header.rows :]])
     return Dialect(
         encoding=encoding, separator="\t", above=0, comments=0, numerals=numerals, header=header, language=language,
-        text=as_text(rows),
+        text=tab_separated(rows),
     )  # fmt: skip
 
 

@@ -34,9 +34,9 @@ def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, 
         DataError: an entry has neither column nor value or both, no such column, or another unit.
         UnknownNameError: an entry that does not exist.
     """
-    entries = {str(ours): one for ours, one in mapped.items() if isinstance(one, Mapping)} if mapped else {}
-    if not entries:
+    if not isinstance(mapped, Mapping):
         return cells, mapped
+    entries = {str(ours): one for ours, one in mapped.items() if isinstance(one, Mapping)}
     made, names, sources, said = dict[str, Cells](), dict[str, str](), set[str](), list[str]()
     for ours, entry in entries.items():
         setting = f"{cells.path}: data.columns.{ours}"

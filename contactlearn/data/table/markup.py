@@ -65,7 +65,7 @@ def tables_in(text: str) -> tuple[str, list[list[Row]]]:
     return "", []
 
 
-def as_text(rows: Sequence[Row]) -> str:
+def tab_separated(rows: Sequence[Row]) -> str:
     """Return rows with tabs between their cells, each in its line."""
     lines = list[str]()
     for line, cells in rows:
