@@ -49,8 +49,8 @@ from contactlearn.data.table.columns import (
     required_in,
     trial_column,
 )
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
-from contactlearn.data.table.several import refusal_of_several
+from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise, times_in
+from contactlearn.data.table.several import refusal_of_several, refusal_side_by_side
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
 from contactlearn.mechanics.space import PLANE, SPACE, Space
@@ -63,7 +63,7 @@ _SHAPE = (
     "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
-_MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
+_MARKER = re.compile(r"(?:m|marker|p|pt|point)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
     "x": "of the centre of mass, to the right", "y": "of the centre of mass, up, along the floor's normal",
@@ -77,7 +77,8 @@ _SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwi
 _NUMBERED = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)[\W_]*[0-4]", re.I)
 _PIXEL = "px"
 _RATE = re.compile(
-    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)", re.I
+    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate|frequency)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)",
+    re.I,
 )
 _SCALE = re.compile(r"(\d+(?:\.\d+)?)\s*(mm|cm|m|in)\s*(?:/|per|a)\s*(?:px|pixel)", re.I)
 _POSE = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
@@ -142,10 +143,13 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = cells or (None if nested else table.preview(first))
     header, read_as = (nested or [], ()) if cells is None else (cells.header, cells.read_as)
+    if why := refusal_side_by_side(header):
+        raise DataError(f"{first}: {why}")
     space, impacts = recognised_columns(header)
     frames, markers = recognise(header, _frame_units()), _markers(header)
     _refuse_sensors(first, header, frames)
-    bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
+    both = {times_in(name, opposite=False) for name in header} >= {"pre", "post"}  # states, and not bodies
+    bodies = {} if markers or both or "x" in frames.names else bodies_in_names(header, _POSE)
     frames = _stamped(header, frames)
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
@@ -181,7 +185,7 @@ def propose(path: Path) -> FileContents:
         body = _body(path, markers, bodies or named, where)
         return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
+    timed = not both and frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
     if timed and frames.others:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if why := refusal_of_several(header):

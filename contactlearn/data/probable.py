@@ -35,6 +35,7 @@ _FALLING = 0.2  # share of windows in which a height falls so
 _WINDOW = 0.05  # s, in which a body is in flight
 _MOSTLY = 0.9  # share of rows
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
+_FILLED = 0.95  # of a turn, that only an angle fills
 _TURNS = {"rad": np.pi, "deg": 180.0}
 
 
@@ -116,7 +117,7 @@ def _of_frames(whole: Columns, clock: str) -> dict[str, _Guess]:
     for name in (name for name in others if name not in found):
         turn = _turn(others[name])
         if turn and np.abs(np.diff(others[name])).max() > turn[1]:
-            found[name] = _Guess(ours="angle", why=f"leaps by a turn: an angle in {turn[0]}")
+            found[name] = _Guess(ours="angle", why=f"leaps by a turn: an angle in {turn[0]}", unit=turn[0])
     fits = [
         (float((np.abs(sign * accelerations * size / GRAVITY - 1) < _GRAVITY_SHARE).mean()), name, unit, sign)
         for name, one in others.items()
@@ -129,7 +130,7 @@ def _of_frames(whole: Columns, clock: str) -> dict[str, _Guess]:
     if share > _FALLING:
         axis = "up" if sign < 0 else "down"
         about = f"in {100 * share:.0f} % of the time it falls with gravity: a height in {unit}, {axis} positive"
-        found[name] = _Guess(ours="position", why=about)
+        found[name] = _Guess(ours="position", why=about, unit=unit)
     return found
 
 
@@ -155,7 +156,9 @@ def _of_impacts(whole: Columns) -> dict[str, _Guess]:
                 for name, ours in zip(names, ("qw", "qx", "qy", "qz"), strict=True)
             }
     left = [name for name in left if name not in found]
-    turns = [(name, turn[0]) for name in left if name not in found and (turn := _turn(whole[name]))]
+    turns = [(name, turn[0]) for name in left if (turn := _turn(whole[name]))]
+    filled = [one for one in turns if np.ptp(whole[one[0]]) > _FILLED * 2 * _TURNS[one[1]]]
+    turns = filled if len(filled) == 1 else turns
     if len(turns) == 1:
         name, unit = turns[0]
         found[name] = _Guess(ours="theta", why=f"fills three quarters of a turn or more: an angle in {unit}", unit=unit)
@@ -212,7 +215,7 @@ def _command(path: Path, guesses: Mapping[str, _Guess], *, of_frames: bool) -> l
     by_ours = dict[str, list[str]]()
     for name, guess in guesses.items():
         text = setting_text(name) if name.isprintable() else "?"
-        text = f"{{column: {text}, unit: {guess.unit}}}" if guess.unit == "deg" else text
+        text = f"{{column: {text}, unit: {guess.unit}}}" if guess.unit == "deg" and not of_frames else text
         by_ours.setdefault(guess.ours, []).append(text)
     if of_frames:
         position = [*by_ours.get("position", []), "?", "?"][:2]
@@ -221,13 +224,16 @@ def _command(path: Path, guesses: Mapping[str, _Guess], *, of_frames: bool) -> l
         columns += f", quaternion: [{', '.join(turned)}]" if turned else f", angle: {by_ours.get('angle', ['?'])[0]}"
         verb, after, known = "impacts", " -o impacts.parquet", "position [x, y] or [x, y, z], angle null of a ball"
         forms = "data.unit and data.angle state the units, null as they are found"
+        stated = [f"data.{guess.ours.replace('position', 'unit')}={guess.unit}" for guess in guesses.values()
+                  if guess.unit and guess.ours in ("position", "angle")]  # fmt: skip
     else:
         wanted = ("qw", "qx", "qy", "qz") if "qw" in by_ours else ("theta",)
         wanted += ("vx", "vy", "omega", "vx_post", "vy_post", "omega_post")
         columns = ", ".join(f"{ours}: {by_ours.get(ours, ['?'])[0]}" for ours in wanted)
-        verb, after, known, forms = "audit", "", f"our names: {_NAMES}", _FORMS
+        verb, after, known, forms, stated = "audit", "", f"our names: {_NAMES}", _FORMS, list[str]()
     words = [f"data.columns={{{columns}}}", "data.mass=?", "data.shape={kind: disc, radius: ?}"]
-    words += ["data.units.angle=?"] if "unit: deg" in columns else []  # of the spins
+    words += stated
+    words += ["data.units.angle=?"] if "unit: deg" in columns and not of_frames else []  # of the spins
     quoted = " ".join(shlex.quote(word) if re.search(r"[ {]", word) else word for word in words)
     return [
         f"correct what is wrong and fill in each ? (SI), or leave it out: {known}; {forms}",

@@ -30,6 +30,7 @@ def write_settings(path: Path, name: str | None) -> str:
         DataError: see `contactlearn.data.headers.propose`.
     """
     word = name or re.sub(r"\W+", "_", path.resolve().stem, flags=re.ASCII).strip("_")
+    word = f"data_{word}" if word[:1].isdigit() and name is None else word
     file = Path(f"{word}.yaml")
     if not DATA_NAME.fullmatch(word):
         raise ContactLearnError(f"--name is a word of the letters a to z, digits and _ for data=NAME, got {word!r}")

@@ -1,4 +1,4 @@
-"""Tables with the impacts of several bodies in a row: red_vx_before, blue_vx_before, red_vx_after, blue_vx_after."""
+"""Several things in a row: bodies, as red_vx_before, blue_vx_before, and tables, as Time Run 1, Time Run 2."""
 
 import json
 import re
@@ -8,6 +8,8 @@ from contactlearn.data.table.names import impact_vocabulary, recognise
 from contactlearn.mechanics.space import PLANE
 
 _NEEDED = ("vx", "vy", "vx_post", "vy_post")
+_MIN_BESIDE = 3  # columns of a table that stands beside another
+_RUN = re.compile(r"\s*\b(?:run|trial|take|throw|drop|toss|session|versuch|essai|séance)\W*(\d+)\W*$", re.I)
 _BETWEEN = re.compile(r"[\W_]+")
 
 
@@ -24,6 +26,20 @@ def refusal_of_several(header: Sequence[str]) -> str:
     return (
         f"each row has the impacts of {len(bodies)} bodies, {', '.join(bodies)}; choose one, for {first} "
         f"'data.columns={{{mapped}}}', or write a row for each body, with its name in a column object"
+    )
+
+
+def refusal_side_by_side(header: Sequence[str]) -> str:
+    """Return how to write tables that stand side by side, with the same names again; empty of any other header."""
+    bare = [_RUN.sub("", name).strip() for name in header]
+    again = [name for name in dict.fromkeys(bare) if name and bare.count(name) > 1]
+    copies = {bare.count(name) for name in again}
+    if len(again) < _MIN_BESIDE or len(copies) != 1:
+        return ""
+    return (
+        f"{copies.pop()} tables stand side by side, each with the columns {', '.join(map(repr, again))}; write them "
+        "one below the other under these names, with a column recording (of frames) or trial (of impacts) that says "
+        "which is which, or each into a file of its own in one folder"
     )
 
 

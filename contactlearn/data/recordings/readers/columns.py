@@ -31,6 +31,7 @@ FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
 _SNIFFED = 50  # lines in which the decimal mark is looked for
+_LOST = 1e20  # from which on a number is a mark of a lost coordinate, such as -3.697314E28 of NDI
 MOST_FRAMES = 2_000_000
 """Of a recording: more than half an hour at 1000 frames a second, and a gigabyte or two of memory."""
 
@@ -110,7 +111,13 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
         encoding="utf-8-sig",
         **_dialect(path, export),
     ) as reader:
-        yield from reader if export is None else map(export.cleaned, reader)
+        try:
+            yield from reader if export is None else map(export.cleaned, reader)
+        except pd.errors.ParserError as error:
+            raise DataError(
+                f"{path}: rows have other numbers of cells than the line that names the columns "
+                f"({str(error).strip().removeprefix('Error tokenizing data. C error: ')}): leave out lines above it"
+            ) from None
 
 
 def comments(path: Path) -> list[str]:
@@ -118,7 +125,19 @@ def comments(path: Path) -> list[str]:
     if path.suffix.lower() in (".parquet", *JSON):
         return []
     with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
-        return [line.strip() for line in takewhile(lambda line: line.startswith(COMMENT), file)]
+        lines = [*islice(file, _SNIFFED)]
+    return [line.strip() for line in lines[: _above(lines)]]
+
+
+def _above(lines: Sequence[str]) -> int:
+    """The number of lines above the header: comments, and titles of fewer cells than the first numbers have."""
+    above = len([*takewhile(lambda line: line.startswith(COMMENT), lines)])
+    first = next((k for k, line in enumerate(lines) if k > above and _NUMBERS.match(line)), 0)
+    for mark in ";\t,":
+        cells = lines[first].count(mark) if first else 0
+        if cells and lines[above].count(mark) < cells == lines[first - 1].count(mark):
+            return first - 1
+    return above
 
 
 def column_names(path: Path) -> list[str]:
@@ -150,7 +169,8 @@ def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
             separator, own = export.separator, {"header": None, "names": export.names, "index_col": False}
             own |= {"skiprows": export.above, "nrows": len(frames) + more}
         else:
-            above = [*takewhile(lambda line: line.startswith(COMMENT), file)]
+            top = [*islice(file, _SNIFFED)]
+            above = top[: _above(top)]
             file.seek(0)
             header, *frames = [*islice(file, len(above), len(above) + _SNIFFED), "", ""]
             if not header.strip():
@@ -522,7 +542,8 @@ def _columns(place: str, table: pd.DataFrame, names: Sequence[str]) -> Array:
 def _column(place: str, table: pd.DataFrame, name: str) -> Array:
     """A column as numbers, not a number where it is empty."""
     try:
-        return table[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        numbers = table[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        return np.where(np.abs(numbers) < _LOST, numbers, np.nan)
     except (TypeError, ValueError):
         cells = pd.to_numeric(table[name], errors="coerce")
         row = int(np.argmax((cells.isna() & table[name].notna()).to_numpy()))
