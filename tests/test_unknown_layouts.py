@@ -27,7 +27,10 @@ def test_tables_side_by_side_are_refused(tmp_path: Path, header: str, said: str)
 def test_a_column_a_trial_is_to_be_transposed(tmp_path: Path) -> None:
     file = tmp_path / "drops.csv"
     names = ("theta", "vx before", "vy before", "omega before", "vx after", "vy after", "omega after")
-    file.write_text("\n".join(f"{name};" + ";".join(f"{k},25" for k in range(9)) for name in ("drop", *names)) + "\n")
+    title = "drops of an ellipse" + ";" * 9 + "\n"
+    file.write_text(
+        title + "\n".join(f"{name};" + ";".join(f"{k},25" for k in range(9)) for name in ("drop", *names)) + "\n"
+    )
     with pytest.raises(DataError, match="transpose"):
         propose(file)
 

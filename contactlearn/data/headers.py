@@ -77,7 +77,8 @@ _SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwi
 _NUMBERED = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)[\W_]*[0-4]", re.I)
 _PIXEL = "px"
 _RATE = re.compile(
-    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate|frequency)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)",
+    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate|frequency)"
+    r"\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)",
     re.I,
 )
 _SCALE = re.compile(r"(\d+(?:\.\d+)?)\s*(mm|cm|m|in)\s*(?:/|per|a)\s*(?:px|pixel)", re.I)
