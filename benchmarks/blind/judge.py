@@ -31,6 +31,8 @@ class Answer:
     shares: list[float] = field(default_factory=list)  # shares of the plausible models that have each effect
     gains: list[float] = field(default_factory=list)  # shares of the error that each effect removes
     left: float = 0.0  # share of the error that flexible models remove beyond the effects
+    # mean held-out errors: `law`, `effects`, `flexible`, `noise` (scatter of the contact in it) and `instrument`
+    errors: dict[str, float] = field(default_factory=dict)
     rivals: list[list[str]] = field(default_factory=list)  # names of the confounded effects
     # names of a model with fewer effects that does nearly as well, None where there is none
     simpler: list[str] | None = None
@@ -72,6 +74,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         shares=[one.share for one in missing],
         gains=[one.error_reduction / max(named + one.error_reduction, 1e-300) for one in missing],
         left=0.0 if remainder is None else remainder.share.mean,
+        errors=_errors(found),
         rivals=[[rival.effect.name for rival in one.rivals] for one in missing],
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         models=[[one.name for one in model.effects] for model in found.models] if found.models else None,
@@ -97,6 +100,20 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         formulas=[one.text for one in found.formulas],
         complete=found.complete,
     )
+
+
+def _errors(found: Diagnosis) -> dict[str, float]:
+    """Return the mean errors of the budget by name, without those that are unknown."""
+    if (budget := found.budget) is None:
+        return {}
+    errors = {
+        "law": budget.base,
+        "effects": budget.named,
+        "flexible": budget.flexible,
+        "noise": budget.noise,
+        "instrument": budget.instrument,
+    }
+    return {name: error.mean for name, error in errors.items() if error is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
