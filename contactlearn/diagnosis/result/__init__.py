@@ -12,6 +12,7 @@ All errors are mass errors (dimensionless), on held-out trials unless stated oth
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -191,6 +192,16 @@ class ErrorBudget:
     def floors_differ(self) -> bool:
         """Whether the instrument alone makes less error than with the contact's scatter, beyond their intervals."""
         return self.instrument is not None and self.noise is not None and self.instrument.high < self.noise.low
+
+    @property
+    def reducible(self) -> float:
+        """Part of the full model's squared error that is neither noise nor scatter, as far as processes find none."""
+        floor = self.flexible if self.noise is None else self.noise
+        return max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0
+
+    def removed(self, reduction: float) -> float:
+        """Squared error that an effect removes, over that of the full model, if it reduces the mean error by so much."""
+        return (1.0 + reduction / self.named.mean) ** 2 - 1.0 if self.named.mean else math.inf
 
     @property
     def rungs(self) -> tuple[Rung, ...]:

@@ -1,12 +1,11 @@
 """The ladder: the law, and effect after effect in the order of their error reductions, with held-out errors.
 
-The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue,
-and the true effect may not be one of them: where an effect removes little error, or others are named beside it, or the
-residual is still predictable or depends on something unknown, the named effect may be a proxy for what another
-effect's form leaves.  A logistic regression turns these quantities into the probability that the name is right.  It is
-fitted to tables of `benchmarks/blind` by several authors, with known and unknown physics and soft contacts; a fit to
-names by this catalogue and by a poorer one is its prior.  It is tested on other tables, and on tosses in space
-(`benchmarks/tosses`), to which nothing is fitted.
+The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue, and
+the true effect may not be one of them: where an effect removes little of the error beside what is left beyond noise and
+scatter, it may be a proxy for what another effect's form leaves.  A logistic regression turns that ratio into the
+probability that one of the effects compared is right, and the share says which.  It is fitted to tables of
+`benchmarks/blind` by several authors, in the plane and in space, with known and unknown physics, soft contacts and
+scatter, and tested on other tables.
 Source: Platt 1999, for the calibration.
 """
 
@@ -28,9 +27,10 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (0.21, 0.56, 1.85, -10.33, -1.63, -0.85)
+COEFFICIENTS = (-0.15, 1.48)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
-_FULL = 0.995  # a share beyond which no set of models is large enough
+SUREST = 0.99
+"""Probability of a name beyond which the number of judged names tells no more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,22 +123,22 @@ def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple
 # --- Confidence --------------------------------------------------------------------------------
 
 
-def calibrated(share: float, gain: float, left: float, unknown: bool, others: int) -> float:
+def calibrated(share: float, removed: float, left: float, trials: int) -> float:
     """Compute the probability that a named effect is right.
 
     Args:
         share: of the plausible models that have it.
-        gain: share of the held-out error that it takes away, the other effects in the model.
-        left: share of the model's held-out error that flexible models still take away.
-        unknown: whether the residual shows that something unknown is missing.
-        others: number of effects that are named beside it.
+        removed: squared held-out error that it removes, the other effects in the model, over that of the model.
+        left: part of the model's squared error that is neither noise nor scatter of the contact.
+        trials: their number.
     """
-    values = regressors(share, gain, left, unknown, others)
-    return 1 / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
+    values = regressors(removed, left, trials)
+    return share * SUREST / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
 
 
-def regressors(share: float, gain: float, left: float, unknown: bool, others: int) -> tuple[float, ...]:
-    """Compute the regressors: 1, and each quantity on a scale on which it adds up."""
-    odds = min(share, _FULL) / (1 - min(share, _FULL))
-    evidence = math.log(max(odds, 1e-3)), math.log(max(gain, 1e-3) / 0.1)
-    return 1.0, *evidence, min(max(left, 0.0), 0.5), float(unknown), float(others)
+def regressors(removed: float, left: float, trials: int) -> tuple[float, float]:
+    """Compute 1 and the logarithm of what is removed over what is left.
+
+    What is left is known to a part of 1/√n of the squared error, since noise is estimated from n trials.
+    """
+    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / (max(left, 0.0) + trials**-0.5))
