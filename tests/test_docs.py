@@ -164,12 +164,13 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading below its place, a drawing, its neighbours; on the site the formula and ranges of every form."""
+    """A heading below its place, a drawing, its neighbours, and the formula and ranges of every form.
+
+    If the tables are not those of the classes: `python tools/effect_cards.py`.
+    """
     text = (ROOT / "docs" / "effects.md").read_text("utf-8")
-    site = [text]
-    runpy.run_path(str(ROOT / "docs" / "conf.py"))["with_forms"](None, "docs/effects", site)
-    assert "<!-- forms of" not in site[0]
-    places = re.split(r"^### `(\w+)`: .*$", site[0], flags=re.MULTILINE)
+    assert runpy.run_path(str(ROOT / "tools" / "effect_cards.py"))["renewed"](text) == text
+    places = re.split(r"^### `(\w+)`: .*$", text, flags=re.MULTILINE)
     cards = {}
     for place, part in zip(places[1::2], places[2::2], strict=True):
         for name, card in zip(*[iter(re.split(r"^#### (\w+)$", part, flags=re.MULTILINE)[1:])] * 2, strict=True):
