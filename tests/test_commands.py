@@ -26,7 +26,7 @@ from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _evaluation_command
 from contactlearn.cli.commands.fitting import draw_cost_surface
 from contactlearn.cli.config_files import choices, summaries
-from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.job import Run
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings, check_names
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.events import TaskProgress
@@ -341,6 +341,16 @@ def test_what_results_print_can_be_typed():
     assert "side_drag" in cfg.effect
 
 
+def test_a_law_with_effects_is_fitted_to_all_that_is_not_held_out(tmp_path):
+    """As a diagnosis is, whose model `train model=RUN` judges; a number of trials is taken as it is."""
+    words = ("data.size=60", "model=analytical", "effect=[side_drag]", "fit.starts=2", "bootstrap=50")
+    printed = run("train.py", *words, f"hydra.run.dir={tmp_path / 'all'}")
+    assert "law and effects are fitted to these 45, and judged on the others; diagnose fits to all\n" in printed
+    assert json.loads((tmp_path / "all" / "results.json").read_text())["provenance"]["config"]["train"]["size"] == 45
+    printed = run("train.py", *words, "train.size=20", f"hydra.run.dir={tmp_path / 'few'}")
+    assert "diagnose fits" not in printed
+
+
 @pytest.mark.parametrize("words", [("contactlearn", "--version"), ("contactlearn", "--help"), ("train.py", "--help")])
 def test_an_output_that_cannot_be_written_is_an_error(words):
     command = ["-m", *words] if words[0] == "contactlearn" else [str(ROOT / words[0]), *words[1:]]
@@ -651,17 +661,6 @@ def test_every_shipped_setting_is_known(name):
     extra = {"evaluate": ["experiment=transfer", "+transfer.bodies.mine={size: 3}", "+model.mine={features: x1}"]}
     own = ["+effect.mine.tau='-c*rx*Pn'", "data=table", "data.path=a.csv", "+law.mine=3", *extra.get(name, [])]
     check_names(hydra_main.compose(name, own), name, own)
-
-
-@pytest.mark.parametrize(("program", "words"), [
-    ("train.py", ["python", "evaluate.py"]),
-    ("/opt/clone/train.py", ["python", "/opt/clone/evaluate.py"]),
-    ("loky/backend/popen_loky_posix.py", ["python", "-m", "contactlearn", "evaluate"]),
-    ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
-])  # fmt: skip
-def test_printed_commands_use_the_form_of_the_call(program, words, monkeypatch):
-    monkeypatch.setattr("sys.argv", [program])
-    assert invocation("evaluate") == words
 
 
 @pytest.mark.parametrize(("words", "expected"), [
