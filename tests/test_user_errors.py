@@ -135,6 +135,11 @@ def test_names_stand_for_laws_and_effects():
             assert getattr(package, name).__name__ == f"contactlearn.{room}.{name}"
     with pytest.raises(AttributeError, match="has no attribute 'mysteries'"):
         contactlearn.data.mysteries  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'laddr', did you mean 'ladder'\?; known: comparison, "):
+        contactlearn.plot.laddr  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'diagnos', did you mean 'diagnose'\?; known: "):
+        contactlearn.diagnos  # noqa: B018
+    assert not hasattr(contactlearn.plot, "nonsense")
 
 
 @pytest.mark.parametrize(
