@@ -216,7 +216,7 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
                 parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
         described["; ".join(parts)].append(model_label(model))
     for description, models in described.items():
-        print_line(f"note: the processes of {join_words(models)} are {description}")
+        print_line(f"note: the Gaussian processes of {join_words(models)} are {description}")
     print_line(
         "coverage: share of velocities with spins inside the predicted 95 % ellipsoid, and density, at the largest size"
     )
