@@ -12,7 +12,7 @@ from typing import Any
 
 from contactlearn.cli.tools import add_tools
 from contactlearn.core import __version__
-from contactlearn.core.errors import ContactLearnError, install_hint, suggest, terminal_safe
+from contactlearn.core.errors import ContactLearnError, UnknownLayoutError, install_hint, suggest, terminal_safe
 from contactlearn.core.signals import graceful_exit, write_output
 
 _CONFIGURED = {
@@ -55,7 +55,9 @@ def main(arguments: list[str] | None = None) -> int:
         except BrokenPipeError:  # of a reader that has gone
             raise
         except (ContactLearnError, HydraException, OmegaConfBaseException, OSError) as error:
-            print(f"error: {terminal_safe(reason(error).splitlines()[0])}", file=sys.stderr)
+            lines = reason(error).splitlines()
+            shown = lines if isinstance(error, UnknownLayoutError) else lines[:1]
+            print(f"error: {terminal_safe(chr(10).join(shown))}", file=sys.stderr)
             return 2
 
 

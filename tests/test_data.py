@@ -160,7 +160,7 @@ def test_broken_parquet_is_refused(tmp_path):
             table.load(path)
 
 
-@pytest.mark.parametrize("name", ["drops.xls", "drops", "drops.csv.gz", "drops.pkl"])
+@pytest.mark.parametrize("name", ["drops.xls", "drops", "drops.csv.7z", "drops.pkl"])
 def test_other_suffixes_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_text(text(grid()))

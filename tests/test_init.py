@@ -320,7 +320,7 @@ def test_a_name_in_a_file_is_text(drops):
     ("words", "message"),
     [
         (["nowhere.csv"], "nowhere.csv: no such file or folder"),
-        (["drops.csv.gz"], "drops.csv.gz: is compressed; unpack it first"),
+        (["drops.tar"], "drops.tar: is compressed; unpack it first"),
         (["broken.jsonl"], "broken.jsonl: is no whole JSON: it breaks off at line 2"),
         (["other.json"], "other.json: holds neither frames nor impacts"),
         (["drops.csv", "--name", "table"], "data=table is a source of this package; choose another name"),
@@ -329,7 +329,7 @@ def test_a_name_in_a_file_is_text(drops):
         (["other.csv"], "other.csv: is neither a table of impacts"),
         (["times.csv"], "are 'Time 1 (s)', 'Time 2 (s)' times between bounces?"),
         (["ratios.csv"], "the coefficients 'e_n [-]', 'e_t [-]' give those after it: add vy_post"),
-        (["tables"], "tables: holds tables of impacts, such as a.csv; give one of them"),
+        (["tables"], "tables: holds 1 table, a.csv; give it: tables/a.csv"),
     ],
 )
 def test_init_refuses(drops, words, message):
@@ -339,12 +339,13 @@ def test_init_refuses(drops, words, message):
     header(Path("other.csv"), "a", "b")
     header(Path("times.csv"), "run", "Time 1 (s)", "Time 2 (s)")
     header(Path("ratios.csv"), "v_in [m/s]", "theta_in [deg]", "e_n [-]", "e_t [-]")
-    Path("drops.csv.gz").write_bytes(b"")
+    Path("drops.tar").write_bytes(b"")
     Path("broken.jsonl").write_text('{"vx_post": 1}\n{"vx_post": \n')
     Path("other.json").write_text('{"rate": 100, "by": "me"}')
     before = sorted(Path().rglob("*"))
-    (told,) = run("contactlearn", "init", *words, cwd=".", status=2).splitlines()
+    told, *columns = run("contactlearn", "init", *words, cwd=".", status=2).splitlines()
     assert message in told
+    assert not columns or told.endswith("; its columns are")
     assert sorted(Path().rglob("*")) == before
     assert Path("taken.yaml").read_text() == "mine"
 

@@ -712,7 +712,7 @@ def test_video_analysis_of_logger_pro(objects, tmp_path):
         assert not one.quaternion
 
 
-@pytest.mark.parametrize("name", ["toss.csv.gz", "tosses.zip"])
+@pytest.mark.parametrize("name", ["toss.7z", "tosses.tar"])
 def test_a_compressed_file_is_to_be_unpacked(tmp_path, name):
     path = tmp_path / name
     path.touch()

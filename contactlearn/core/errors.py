@@ -29,6 +29,10 @@ class DataError(ContactLearnError):
         return DataError(text, row=self.row and self.row + rows, column=self.column)
 
 
+class UnknownLayoutError(DataError):
+    """A file whose columns are not known: its text goes on with a line for each, and the command that names them."""
+
+
 class UnknownNameError(ContactLearnError):
     """A law, variant, column, norm … that does not exist."""
 
@@ -48,6 +52,14 @@ def suggest(name: str, known: Iterable[str], least: float = 0.5) -> str:
 
     near = get_close_matches(str(name), list(known), n=1, cutoff=least)
     return f", did you mean {near[0]!r}?" if near else ""
+
+
+def no_attribute(module: str, name: str, known: Iterable[str]) -> AttributeError:
+    """Return the error of a name that a module lacks, with the nearest one and all that it has."""
+    known = list(known)
+    return AttributeError(
+        f"module {module!r} has no attribute {name!r}{suggest(name, known)}; known: {', '.join(known)}"
+    )
 
 
 def install_hint(extra: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+from contactlearn.data.packed import for_library
 
 HDF5 = (".h5", ".hdf5")
 
@@ -21,15 +22,19 @@ def loaded(path: Path) -> Any:
         DataError: it is of a version of MATLAB that is HDF5.
     """
     if path.suffix.lower() == ".pt":
-        return torch.load(path, map_location="cpu", weights_only=True)
+        return torch.load(for_library(path), map_location="cpu", weights_only=True)
     if path.suffix.lower() == ".mat":
         from scipy.io import loadmat
 
         try:
-            return {name: one for name, one in loadmat(path, simplify_cells=True).items() if not name.startswith("__")}
+            return {
+                name: one
+                for name, one in loadmat(for_library(path), simplify_cells=True).items()
+                if not name.startswith("__")
+            }
         except NotImplementedError:
             raise DataError(f"{path}: is of MATLAB's version 7.3; save it with -v7, or rename it .h5") from None
-    found = np.load(path, allow_pickle=False)
+    found = np.load(for_library(path), allow_pickle=False)
     return {name: found[name] for name in found.files} if isinstance(found, np.lib.npyio.NpzFile) else found
 
 
@@ -58,5 +63,5 @@ def tables_in_hdf5(path: Path) -> dict[str, Any]:
                 found[f"{name} [{unit}]" if unit else name] = one[()]
         return found
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(for_library(path), "r") as file:
         return content(file)

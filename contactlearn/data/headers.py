@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from contactlearn.core.errors import ContactLearnError, DataError, suggest
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownLayoutError, suggest
 from contactlearn.data import table
 from contactlearn.data.cameras import refusal_of_cameras
+from contactlearn.data.packed import files_in, is_archive, is_single, several
+from contactlearn.data.probable import probable_columns
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
     SUFFIXES as RECORDING_SUFFIXES,
@@ -123,7 +125,11 @@ def propose(path: Path) -> FileContents:
     Raises:
         DataError: it cannot be read, or is neither.
     """
-    first = path if path.suffix.lower() in table.SUFFIXES and path.is_file() else recording_files(path)[0]
+    packed = files_in(path, {*table.SUFFIXES, *RECORDING_SUFFIXES}) if is_archive(path) else []
+    if len(packed) == 1:
+        first = packed[0]
+    else:
+        first = path if path.suffix.lower() in table.SUFFIXES and is_single(path) else recording_files(path)[0]
     cells = _impacts_of(first)
     frames = nested_table(first) if cells is None else None
     nested = None if frames is None else [*map(str, frames.columns)]
@@ -145,8 +151,9 @@ def propose(path: Path) -> FileContents:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in header)], _frame_units())
     if any(column in impacts.names for column in space.components["v_post"]):
-        if path.is_dir():
-            raise DataError(f"{path}: holds tables of impacts, such as {first.name}; give one of them")
+        if path.is_dir() or len(packed) > 1:
+            every = packed or [file for file in sorted(path.rglob("*")) if file.suffix.lower() in table.SUFFIXES]
+            raise DataError(f"{path}: {several(path, every, 'table')}")
         if cells is not None and "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
@@ -179,14 +186,12 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
+    told = f" {', '.join(map(repr, header))}" if cells is None else f"\n{probable_columns(first, cells)}"
     if why := refusal_of_unmeasured(header):
-        raise DataError(f"{first}: {why}")
-    raise DataError(
+        raise UnknownLayoutError(f"{first}: {why}; its columns are{told}")
+    raise UnknownLayoutError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
-        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are "
-        f"{', '.join(map(repr, header))}; those of a table are named by data=table data.path={first} "
-        "'data.columns={vx: …, vy: …, omega: …, vx_post: …}', those of a recording by data=tracks "
-        "'data.columns={time: …, position: [.., ..], angle: …}', without times by data.rate=…"
+        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are{told}"
     )
 
 

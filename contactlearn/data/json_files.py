@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import opened_text, size_of
 
 _END = re.compile(r"[\w.+-]*\s*")  # of a text that breaks off, from its mistake on: the beginning of a word or number
 
@@ -20,10 +21,11 @@ def json_content(path: Path, *, most: int) -> Any:
     Raises:
         DataError: it is larger, no JSON, or breaks off before its end.
     """
-    if path.stat().st_size > most:
+    if size_of(path) > most:
         raise DataError(f"{path}: is larger than {most >> 20} MiB; split it, or export it as Parquet or CSV")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with opened_text(path, encoding="utf-8-sig") as file:
+            text = file.read()
     except UnicodeDecodeError:
         raise DataError(f"{path}: is no JSON: it must be UTF-8 text throughout") from None
     try:

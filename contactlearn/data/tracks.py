@@ -26,6 +26,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.core.numerics import MAD_SCALE, finite_number, whole
 from contactlearn.data import headers
 from contactlearn.data.audit.rig import with_balance
+from contactlearn.data.packed import exists
 from contactlearn.data.recordings.angles import (
     find_angles,
     reading_residual,
@@ -155,7 +156,7 @@ def find(
 
     Without `columns` the names of the file's columns are understood as `headers.propose` understands them.
     """
-    if settings.get("columns") is None and Path(path).exists():
+    if settings.get("columns") is None and exists(Path(path)):
         named = headers.stated_by_header(Path(path))
         settings |= {name: one for name, one in named.items() if settings.get(name) is None}
     options = track_options(**settings)

@@ -69,7 +69,14 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import fitted_first, follows_order, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
-from contactlearn.diagnosis.search.ladder import Ladder, calibrated, coefficient_ends, fitted_parameters, ladder
+from contactlearn.diagnosis.search.ladder import (
+    Ladder,
+    calibrated,
+    coefficient_ends,
+    equation_in_metres,
+    fitted_parameters,
+    ladder,
+)
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
 from contactlearn.diagnosis.unexplained.contact_scatter import ScatterEstimate, contact_scatter
 from contactlearn.diagnosis.unexplained.formulas import formulas
@@ -193,7 +200,7 @@ class SearchResult:
         candidates = tuple(
             Candidate(
                 effect=effect,
-                equation=larger.present.fit.model.effects[effect.name].equation,
+                equation=equation_in_metres(larger.present.fit.model.effects[effect.name]),
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_after=larger.present.mean_error,
                 error_reduction=less.mean_error - larger.present.mean_error,

@@ -21,9 +21,11 @@ from contactlearn.core.devices import described
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.events import TaskProgress
 from contactlearn.core.numerics import random_share
+from contactlearn.data import table
 from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.findings import quick_audit
 from contactlearn.data.blocks import BLOCK, Blocks, sampled
+from contactlearn.data.packed import only_file, size_of
 from contactlearn.data.recordings import SOURCES
 from contactlearn.data.table import Table, blocks_of, is_large
 from contactlearn.data.tracks import Tracked
@@ -97,9 +99,9 @@ def load_data(source: SourceSettings, validate: bool = True) -> Loaded:
     source.refuse_missing()
     computed, tracked = (), None
     if source.target == _TABLE:
-        table: Table = _call(source, "read", _lenient(source, validate=validate))
-        show_columns(table.unused, table.computed, table.read_as)
-        impacts, computed = table.impacts, table.computed
+        found: Table = _call(source, "read", _lenient(source, validate=validate))
+        show_columns(found.unused, found.computed, found.read_as)
+        impacts, computed = found.impacts, found.computed
     elif source.target in SOURCES:
         tracked = _call(source, "find", {})
         impacts = tracked.impacts
@@ -141,7 +143,7 @@ def load_blocks(source: SourceSettings) -> tuple[Blocks, Tracked | None]:
     names = source.corrections
     together = [name for name in names if name in CORRECTIONS and CORRECTIONS[name].needs_all_trials]
     if together:
-        needed = path.stat().st_size * MEMORY_PER_BYTE
+        needed = size_of(only_file(path, table.SUFFIXES, "table")) * MEMORY_PER_BYTE
         refuse_too_large(needed, f"data.correct=[{', '.join(together)}] looks at all trials of {path} together")
         return Blocks.of(load_data(source).impacts), None
     shown: list[bool] = []
@@ -179,7 +181,9 @@ def split(settings: SplitSettings) -> Split:
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
     held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
-    size = min(_USUAL, max(least, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
+    pooled = int((~held_out).sum())
+    usual = min(pooled, FITTED) if settings.fits_all else min(_USUAL, max(least, 4 * pooled // 5))
+    size = usual if wanted is None else wanted
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)

@@ -41,6 +41,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import atomic_write, finite_number
 from contactlearn.data.array_files import HDF5
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
+from contactlearn.data.packed import UNREAD, exists, for_library, only_file, opened_bytes
 from contactlearn.data.table import files
 from contactlearn.data.table.columns import (
     COLUMNS,
@@ -53,6 +54,7 @@ from contactlearn.data.table.columns import (
     name_columns,
 )
 from contactlearn.data.table.descriptions import by_settings, phase_column, restated
+from contactlearn.data.table.mapped import with_made_columns
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -86,8 +88,9 @@ _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the r
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
+_DELIMITED = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm")
 _READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm"), files.read_text),
+    **dict.fromkeys((*_DELIMITED, ".tex", ".md", ".html", ".htm"), files.read_text),
     **dict.fromkeys((".sqlite", ".sqlite3", ".db"), files.read_database),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
@@ -95,7 +98,6 @@ _READERS = {
     **dict.fromkeys(_ARRAYS, files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
-PACKED = (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar", ".zst")
 SHARED = (*_JSON, *_ARRAYS)
 """Suffixes of files that may be recordings as well."""
 SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in _ARRAYS)
@@ -122,7 +124,7 @@ class Table:
 def load(
     path: "str | os.PathLike[str] | DataFrame",
     shape: Mapping[str, Any] | Shape | None = None,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | Sequence[float] | None = None,
@@ -136,7 +138,8 @@ def load(
     Args:
         path: a file of one of `SUFFIXES`, or a DataFrame, with the columns of the module's table.
         shape: of all bodies, such as `shapes.Ellipse((0.035, 0.025))`, or of each by its name; lengths in m.
-        columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.
+        columns: names in the table by ours, such as {"vx": "speed_x"}; None where it has no such column.  In place of a
+            name {"column": "U", "unit": "km/h", "factor": -1}, or {"value": 0.5} for all rows.
         units: of length, mass, angle and time, and the sense of rotation; those left out are as in the names of
             columns, such as "vx [mm/s]", or SI.
         mass: of all bodies in kg, for a table without that column.
@@ -163,7 +166,7 @@ def read(
     path: "str | os.PathLike[str] | DataFrame",
     *,
     shape: Mapping[str, Any] | Shape | None = None,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     units: Mapping[str, str | None] = STATED,
     mass: float | None = None,
     inertia: float | Sequence[float] | None = None,
@@ -212,7 +215,7 @@ def read_blocks(
     inertia: float | Sequence[float] | None = None,
     covariates: Sequence[str] = (),
     units: Mapping[str, str | None] = STATED,
-    columns: Mapping[str, str | None] | None = None,
+    columns: Mapping[str, str | Mapping[str, Any] | None] | None = None,
     shape: Mapping[str, Any] | Shape | None = None,
 ) -> Iterator[Table]:
     """Impacts from the table file `path`, `rows` at a time, so that the file need not fit in memory.
@@ -225,14 +228,14 @@ def read_blocks(
     read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
-        columns = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells, columns = by_settings(cells, columns)
+        mapped: Any = {**columns, **own} if isinstance(columns, Mapping) else own or columns
+        cells, mapped = by_settings(*with_made_columns(cells, mapped, gaps=drop_incomplete))
         cells = restated(
-            cells.measured([*own.values()]), known_units, columns, known_shape, stated=stated, gaps=drop_incomplete
+            cells.measured([*own.values()]), known_units, mapped, known_shape, stated=stated, gaps=drop_incomplete
         )
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, (Disc, Sphere)) for each in shapes_among(known_shape).values()))
-        named = name_columns(cells, columns, known_units, shaped=shaped, turning=turning, stated=[*stated])
+        named = name_columns(cells, mapped, known_units, shaped=shaped, turning=turning, stated=[*stated])
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
@@ -329,11 +332,11 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
     if not isinstance(path, str | os.PathLike):
         yield _filled(files.sheet_of(path))
         return
-    path = Path(path)
+    path = only_file(Path(path), _READERS, "table")
     if path.is_dir():
         raise DataError(f"{path}: is a directory; give the path of a table, such as a .csv file")
     reader = _READERS[_suffix(path, _READERS)]
-    if not path.exists():
+    if not exists(path):
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:
         for cells in reader(path, rows):
@@ -510,7 +513,7 @@ def check_suffix(path: Path, suffixes: Iterable[str] = tuple(_WRITERS)) -> None:
 
 def _suffix(path: Path, suffixes: Iterable[str]) -> str:
     suffix = path.suffix.lower()
-    if suffix in PACKED:
+    if suffix in UNREAD:
         raise DataError(f"{path}: is compressed; unpack it first, and give the file that comes out")
     if suffix not in suffixes:
         raise DataError(f"{path}: a table is a {' or '.join(suffixes)} file, got suffix {suffix!r}; export it as CSV")
@@ -551,12 +554,13 @@ def blocks_of(tables: Iterator[Table], impacts_of: Callable[[Table], Impacts]) -
 def is_large(path: Path) -> bool:
     """Whether a table file has more than `LARGE` rows; an unreadable file is not large."""
     try:
+        path = only_file(path, _READERS, "table")
         if path.suffix.lower() == ".parquet":
             from pyarrow import parquet
 
-            with parquet.ParquetFile(path) as file:
+            with parquet.ParquetFile(for_library(path)) as file:
                 return file.metadata.num_rows > LARGE
-        with path.open("rb") as file:
+        with opened_bytes(path) as file:
             return sum(1 for _ in islice(file, LARGE + 2)) > LARGE + 1
-    except (OSError, ValueError):  # pyarrow's errors are these
+    except (OSError, ValueError):  # errors of pyarrow and of archives are these
         return False

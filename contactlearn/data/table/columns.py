@@ -130,7 +130,7 @@ def covariate_columns(cells: Sheet, covariates: Sequence[str]) -> dict[str, str]
         raise DataError(f"data.covariates is a list of columns, such as [temperature, operator], got {covariates!r}")
     found: dict[str, str] = {}
     for name in covariates:
-        plain = [one for one in cells.header if name in (one, _without_unit(one))]
+        plain = [one for one in cells.header if name in (one, without_unit(one))]
         named = [name] if name in plain else plain or [one for one in cells.header if _word(one) == _word(name)]
         if len(named) != 1:
             seen = f"may be {' or '.join(map(repr, named))}" if named else f"is no column{suggest(name, cells.header)}"
@@ -141,13 +141,14 @@ def covariate_columns(cells: Sheet, covariates: Sequence[str]) -> dict[str, str]
     return found
 
 
-def _without_unit(name: str) -> str:
+def without_unit(name: str) -> str:
+    """Return a name without the unit in brackets at its end."""
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", name)
 
 
 def _word(name: str) -> str:
     """A name as a word of letters, digits and _, without its unit."""
-    return re.sub(r"\W+", "_", _without_unit(name)).strip("_").lower()
+    return re.sub(r"\W+", "_", without_unit(name)).strip("_").lower()
 
 
 _SPINS = {"omega", "ω", "spin", "rotation", "angular", "rpm", "w", "rot", "dtheta"}
@@ -378,7 +379,7 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
     if not isinstance(mapped, Mapping):
         raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
     names = {str(column): None if name is None else str(name) for column, name in mapped.items()}
-    plain = {name: [one for one in cells.header if _without_unit(one) == name] for name in names.values() if name}
+    plain = {name: [one for one in cells.header if without_unit(one) == name] for name in names.values() if name}
     names = {column: plain[name][0] if name and len(plain[name]) == 1 else name for column, name in names.items()}
     for column, name in names.items():
         if column not in known:

@@ -12,17 +12,20 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice, zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 from unicodedata import normalize
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import opened_bytes, opened_text, size_of
 from contactlearn.data.table.comments import with_units
-from contactlearn.data.table.names import impact_vocabulary, is_unit, name_words, recognise, time_of
+from contactlearn.data.table.markup import tab_separated, tables_in
+from contactlearn.data.table.names import are_outcomes, impact_vocabulary, is_unit, name_words, recognise, time_of
 from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
 _LABVIEW = "***End_of_Header***"
 _SAMPLE = 1 << 20  # bytes of a file that are looked at
+_LARGEST_MARKUP = 2**26  # bytes of a text that is marked up
 _ROWS = 1000  # of these, at most
 _MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
 _MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
@@ -51,6 +54,7 @@ _ERROR = re.compile(r"\s*(?:±|\+/?-)\s*[\d.,]+(?=\D*$)|(?<=\d)\(\d+\)(?=\D*$)")
 _POWER = re.compile(r"\s*[×x·*]\s*10\s*(?:(?:\^|\*\*)\s*([-+]?\d+)|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))(?=\D*$)")
 _QUANTITY = re.compile(r"(?P<number>[-+]?[\d.,]*\d[.,]?)\s*(?P<unit>[^\d\s.,+\-±(].*)")
 _INCHES = re.compile(r"(?<=[\d.,])\s*(?:[\"″”]|'')$")
+_UNIT_AT_END = re.compile(r"\s*[\[(][^\])]*[\])]$")
 _UNIT_AFTER = re.compile(r"(?P<number>.*[\d.,])\s*(?P<unit>(?:[^\W\d]|°).*)")
 
 
@@ -154,6 +158,8 @@ class Dialect:
         comments: comments among them.
         numerals: of its numbers.
         header: of its rows.
+        language: in which the table is marked up, as of LaTeX; empty of other text.
+        text: its rows with tabs between their cells, of a table that is marked up.
     """
 
     encoding: str
@@ -162,12 +168,17 @@ class Dialect:
     comments: int
     numerals: Numerals
     header: Header
+    language: str = ""
+    text: str = ""
+
+    def opened(self, path: Path) -> TextIO:
+        """Open the table as text with a separator, whose lines are those of the file."""
+        return io.StringIO(self.text) if self.language else opened_text(path, newline="", encoding=self.encoding)
 
     def read_as(self) -> tuple[str, ...]:
         """Return what differs from a table as `save` writes it, in words."""
-        parts = (
-            [] if self.separator == "," else [_SEPARATORS.get(self.separator, "columns parted by two or more blanks")]
-        )
+        parted = _SEPARATORS.get(self.separator, "columns parted by two or more blanks")
+        parts = [f"a table of {self.language}"] if self.language else [parted] * (self.separator != ",")
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
         parts += [] if self.encoding.startswith("utf-8") else [{"cp1252": "Windows-1252"}.get(self.encoding, "UTF-16")]
@@ -185,7 +196,7 @@ def sniffed(path: Path) -> Dialect:
     Raises:
         DataError: it is empty, no text, or has two readings.
     """
-    with path.open("rb") as file:
+    with opened_bytes(path) as file:
         head = file.read(_SAMPLE + 1)
     whole = len(head) <= _SAMPLE
     encoding = _encoding(path, head)
@@ -193,6 +204,8 @@ def sniffed(path: Path) -> Dialect:
         text = codecs.getincrementaldecoder(encoding)("strict").decode(head, final=whole)
     except UnicodeDecodeError as error:
         raise DataError(f"{path}: is no {encoding} text, as it begins: {error}; save it as 'CSV UTF-8'") from None
+    if tables_in(text)[0]:
+        return _marked_up(path, encoding)
     lines = [*io.StringIO(text, newline="")]
     lines = lines if whole else lines[:-1]
     above = _comments_above(lines)
@@ -217,6 +230,29 @@ def sniffed(path: Path) -> Dialect:
     return Dialect(
         encoding=encoding, separator=separator, above=above, comments=len(comments),
         numerals=numerals_of(str(path), rows[header.rows :]), header=header,
+    )  # fmt: skip
+
+
+def _marked_up(path: Path, encoding: str) -> Dialect:
+    """The dialect of the only table in a text of LaTeX, Markdown or HTML, or the only one with outcomes.
+
+    Raises:
+        DataError: it is too large, or has several such tables.
+    """
+    if size_of(path) > _LARGEST_MARKUP:
+        raise DataError(f"{path}: is larger than {_LARGEST_MARKUP >> 20} MiB; write its table as CSV")
+    with opened_text(path, encoding=encoding) as file:
+        language, tables = tables_in(file.read())
+    headers = [header_of([cells for _, cells in rows], str(path)) for rows in tables]
+    chosen = [k for k, header in enumerate(headers) if are_outcomes(header.names)] or [*range(len(tables))]
+    if len(chosen) > 1:
+        lines = ", ".join(str(tables[k][0][0]) for k in chosen)
+        raise DataError(f"{path}: has {len(chosen)} tables of {language}, in lines {lines}; keep one in the file")
+    rows, header = tables[chosen[0]], headers[chosen[0]]
+    numerals = numerals_of(str(path), [cells for _, cells in rows[header.rows :]])
+    return Dialect(
+        encoding=encoding, separator="\t", above=0, comments=0, numerals=numerals, header=header, language=language,
+        text=tab_separated(rows),
     )  # fmt: skip
 
 
@@ -485,7 +521,9 @@ def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:
 def _in_group(name: str, group: str) -> str:
     """A name with that of its group, or with the time that it says, or alone: the first that the reader knows."""
     time = {"pre": "before", "post": "after"}.get(_time_in(group) or "", "")
-    known = [f"{name} {group}", *([f"{name} {time}"] if time else [name])]
+    unit = "".join(_UNIT_AT_END.findall(name))
+    bare = name.removesuffix(unit)
+    known = [f"{bare} {group}{unit}", f"{bare} {time}{unit}" if time else name]
     return next(
         (one for one in known if any(recognise([one], impact_vocabulary(space)).names for space in BOTH)), known[0]
     )

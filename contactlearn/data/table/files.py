@@ -21,11 +21,11 @@ import numpy as np
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
 from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
 from contactlearn.data.json_files import json_content
+from contactlearn.data.packed import for_library, on_disk
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
-from contactlearn.data.table.names import components_of, impact_vocabulary, name_words, recognise
+from contactlearn.data.table.names import are_outcomes, components_of, name_words
 from contactlearn.data.table.rows import impactful
 from contactlearn.data.table.sheet import Cells, Sheet
-from contactlearn.mechanics.space import BOTH
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -51,7 +51,7 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
     dialect = sniffed(path)
     header, read_as = dialect.header.names, dialect.read_as()
     try:
-        with path.open(newline="", encoding=dialect.encoding) as file:
+        with dialect.opened(path) as file:
             for _ in islice(file, dialect.above):
                 pass
             written = csv_rows(file, dialect.separator)
@@ -102,7 +102,7 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
     first = 0
     try:
         # Not read_table: that one also makes columns out of folder names such as mass=1.  A buffer would keep the file.
-        with parquet.ParquetFile(path, page_checksum_verification=True, pre_buffer=False) as file:
+        with parquet.ParquetFile(for_library(path), page_checksum_verification=True, pre_buffer=False) as file:
             whole = rows is None or file.metadata.num_rows <= rows
             for block in [file.read()] if whole else file.iter_batches(rows):
                 names = [*map(_joined, block.schema.names)]
@@ -140,11 +140,13 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     del rows  # a spreadsheet is read as a whole
     engine = {".xlsx": "openpyxl", ".ods": "odf"}[path.suffix.lower()]
     try:
-        with ZipFile(path) as packed:
+        with ZipFile(for_library(path)) as packed:
             unpacked = sum(entry.file_size for entry in packed.infolist())
         if unpacked > _UNPACKED:
             raise DataError(f"{path}: takes {unpacked / 2**30:.1f} GiB unpacked; export it as CSV")
-        frames = pd.read_excel(path, sheet_name=None, header=None, dtype=object, engine=engine, na_filter=False)
+        frames = pd.read_excel(
+            for_library(path), sheet_name=None, header=None, dtype=object, engine=engine, na_filter=False
+        )
     except (DataError, OSError):
         raise
     except ImportError:
@@ -233,7 +235,7 @@ def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
         DataError: the file is no database, too large, or has no or several such tables.
     """
     del rows  # a database is read as a whole
-    if path.stat().st_size > _UNPACKED:
+    if on_disk(path).stat().st_size > _UNPACKED:
         raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export its table as Parquet or CSV")
     tables = dict[str, tuple[list[str], list[Cells]]]()
     try:
@@ -246,7 +248,7 @@ def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
                 tables[name] = header, [[row[k] for row in content] for k in range(len(header))]
     except sqlite3.Error as error:
         raise DataError(f"{path}: is no readable database of SQLite ({error}); export its table as CSV") from None
-    of_impacts = {name: one for name, one in tables.items() if _are_outcomes(one[0])} or tables
+    of_impacts = {name: one for name, one in tables.items() if are_outcomes(one[0])} or tables
     if len(of_impacts) != 1:
         seen = ", ".join(map(repr, of_impacts)) or "none"
         raise DataError(f"{path}: has several tables, {seen}: export that of the impacts as CSV")
@@ -254,11 +256,6 @@ def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
     numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
     read_as = (f"table {name}",) if len(tables) > 1 else ()
     yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
-
-
-def _are_outcomes(names: Sequence[str]) -> bool:
-    """Whether some names are those of velocities after contact."""
-    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
 
 
 def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -332,7 +329,7 @@ def _has_outcomes(arrays: Mapping[str, np.ndarray]) -> bool:
     sizes = {name: min(one.shape) if one.ndim == 2 else 1 for name, one in arrays.items() if one.size > 1}
     vectors = components_of(sizes, opposite=any("out" in name_words(name) for name in sizes))
     names = [*arrays, *chain.from_iterable(vectors.values())]
-    return _are_outcomes(names)
+    return are_outcomes(names)
 
 
 def _without_gaps(column: Cells) -> Cells:
@@ -348,7 +345,7 @@ def _of_impacts(frame: "DataFrame") -> bool:
         top = header_of([row for row in frame.values.tolist()[:_HEAD] if not all(map(is_blank, row))], "")
     except DataError:
         return False
-    return _are_outcomes(top.names)
+    return are_outcomes(top.names)
 
 
 def sheet_of(frame: "DataFrame") -> Sheet:

@@ -13,7 +13,7 @@ from unicodedata import normalize
 
 from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.table.units import POWERS, UNIT_FACTORS, Units
-from contactlearn.mechanics.space import PLANE, SPACE, Space
+from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
 NAMES = ("trial", "object")
 """Columns of names, not numbers."""
@@ -305,8 +305,9 @@ def is_unit(text: str) -> bool:
 
 
 def unit_as_written(text: str, column: str) -> Stated:
-    """Return the unit that a text is of one of our columns in the plane, by quantity; none if it is none of it."""
-    return impact_vocabulary(PLANE).get(column, {}).get(_unit(name_words(f"[{text}]")), {}) if text.strip() else {}
+    """Return the unit that a text is of one of our columns, by quantity; none if it is none of it."""
+    word = _unit(name_words(f"[{text}]")) if text.strip() else ""
+    return next((unit for space in BOTH if (unit := impact_vocabulary(space).get(column, {}).get(word))), {})
 
 
 def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
@@ -329,6 +330,11 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
         others=tuple(name for name in header if name not in names.values()),
         doubtful={ours: tuple(candidates) for ours, candidates in matches.items() if ours not in names},
     )
+
+
+def are_outcomes(names: Sequence[str]) -> bool:
+    """Return whether some names are those of velocities after contact."""
+    return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
 
 
 def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, list[str]]:

@@ -296,7 +296,7 @@ class Diagnosis:
         """Draw the ladder: a bar for the held-out error of each rung, with its 95 % interval."""
         names = {
             RungKind.LAW: str(self.law),
-            RungKind.PROCESSES: "+ processes on the residual",
+            RungKind.PROCESSES: "+ Gaussian processes on the residual",
             RungKind.NOISE: "noise",
             RungKind.SCATTER: "instrument plus scatter of the contact",
             RungKind.INSTRUMENT: "instrument alone",

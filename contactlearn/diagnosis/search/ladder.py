@@ -20,7 +20,7 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, predict_held_out, smaller
-from contactlearn.effects import State
+from contactlearn.effects import Effect, State
 from contactlearn.effects.base import ChangesFriction
 from contactlearn.effects.parameter_drift import ParameterDrift
 from contactlearn.inference.evaluation.metrics import outside_admissible
@@ -64,7 +64,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     missing = tuple(
         MissingEffect(
             effect=effect,
-            equation=final.fit.model.effects[effect.name].equation,
+            equation=equation_in_metres(final.fit.model.effects[effect.name]),
             parameters=fitted_parameters(final, effect.name),
             error_before=errors[k],
             error_after=errors[k + 1],
@@ -92,21 +92,30 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 
 
 def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[FittedParameter, ...]:
-    """Return the parameters of one effect of a model, or of its law."""
-    fit, ends = fitted.fit, fitted.fit.at_ends()
-    return tuple(
-        FittedParameter(
-            name=p.name.removeprefix(f"{name}."),
-            symbol=p.symbol,
-            unit=p.unit,
-            value=value,
-            standard_error=error,
-            at_end=p.name in ends,
-            undetermined=error > p.high - p.low,
-        )
-        for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
-        if p.name.rpartition(".")[0] == (name or "")
-    )
+    """Return the parameters of one effect of a model, or of its law; places and lengths on the floor in m."""
+    fit, ends, found = fitted.fit, fitted.fit.at_ends(), list[FittedParameter]()
+    for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
+        of, _, own = p.name.rpartition(".")
+        if of == (name or ""):
+            metres = fit.model.effects[of].in_metres(own) if of else None
+            scale, zero = metres or (1.0, 0.0)
+            found.append(
+                FittedParameter(
+                    name=own,
+                    symbol=p.symbol,
+                    unit="m" if metres else p.unit,
+                    value=scale * value + zero,
+                    standard_error=scale * error,
+                    at_end=p.name in ends,
+                    undetermined=error > p.high - p.low,
+                )
+            )
+    return tuple(found)
+
+
+def equation_in_metres(effect: Effect) -> str:
+    """Return the formula of an effect whose parameters are those of `fitted_parameters`."""
+    return effect.formula if any(effect.in_metres(p.name) for p in effect.parameters) else effect.equation
 
 
 def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+from contactlearn.data.packed import UNREAD, files_in, is_archive, is_single, opened_text
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.track import Recording, mean_step, on_grid, parted
 
@@ -212,7 +213,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
 
 def _check_suffix(path: Path) -> None:
     """Refuse a file that is no recording by its name."""
-    if path.suffix.lower() in (".gz", ".zip", ".xz", ".bz2", ".7z", ".tar"):
+    if path.suffix.lower() in UNREAD:
         raise DataError(f"{path}: is compressed; unpack it first, and give the file or folder that comes out")
     if path.suffix.lower() in (".pkl", ".pickle", ".p", ".joblib"):
         raise DataError(
@@ -227,17 +228,20 @@ def _check_suffix(path: Path) -> None:
 
 
 def recording_files(path: Path) -> list[Path]:
-    """Return the recordings of a folder and below it, by name, or the file itself.
+    """Return the recordings of a folder or an archive and below it, by name, or the file itself.
 
     Raises:
         DataError: there is none.
     """
-    if path.is_file():
+    if is_single(path):
         _check_suffix(path)
         return [path]
-    if not path.is_dir():
+    if is_archive(path):
+        files = files_in(path, SUFFIXES)
+    elif path.is_dir():
+        files = sorted(file for file in path.rglob("*") if file.is_file() and file.suffix.lower() in SUFFIXES)
+    else:
         raise DataError(f"{path}: no such file or folder; check the path (relative to {Path.cwd()})")
-    files = sorted(file for file in path.rglob("*") if file.is_file() and file.suffix.lower() in SUFFIXES)
     # settings often lie beside recordings
     files = [file for file in files if file.suffix.lower() not in JSON] or files
     if not files and (other := next((file for file in sorted(path.rglob("*.p*kl*")) if file.is_file()), None)):
@@ -251,7 +255,7 @@ def recording_files(path: Path) -> list[Path]:
 
 def has_titles(path: Path) -> bool:
     """Whether titles such as # toss 3, or the comment in the first line, stand above the recordings of a text."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
         top = [line.strip() for line in islice(file, _TOP)]
         first = top[0] if top and top[0].startswith(COMMENT) and re.search(r"\w", top[0]) else None
         if first is None and not any(map(TITLE.fullmatch, top)):
@@ -263,12 +267,12 @@ def has_titles(path: Path) -> bool:
 
 def leading_numbers(path: Path) -> int:
     """Count the numbers in the first line of a text that is no comment; 0 if it has other words."""
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with opened_text(path, encoding="utf-8", errors="replace") as file:
         words = next((line.split() for line in file if line.strip() and not line.startswith("#")), [])
     return len(words) * all(re.fullmatch(r"[-+]?[\d.]+(?:e[-+]?\d+)?", word, re.IGNORECASE) for word in words)
 
 
 def is_motive(path: Path) -> bool:
     """Whether a CSV file is an export of OptiTrack Motive."""
-    with path.open(encoding="utf-8-sig", errors="replace") as lines:
+    with opened_text(path, encoding="utf-8-sig", errors="replace") as lines:
         return lines.readline(200).lstrip('"').startswith(_MOTIVE)

@@ -11,6 +11,7 @@ import ezc3d  # pyright: ignore[reportMissingImports]  (an extra)
 import numpy as np
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import on_disk
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Recording
@@ -18,7 +19,7 @@ from contactlearn.data.recordings.track import Recording
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the one recording of a C3D file."""
-    content = ezc3d.c3d(str(path))
+    content = ezc3d.c3d(str(on_disk(path)))
     about = content["parameters"]["POINT"]
     labels, points = about["LABELS"]["value"], content["data"]["points"]  # [4, M, T]
     chosen = [k for k, label in enumerate(labels) if layout.body is None or label.startswith(layout.body)]

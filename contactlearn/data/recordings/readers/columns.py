@@ -19,6 +19,7 @@ import pandas as pd
 from pyarrow import parquet
 
 from contactlearn.core.errors import DataError, suggest
+from contactlearn.data.packed import for_library, opened_bytes, opened_text
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
 from contactlearn.data.recordings.readers import COMMENT, JSON, RECORDED, VECTOR, Layout
@@ -94,15 +95,20 @@ def _pieces(part: pd.DataFrame, names: str | None) -> Iterator[pd.DataFrame]:
 
 def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
     if path.suffix.lower() == ".parquet":
-        with parquet.ParquetFile(path, pre_buffer=False) as file:
+        with parquet.ParquetFile(for_library(path), pre_buffer=False) as file:
             for batch in file.iter_batches(_ROWS):
                 yield _flat(batch.to_pandas())
         return
-    with path.open("rb") as file:
+    with opened_bytes(path) as file:
         if not file.read(1):
             raise DataError(f"{path}: the file is empty; its first line names the columns")
     with pd.read_csv(
-        path, chunksize=_ROWS, low_memory=False, skipinitialspace=True, encoding="utf-8-sig", **_dialect(path, export)
+        for_library(path),
+        chunksize=_ROWS,
+        low_memory=False,
+        skipinitialspace=True,
+        encoding="utf-8-sig",
+        **_dialect(path, export),
     ) as reader:
         yield from reader if export is None else map(export.cleaned, reader)
 
@@ -111,13 +117,13 @@ def comments(path: Path) -> list[str]:
     """Return the comments above the header of a text file."""
     if path.suffix.lower() in (".parquet", *JSON):
         return []
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
         return [line.strip() for line in takewhile(lambda line: line.startswith(COMMENT), file)]
 
 
 def column_names(path: Path) -> list[str]:
     """Return the names of the columns of a Parquet file, lists as a column each."""
-    with parquet.ParquetFile(path, pre_buffer=False) as file:
+    with parquet.ParquetFile(for_library(path), pre_buffer=False) as file:
         return [*map(str, _flat(next(file.iter_batches(1)).to_pandas()).columns)]
 
 
@@ -137,7 +143,7 @@ def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
 
     Comments above the header are passed over; the frames of an export end with its first blank line.
     """
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
         if export is not None:
             frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
             more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0

@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import opened_text
 from contactlearn.data.recordings.readers import LIKELY, Layout
 
 _HEADER = 60  # lines among which the frames begin
@@ -115,7 +116,7 @@ class Export:
 def export_of(path: Path) -> Export | None:
     """Return how an export stands in a text file, or nothing if its first line names its columns."""
     start = _section(path)
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+    with opened_text(path, encoding="utf-8-sig", errors="replace", newline="") as file:
         lines = [line.rstrip("\r\n") for line in islice(file, start, start + _HEADER)]
     separator = next((mark for mark in "\t;" if any(mark in line for line in lines)), ",")
     rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
@@ -132,7 +133,7 @@ def _section(path: Path) -> int:
     Raises:
         DataError: the file has only other sections, such as the forces of a plate.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+    with opened_text(path, encoding="utf-8-sig", errors="replace", newline="") as file:
         if _title(file.readline()) not in _SECTIONS:
             return 0
         file.seek(0)

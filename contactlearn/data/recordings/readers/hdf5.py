@@ -7,6 +7,7 @@ from typing import Any
 import h5py  # pyright: ignore[reportMissingImports]  (an extra)
 import numpy as np
 
+from contactlearn.data.packed import for_library
 from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.readers.arrays import recordings_of
 from contactlearn.data.recordings.track import Recording
@@ -14,7 +15,7 @@ from contactlearn.data.recordings.track import Recording
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the recordings of an HDF5 file."""
-    with h5py.File(path, "r") as file:
+    with h5py.File(for_library(path), "r") as file:
         yield from recordings_of(path, _content(file), layout)
 
 

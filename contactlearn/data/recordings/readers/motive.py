@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.data.packed import for_library, opened_text, size_of
 from contactlearn.data.recordings.readers import LARGEST, Layout
 from contactlearn.data.recordings.track import Recording
 
@@ -30,9 +31,9 @@ _TIME = "Time (Seconds)"
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the one recording of an export."""
-    if path.stat().st_size > LARGEST:
+    if size_of(path) > LARGEST:
         raise DataError(f"{path}: is larger than {LARGEST >> 30} GiB: export shorter takes")
-    with path.open(encoding="utf-8-sig", newline="") as lines:
+    with opened_text(path, encoding="utf-8-sig", newline="") as lines:
         rows = list(islice(csv.reader(lines), _HEADER))
     about = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
     start = next((k for k, row in enumerate(rows) if "Frame" in row[:2] and k), None)
@@ -44,8 +45,9 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
     wanted = [*columns["Position"].values(), *columns["Rotation"].values()]
     clock = rows[start].index(_TIME) if _TIME in rows[start] else None
     frame = pd.read_csv(
-        path, skiprows=_line(path, start), header=None, usecols=[*wanted, *([] if clock is None else [clock])],
-        skip_blank_lines=True, dtype=np.float64, encoding="utf-8-sig",
+        for_library(path), skiprows=_line(path, start), header=None,
+        usecols=[*wanted, *([] if clock is None else [clock])], skip_blank_lines=True,
+        dtype=np.float64, encoding="utf-8-sig",
     )  # fmt: skip
     if len(frame) == 0:
         raise DataError(f"{path}: holds no frames")
@@ -66,7 +68,7 @@ def read(path: Path, layout: Layout) -> Iterator[Recording]:
 def bodies_of(path: Path) -> list[str]:
     """Return the names of the rigid bodies of an export; none of one that is damaged, which `read` refuses."""
     rows: list[list[str]] = []
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as lines, suppress(csv.Error):
+    with opened_text(path, encoding="utf-8-sig", errors="replace", newline="") as lines, suppress(csv.Error):
         rows += [row for row in islice(csv.reader(lines), _HEADER) if any(row)]
     kinds = next((k for k, row in enumerate(rows[:-1]) if "Rigid Body" in row), None)
     if kinds is None:
@@ -103,7 +105,7 @@ def _columns(path: Path, titles: list[list[str]], letters: list[str], body: str 
 
 def _line(path: Path, row: int) -> int:
     """Lines of the file up to the end of a row, which a name in quotes may break."""
-    with path.open(encoding="utf-8-sig", newline="") as lines:
+    with opened_text(path, encoding="utf-8-sig", newline="") as lines:
         reader = csv.reader(lines)
         for _ in islice(reader, row + 1):
             pass

@@ -17,6 +17,7 @@ import pandas as pd
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.json_files import json_content
+from contactlearn.data.packed import opened_text, size_of
 from contactlearn.data.recordings.readers import COMMENT, RECORDED, TITLE, TUM_COLUMNS, has_titles
 
 _LARGEST = 2**28  # bytes of a file that is in memory as a whole
@@ -37,9 +38,10 @@ def titled(path: Path) -> pd.DataFrame | None:
     """
     if not has_titles(path):
         return None
-    if path.stat().st_size > _LARGEST:
+    if size_of(path) > _LARGEST:
         raise DataError(f"{path}: is larger than {_LARGEST >> 20} MiB: split it")
-    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    with opened_text(path, encoding="utf-8-sig") as file:
+        lines = [line.strip() for line in file.read().splitlines() if line.strip()]
     header, remark, name, pages, rows, names = "", "", "", 0, list[str](), list[str]()
     above = lines[0] if lines[0].startswith(COMMENT) and lines.count(lines[0]) > 1 else None
     for line in lines:

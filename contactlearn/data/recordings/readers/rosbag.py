@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]
 from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import on_disk
 from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.track import Recording
 
@@ -21,7 +22,7 @@ _NANO = 1e-9
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the one recording of a bag."""
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
+    with AnyReader([on_disk(path)], default_typestore=get_typestore(Stores.LATEST)) as bag:
         found = [one for one in bag.connections if one.msgtype.rpartition("/")[2] in _KINDS]
         topics = sorted({one.topic for one in found})
         if layout.body is not None:

@@ -7,15 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from contactlearn.core.errors import DataError
+from contactlearn.data.packed import opened_text, size_of
 from contactlearn.data.recordings.readers import LARGEST, TUM_COLUMNS, Layout
 from contactlearn.data.recordings.track import Recording
 
 
 def read(path: Path, layout: Layout) -> Iterator[Recording]:
     """Yield the one recording of a file."""
-    if path.stat().st_size > LARGEST:
+    if size_of(path) > LARGEST:
         raise DataError(f"{path}: is larger than {LARGEST >> 30} GiB: split it")
-    with path.open(encoding="utf-8") as lines:
+    with opened_text(path, encoding="utf-8") as lines:
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     for number, row in enumerate(rows, 1):
         if len(row) != TUM_COLUMNS:
