@@ -30,7 +30,7 @@ from blind.judge import Answer, Score, answer_of, read_truth, score
 if not load.DATA.exists():
     pytest.skip("the blind sets are in the repository, not in the source package", allow_module_level=True)
 
-SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64}
+SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64, "author_e": 48, "author_f": 32}
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}
 
@@ -119,6 +119,8 @@ def test_the_truth_speaks_the_words_of_the_package(suite):
         assert (truth.question == "measurement") == (truth.bad_data is True)
         if suite == "independent":
             assert truth.half == ("learn", "report")[sets[name]["seed"] % 2]
+        elif suite in ("author_e", "author_f"):
+            assert truth.half == ("learn", "report")[int(name) % 2]
         else:
             assert truth.half is None
 
