@@ -387,7 +387,7 @@ def test_cards_tell_what_was_run_and_found(runs):
         result = next((folder / name).glob("[rd]*s.json"))
         content = json.loads(result.read_text())
         data = content.get("provenance", content)["data"]
-        assert rows["Command"].startswith(f"python {' '.join(command[:2])}")
+        assert rows["Command"].startswith(f"contactlearn {command[0].removesuffix('.py')} {command[1]}")
         assert rows["SHA-256 of the data"] == data["sha256"]
         assert rows["Data"] == f"{data['source']}, {data['trials']} impacts"
         assert "contactlearn 0." in rows["Versions"]

@@ -291,7 +291,7 @@ class Tracker:
             Summary.Value(
                 tag=tag,
                 tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]),  # TensorBoard forgets the metadata of simple values
-                metadata=scalar.create_summary_metadata(names.get(tag, ""), _description(tag)),
+                metadata=scalar.create_summary_metadata(names.get(tag, tag), _description(tag)),
             )
             for tag, x in numbers.items()
             if self._shown.fullmatch(tag)
