@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 demo: .venv/installed
 	@$(PY) diagnose.py data=mystery data.seed=7
-	@echo "next:    open the report above in a browser; $(PY) -m contactlearn reveal outputs/mystery/seed_7 prints what was really hidden"
+	@echo "next:    source .venv/bin/activate, and open the report above in a browser; contactlearn reveal outputs/mystery/seed_7 prints what was really hidden"
 
 quick: .venv/ready
 	$(PY) -m ruff check -q .

@@ -111,7 +111,9 @@ if not TYPE_CHECKING:  # with it a type checker would take any name for one of t
             return getattr(import_module(f"contactlearn.{module}"), there[0] if there else name)
         if name in _ROOMS:
             return import_module(f"contactlearn.{name}")
-        raise AttributeError(f"module 'contactlearn' has no attribute {name!r}")
+        from contactlearn.core.errors import no_attribute
+
+        raise no_attribute("contactlearn", name, __all__)
 
     def __dir__() -> list[str]:
         return __all__

@@ -8,12 +8,10 @@ import gc
 import re
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import contactlearn
-from contactlearn.effects import Effect, catalogue
 
 # The trees of all pages are kept: looking through them for garbage took a tenth of the time.
 gc.set_threshold(100_000, 20, 50)
@@ -97,29 +95,6 @@ def as_restructured_text(app: Any, what: str, name: str, target: Any, options: A
     lines[:] = result
 
 
-def forms_of(kinds: Sequence[type[Effect]]) -> str:
-    """The forms of a family as a table: formula, parameters with their ranges, source."""
-    rows = []
-    for of in kinds:
-        effect, ranges = of(), list[str]()
-        for p in of.every_parameter():
-            unit = ("" if p.unit == "–" else f" {p.unit}") + ("" if p in effect.parameters else ", in space")
-            ranges.append(f"{p.symbol} in [{p.low:g}, {p.high:g}]{unit}")
-        where = " and ".join(space.name for space in of.spaces)
-        cells = (f"`{of.form or of.name}`", effect.formula, "<br>".join(ranges) or "one for each further body", where)
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    head = f"| form | what it does | parameters | bodies in |\n|{' --- |' * 4}\n"
-    needs = " It needs the body's shape." if kinds[0].needs_shape else ""
-    return f"{head}{chr(10).join(rows)}\n\n*Source*: {kinds[0].source}.{needs}"
-
-
-def with_forms(app: Any, name: str, source: list[str]) -> None:
-    """The cards of docs/effects.md with formulas, parameters and sources of the classes."""
-    if name == "docs/effects":
-        for family, kinds in catalogue().items():
-            source[0] = source[0].replace(f"<!-- forms of {family} -->", forms_of(kinds))
-
-
 def as_index(app: Any, error: Exception | None) -> None:
     """The site opens at its root, and has its MathJax."""
     if error is None and app.builder.name == "html":
@@ -131,5 +106,4 @@ def as_index(app: Any, error: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Connect them to Sphinx, the first before napoleon reads the sections of a docstring."""
     app.connect("autodoc-process-docstring", as_restructured_text, priority=400)
-    app.connect("source-read", with_forms)
     app.connect("build-finished", as_index)

@@ -1,6 +1,6 @@
 """An effect of one's own: a cable that twists the body back while it is in contact.
 
-    PYTHONPATH=examples python train.py +effect.cable._target_=cable_torque.CableTorque
+    PYTHONPATH=examples contactlearn train +effect.cable._target_=cable_torque.CableTorque
 
 A test module of one's own holds it to what every effect must obey:
 

@@ -1,6 +1,6 @@
 """A law of one's own: a floor without friction.
 
-    PYTHONPATH=examples python evaluate.py law._target_=smooth_floor.SmoothFloor model=[]
+    PYTHONPATH=examples contactlearn evaluate law._target_=smooth_floor.SmoothFloor model=[]
 
 A test module of one's own holds it to what every law must obey:
 

@@ -30,7 +30,7 @@ def errors(mean, model="", norm="mass"):
 
 def provenance(config, source="drops", trials=200, sha256="a" * 64):
     data = DataSource(source=source, trials=trials, sha256=sha256)
-    return Provenance(data=data, versions={"contactlearn": "0.1.0"}, config=config, command="python train.py")
+    return Provenance(data=data, versions={"contactlearn": "0.1.0"}, config=config, command="contactlearn train")
 
 
 def law_estimate(law, mu=0.1, eps=0.5):

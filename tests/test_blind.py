@@ -30,7 +30,7 @@ from blind.judge import Answer, Score, answer_of, read_truth, score
 if not load.DATA.exists():
     pytest.skip("the blind sets are in the repository, not in the source package", allow_module_level=True)
 
-SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64}
+SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64, "author_e": 48, "author_f": 32}
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}
 
@@ -119,6 +119,8 @@ def test_the_truth_speaks_the_words_of_the_package(suite):
         assert (truth.question == "measurement") == (truth.bad_data is True)
         if suite == "independent":
             assert truth.half == ("learn", "report")[sets[name]["seed"] % 2]
+        elif suite in ("author_e", "author_f"):
+            assert truth.half == ("learn", "report")[int(name) % 2]
         else:
             assert truth.half is None
 
@@ -404,7 +406,7 @@ def test_a_diagnosis_is_written_down():
     assert Answer(**json.loads(json.dumps(asdict(written)))) == written
     assert (written.effects, written.verdict) == (list(found.effects), str(found.verdict))
     assert written.models
-    assert len(written.gains) == len(written.shares) == len(written.confidence) == len(found.missing)
+    assert len(written.removed) == len(written.shares) == len(written.confidence) == len(found.missing)
     assert score(written, TRUTHS["author_a"]["06"]).no_false_name
 
 
@@ -420,11 +422,13 @@ def test_a_failed_diagnosis_is_a_wrong_answer(monkeypatch):
 
 def test_calibration_fits_the_odds_of_right_names():
     rng = np.random.default_rng(0)
-    x = np.column_stack([np.ones(4000), rng.normal(0, 2, (4000, 2)), rng.uniform(0, 0.5, 4000)])
-    x = np.column_stack([x, rng.integers(0, 2, (4000, 2))])
-    true = np.array([-0.5, 0.6, 1.7, -8.0, -1.0, -0.5])
-    y = (rng.random(4000) < 1 / (1 + np.exp(-x @ true))).astype(float)
-    assert calibrate.fit(x, y) == pytest.approx(true, abs=0.5)
-    one = answer("single-1000", "adhesion", suite="independent", shares=[0.5], gains=[0.1], left=0.2)
-    regressors, right = calibrate.design([one])
-    assert (regressors.tolist(), right.tolist()) == ([[1.0, 0.0, 0.0, 0.2, 0.0, 0.0]], [0.0])
+    x = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
+    share, true = rng.uniform(0.5, 1, 4000), np.array([-0.5, 1.7])
+    y = (rng.random(4000) < calibrate.probabilities(x, share, true)).astype(float)
+    assert calibrate.fit(x, share, y) == pytest.approx(true, abs=0.3)
+    one = answer(
+        "single-1000", "adhesion", suite="independent", shares=[0.5], removed=[0.3], reducible=0.2, trials=100
+    )
+    regressors, share, right = calibrate.design([one])
+    assert regressors == pytest.approx(np.array([[1.0, 0.0]]))
+    assert (share.tolist(), right.tolist()) == ([0.5], [0.0])

@@ -103,7 +103,7 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     assert "found: mine" in printed
     assert "missing: mine" not in printed  # a detail
     assert "missing: mine" in (tmp_path / "found" / "diagnose.log").read_text()
-    assert f"next: python train.py model={tmp_path / 'found'}\n" in printed
+    assert f"next: contactlearn train model={tmp_path / 'found'}\n" in printed
     assert f"report: {tmp_path / 'found' / 'report.html'}\n" in printed
     assert (tmp_path / "found" / "figures" / "ladder.png").exists()
     command = shlex.split(result.use)

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 import torch
 from commands import ROOT, SMALL, TRAIN, run, run_alone
+from logged import Events
 from matplotlib.text import Text
 from pairings import paired
 
@@ -26,7 +27,7 @@ from contactlearn.cli.commands import loading, record
 from contactlearn.cli.commands.diagnose import _evaluation_command
 from contactlearn.cli.commands.fitting import draw_cost_surface
 from contactlearn.cli.config_files import choices, summaries
-from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.job import Run
 from contactlearn.cli.settings import DiagnoseSettings, IdentificationSettings, TrainSettings, check_names
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.events import TaskProgress
@@ -96,9 +97,7 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
     for name in FIGURES:
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
         assert (folder / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    events = EventAccumulator(str(folder)).Reload()
+    events = Events(str(folder)).Reload()
     assert {f"figures/{name}" for name in FIGURES} <= set(events.Tags()["images"])
     logged = events.Scalars("mass_error/irb")
     assert logged[0].step == 20
@@ -242,7 +241,7 @@ def test_learning_curves(study):
     printed, folder = study
     assert "note: sizes 500 are skipped: the pool has only 60 trials" in printed
     assert re.search(r"^ *X1 → wrench .*%", printed, re.MULTILINE)
-    assert len(re.findall(r"note: the processes of .*X1 → wrench.* are exact; ", printed)) == 1
+    assert len(re.findall(r"note: the Gaussian processes of .*X1 → wrench.* are exact; ", printed)) == 1
     results = json.loads((folder / "results.json").read_text())
     curves = results["learning_curves"]
     assert set(curves) == {*laws.PAPER_LAWS, "best_post_hoc", "x1_wrench", "parameters_likelihood"}
@@ -267,9 +266,7 @@ def test_learning_curves(study):
     for model, curve in results["learning_curves"].items():
         for size, entry in zip(curve["sizes"], curve["mass_error"], strict=True):
             assert means[model, size] == pytest.approx(entry["mean"], rel=1e-9)
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    events = EventAccumulator(str(folder)).Reload()
+    events = Events(str(folder)).Reload()
     steps = [event.step for event in events.Scalars("curve_mass_error/x1_wrench")]
     assert list(dict.fromkeys(steps)) == [10, 20]
     for name in ("learning_curve", "error_densities", "calibration"):
@@ -339,6 +336,16 @@ def test_what_results_print_can_be_typed():
     cfg = hydra_main.compose("evaluate", ["effect=[spin_damping:during,side_drag]"])
     assert cfg.effect.spin_damping.form == "during"
     assert "side_drag" in cfg.effect
+
+
+def test_a_law_with_effects_is_fitted_to_all_that_is_not_held_out(tmp_path):
+    """As a diagnosis is, whose model `train model=RUN` judges; a number of trials is taken as it is."""
+    words = ("data.size=60", "model=analytical", "effect=[side_drag]", "fit.starts=2", "bootstrap=50")
+    printed = run("train.py", *words, f"hydra.run.dir={tmp_path / 'all'}")
+    assert "law and effects are fitted to these 45, and judged on the others; diagnose fits to all\n" in printed
+    assert json.loads((tmp_path / "all" / "results.json").read_text())["provenance"]["config"]["train"]["size"] == 45
+    printed = run("train.py", *words, "train.size=20", f"hydra.run.dir={tmp_path / 'few'}")
+    assert "diagnose fits" not in printed
 
 
 @pytest.mark.parametrize("words", [("contactlearn", "--version"), ("contactlearn", "--help"), ("train.py", "--help")])
@@ -517,14 +524,12 @@ def test_a_stopped_diagnosis_says_that_nothing_is_left(tmp_path, monkeypatch):
 def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, monkeypatch):
     words = ("model=x1_wrench", "curves.sizes=[10,20]", "curves.seeds=2", "laws=[whittaker]", "workers=1")
     command = ("evaluate.py", *SMALL[:5], *words)
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
     sizes, train, allowed, shown = [], curves._Training.run, 1, []
 
     def counted(self):
         if len(sizes) == allowed:
             (events,) = tmp_path.glob("outputs/*/*/events.*")
-            shown.append(EventAccumulator(str(events)).Reload())  # before the end of the run closes the file
+            shown.append(Events(str(events)).Reload())  # before the end of the run closes the file
             raise KeyboardInterrupt
         sizes.append(self.size)
         return train(self)
@@ -651,17 +656,6 @@ def test_every_shipped_setting_is_known(name):
     extra = {"evaluate": ["experiment=transfer", "+transfer.bodies.mine={size: 3}", "+model.mine={features: x1}"]}
     own = ["+effect.mine.tau='-c*rx*Pn'", "data=table", "data.path=a.csv", "+law.mine=3", *extra.get(name, [])]
     check_names(hydra_main.compose(name, own), name, own)
-
-
-@pytest.mark.parametrize(("program", "words"), [
-    ("train.py", ["python", "evaluate.py"]),
-    ("/opt/clone/train.py", ["python", "/opt/clone/evaluate.py"]),
-    ("loky/backend/popen_loky_posix.py", ["python", "-m", "contactlearn", "evaluate"]),
-    ("contactlearn train", ["python", "-m", "contactlearn", "evaluate"]),
-])  # fmt: skip
-def test_printed_commands_use_the_form_of_the_call(program, words, monkeypatch):
-    monkeypatch.setattr("sys.argv", [program])
-    assert invocation("evaluate") == words
 
 
 @pytest.mark.parametrize(("words", "expected"), [

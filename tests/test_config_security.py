@@ -166,7 +166,9 @@ def diagnosed(folder: Path, use: str, law: str | None = "mirtich") -> str:
 
 def test_the_model_of_a_diagnosis_is_its_data_law_and_effects(tmp_path):
     """And nothing else that its file says: no folder to write to, no code of Hydra's."""
-    said = "python evaluate.py data=mystery data.seed=7 law=mirtich 'effect=[side_drag]' effect.side_drag.form=linear"
+    said = (
+        "contactlearn evaluate data=mystery data.seed=7 law=mirtich 'effect=[side_drag]' effect.side_drag.form=linear"
+    )
     word = diagnosed(tmp_path, f"{said} hydra.run.dir=/x hydra/launcher=joblib +hydra.callbacks.x=1 seed=3 'model=[]'")
     data, model = ["data=mystery", "data.seed=7"], ["law=mirtich", "effect=[side_drag]", "effect.side_drag.form=linear"]
     assert with_diagnosed_model([word, "test=0.5"], "train") == [*data, *model, "model=analytical", "test=0.5"]
@@ -180,7 +182,7 @@ def test_the_model_of_a_diagnosis_is_its_data_law_and_effects(tmp_path):
 
 
 def test_a_class_in_the_file_of_a_diagnosis_is_not_imported(shared):
-    word, own = diagnosed(shared, "python evaluate.py +effect.mine._target_=brought.Mine"), "+effect.mine._target_="
+    word, own = diagnosed(shared, "contactlearn evaluate +effect.mine._target_=brought.Mine"), "+effect.mine._target_="
     with pytest.raises(ContactLearnError, match=rf"add \{own}brought.Mine to it, if you trust that class"):
         compose("train", [word])
     assert not (shared / "imported").exists()
@@ -189,7 +191,7 @@ def test_a_class_in_the_file_of_a_diagnosis_is_not_imported(shared):
 
 def test_data_of_a_diagnosis_that_are_no_choice_here_are_named_with_the_run_and_the_remedy(tmp_path, monkeypatch):
     """Such as data=mine for mine.yaml of another folder; words of the command take their place."""
-    word = diagnosed(tmp_path, "python evaluate.py data=mine law=mirtich")
+    word = diagnosed(tmp_path, "contactlearn evaluate data=mine law=mirtich")
     lacking = rf"^{word} was diagnosed with data=mine, which is missing here: unknown data 'mine'.*add data=… to the"
     with pytest.raises(ContactLearnError, match=lacking):
         compose("evaluate", [word])

@@ -198,6 +198,6 @@ def test_the_next_command_names_classes_of_other_packages_alone(tmp_path):
     ours = "+effect.warm._target_=contactlearn.effects.covariate_dependent_restitution.RestitutionLinearInCovariate"
     theirs = "+effect.cable._target_=my_module.CableDrag"
     printed = next_command(
-        f"python evaluate.py data=mydata {ours} +effect.warm.covariate=temperature {theirs}", tmp_path
+        f"contactlearn evaluate data=mydata {ours} +effect.warm.covariate=temperature {theirs}", tmp_path
     )
-    assert printed == f"python train.py model={tmp_path} {theirs}"
+    assert printed == f"contactlearn train model={tmp_path} {theirs}"

@@ -65,5 +65,5 @@ def test_processes_side_by_side_are_for_the_cpu(monkeypatch):
 @pytest.mark.parametrize("word", ["device=cuda", "+device=cuda"])
 def test_what_stays_on_the_cpu_has_no_such_setting(word):
     printed = run("diagnose.py", word, status=2)
-    start = "error: device is a setting of train.py and evaluate.py only"
+    start = "error: device is a setting of train and evaluate only"
     assert printed == f"{start}; --settings lists those of this command\n"

@@ -52,20 +52,21 @@ def _blocks(document):
 
 
 WITH_BLOCKS = [document for document in DOCUMENTS if list(_blocks(document))]
+COMMAND = re.compile(r"^ *(?:PYTHONPATH=\S+ )?contactlearn ((?:train|evaluate|diagnose) .*)", re.MULTILINE)
 DIAGNOSE = ("reading.md",)  # as the blocks of the README do
 
 
 def _commands():
-    """(script, overrides) of `python train.py …` and the other two in the documents and the help, each once."""
+    """(name, overrides) of `contactlearn train …` and the other two in the documents and the help, each once."""
     seen = set()
     for document in [*DOCUMENTS, *HELP]:
         text = re.sub(r"\s*\\\n\s*", " ", document.read_text("utf-8"))  # a command over several lines
-        for line in re.findall(r"python ((?:train|evaluate|diagnose)\.py .*)", text):
+        for line in COMMAND.findall(text):
             command = re.split(r"\s{2,}|`|\s#", line)[0]
             if command not in seen:
                 seen.add(command)
-                script, *words = shlex.split(command)
-                yield pytest.param(script, words, id=f"{document.name}: {command}")
+                name, *words = shlex.split(command)
+                yield pytest.param(name, words, id=f"{document.name}: {command}")
 
 
 def _pass_contracts(names):
@@ -118,8 +119,8 @@ def test_quotations_are_what_the_program_prints(document):
     assert QUOTES["renewed"](document) == document.read_text("utf-8")
 
 
-@pytest.mark.parametrize(("script", "words"), list(_commands()))
-def test_commands_compose(script, words, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("name", "words"), list(_commands()))
+def test_commands_compose(name, words, tmp_path, monkeypatch):
     """In a folder with the files that `contactlearn init` writes there, as the documents show one."""
     shown, *_ = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "your-data.md").read_text("utf-8"), re.DOTALL)
     (tmp_path / "mydata.yaml").write_text(shown, "utf-8")
@@ -129,9 +130,7 @@ def test_commands_compose(script, words, tmp_path, monkeypatch):
     if "-m" in words:  # one job of the sweep; a sweeper need not be installed
         _, (overrides, *_) = one_of_each([word for word in overrides if not word.startswith("hydra/sweeper")])
         overrides = [word for word in overrides if not word.startswith("hydra.sweeper.")]
-    assert compose(script.removesuffix(".py"), overrides).data._target_.startswith(
-        ("contactlearn.data.", "contactlearn.simulation.")
-    )
+    assert compose(name, overrides).data._target_.startswith(("contactlearn.data.", "contactlearn.simulation."))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
@@ -164,12 +163,13 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading below its place, a drawing, its neighbours; on the site the formula and ranges of every form."""
+    """A heading below its place, a drawing, its neighbours, and the formula and ranges of every form.
+
+    If the tables are not those of the classes: `python tools/effect_cards.py`.
+    """
     text = (ROOT / "docs" / "effects.md").read_text("utf-8")
-    site = [text]
-    runpy.run_path(str(ROOT / "docs" / "conf.py"))["with_forms"](None, "docs/effects", site)
-    assert "<!-- forms of" not in site[0]
-    places = re.split(r"^### `(\w+)`: .*$", site[0], flags=re.MULTILINE)
+    assert runpy.run_path(str(ROOT / "tools" / "effect_cards.py"))["renewed"](text) == text
+    places = re.split(r"^### `(\w+)`: .*$", text, flags=re.MULTILINE)
     cards = {}
     for place, part in zip(places[1::2], places[2::2], strict=True):
         for name, card in zip(*[iter(re.split(r"^#### (\w+)$", part, flags=re.MULTILINE)[1:])] * 2, strict=True):

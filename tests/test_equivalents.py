@@ -17,6 +17,7 @@ from contactlearn.diagnosis.discrimination.experiment import (
     next_experiment,
     separations_of,
     state_limits,
+    within_a_turn,
 )
 from contactlearn.diagnosis.discrimination.rivals import find_rivals, similarity
 from contactlearn.diagnosis.result.effects import Experiment
@@ -139,6 +140,13 @@ def test_adhesion_and_other_forms_are_no_equivalents():
     other = validated(selection.pool, selection.folds, selection.pool.fitted(spec))
     assert abs(paired_gain(selection.present, other)[0]) < 0.01  # though they are as good
     assert find_rivals(selection) == {POWER: ()}
+
+
+def test_an_angle_is_one_that_can_be_set():
+    """−213° is 147°; an instrument that counts from 0 to 360° is left as it is."""
+    theta = torch.tensor((-213.0, 147.0, -170.0), dtype=torch.float64).deg2rad()
+    assert within_a_turn(theta, theta).rad2deg().tolist() == pytest.approx([147, 147, -170])
+    assert within_a_turn(theta, theta.remainder(2 * math.pi)).rad2deg().tolist() == pytest.approx([147, 147, 190])
 
 
 def test_next_drops_separate_better_than_random_ones(rivals):

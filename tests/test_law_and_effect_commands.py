@@ -244,6 +244,6 @@ def test_variants_and_options():
     train = TrainSettings.from_config(compose("train", ["law=mirtich", "variant=fazeli2017"]))
     assert type(train.law).__name__ == "MirtichFazeli2017"
     diagnosed = DiagnoseSettings.from_config(compose("diagnose", ["verbose=true"]))
-    names = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
+    names = (*PAPER_LAWS, "wang_mason_newton", "chatterjee_ruina", "spring_dashpot")
     assert (diagnosed.law, [one.name for one in diagnosed.laws]) == (None, [*names])
     assert diagnosed.verbose

@@ -31,6 +31,21 @@ def chosen(impacts: Impacts, family: str) -> tuple[EffectId | None, dict[str, fl
     return None, {}
 
 
+@pytest.mark.parametrize(("form", "values", "expected"), [
+    ("spot", {"a": 0.1, "u_0": 0.5, "w_0": -0.5, "b": 0.2, "n": 3.0},
+     {"a": 0.1, "u_0": 1.2, "w_0": 1.8, "b": 0.08, "n": 3.0}),
+    ("strip", {"a": 0.1, "phi": math.pi / 2, "d": 0.5, "b": 0.2, "n": 3.0},
+     {"a": 0.1, "phi": math.pi / 2, "d": 2.2, "b": 0.08, "n": 3.0}),
+    ("stretch", {"a": 0.1, "d": 0.5, "b": 0.2, "n": 3.0}, {"a": 0.1, "d": 1.2, "b": 0.08, "n": 3.0}),
+])  # fmt: skip
+def test_places_are_said_in_metres(form, values, expected):
+    """On a floor whose measured part reaches 0.4 m from its middle (1, 2) m, or x = 1 m."""
+    kind = find_effect(FLOOR.format("friction"), form)
+    effect = kind(**values, **({"span": (0.6, 1.4)} if form == "stretch" else {"square": (1.0, 2.0, 0.4)}))
+    said = {name: (effect.in_metres(name) or (1.0, 0.0)) for name in values}
+    assert {name: scale * values[name] + zero for name, (scale, zero) in said.items()} == pytest.approx(expected)
+
+
 def place(impacts):
     return impacts.q[:, :2] - 0.5
 

@@ -517,10 +517,13 @@ def test_a_loop_of_commands(tmp_path):
     words = ("data=table", "data.path=drops.csv", shape, "hydra.run.dir=run")
     run("diagnose.py", *words, cwd=tmp_path)
     said = run("contactlearn", "plan", "run", "after=one", "count=6", "budget=27", "-o", "two", cwd=tmp_path)
-    assert "6 drops for names" in said
-    assert "stop: the budget is used up" in said
+    assert said.startswith("stop: the budget is used up\n")  # and nothing is forecast of drops that are not to be made
+    assert "two/plan.csv, if you want to go on all the same\n" in said
+    assert not re.search("drops for|expected|pay|go on:", said)
     page = (tmp_path / "two" / "plan.html").read_text("utf-8")
     assert "Stop: the budget is used up" in page
+    assert "If you want to go on all the same" in page
+    assert "expected to tell" not in page
     assert page.count('<tr><th scope="row">') >= 6
     two = from_json(Plan, (tmp_path / "two" / "plan.json").read_bytes())
     assert two.rig.keys() >= {"height", "theta", "omega"}

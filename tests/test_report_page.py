@@ -31,7 +31,7 @@ from contactlearn.report.page.trials import finely, of_outcomes
 from contactlearn.simulation import hidden_effects
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
-COMMAND = "python diagnose.py data=mystery"
+COMMAND = "contactlearn diagnose data=mystery"
 QUANTISED = 2e-4  # of the largest velocity two bytes resolve 3e-5
 
 
@@ -58,7 +58,7 @@ def about(impacts):
 
 @pytest.fixture(scope="module")
 def content(found):
-    return of_diagnosis(found, about(found.record.impacts), use="python evaluate.py")
+    return of_diagnosis(found, about(found.record.impacts), use="contactlearn evaluate")
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_the_numbers_are_those_of_the_diagnosis(found, content, page, tmp_path):
     # To the last digit, without the data source and without a fit.
     found.record.save(tmp_path, {"data": {}, "versions": {}, "config": {}})
     again = replace(Diagnosis.from_json(found.to_json()), record=Record.load(tmp_path))
-    assert of_diagnosis(again, about(again.record.impacts), use="python evaluate.py") == content
+    assert of_diagnosis(again, about(again.record.impacts), use="contactlearn evaluate") == content
 
 
 def test_a_page_asks_for_nothing(page):

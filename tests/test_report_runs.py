@@ -86,7 +86,7 @@ def diagnosed(names=("spin_damping:after",), first=0.3, law="wang_mason", **data
 def ran(found, **data):
     """A diagnosis with its provenance as plain objects."""
     about = provenance({"effect": {}, "law": "best"}, **data)
-    return json.loads(to_json(DiagnosisRun(provenance=about, use="python evaluate.py", diagnosis=found)))
+    return json.loads(to_json(DiagnosisRun(provenance=about, use="contactlearn evaluate", diagnosis=found)))
 
 
 def leave(folder, content, page=False):

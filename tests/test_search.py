@@ -372,25 +372,24 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)
 
 
-SURE = {"share": 0.99, "gain": 0.3, "left": 0.0, "unknown": False, "others": 0}
+SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200}
 
 
 def test_a_calibrated_confidence_is_a_probability():
-    for share in (0.0, 0.5, 1.0):
-        for gain in (-0.1, 0.0, 1.0):
-            for left in (-0.2, 0.9):
-                for others in (0, 5):
-                    assert 0 < calibrated(share, gain, left, others > 0, others) < 1
-    assert calibrated(**SURE) > 0.85
-    assert calibrated(share=0.4, gain=0.03, left=0.3, unknown=True, others=2) < 0.5
-    assert not math.isclose(calibrated(**SURE), 1.0, abs_tol=1e-3)  # nothing that was fitted is that sure
+    for share in (0.01, 0.5, 1.0):
+        for removed in (-0.1, 0.0, 1.0, math.inf):
+            for left in (0.0, 0.9):
+                assert 0 < calibrated(share, removed, left, 50) < 1
+    assert calibrated(**SURE) > 0.9
+    assert calibrated(share=0.9, removed=0.06, left=0.5, trials=200) < 0.5
+    assert calibrated(share=1.0, removed=math.inf, left=0.0, trials=10**6) <= 0.99  # nothing that was judged is surer
 
 
 @pytest.mark.parametrize(("name", "less", "more"), [
-    ("share", 0.4, 0.99), ("gain", 0.02, 0.5), ("left", 0.4, 0.0), ("unknown", True, False), ("others", 3, 0),
+    ("share", 0.4, 0.99), ("removed", 0.04, 1.0), ("left", 0.4, 0.0), ("trials", 40, 1000),
 ])  # fmt: skip
-def test_more_evidence_never_means_less_confidence(name, less, more):
-    assert calibrated(**(SURE | {name: less})) <= calibrated(**(SURE | {name: more}))
+def test_more_evidence_means_more_confidence(name, less, more):
+    assert calibrated(**(SURE | {name: less})) < calibrated(**(SURE | {name: more}))
 
 
 @pytest.mark.parametrize("laws", [("wang_mason", "anitescu_potra_poisson"), ("anitescu_potra_poisson", "wang_mason")])

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from commands import run
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from logged import Events
 
 from contactlearn.report.sweep_curves import FOLDER, SweepCurves, growing_curves
 from contactlearn.results.state import DONE
@@ -33,7 +33,7 @@ def jobs(sweep):
 
 def lines(folder):
     """(size, error) of each line in the headline."""
-    events = EventAccumulator(str(folder)).Reload()
+    events = Events(str(folder)).Reload()
     return {name: [(one.step, one.value) for one in events.Scalars(f"curve_mass_error/{name}")] for name in LINES}
 
 
@@ -58,7 +58,7 @@ def test_lines_grow_as_jobs_end_in_any_order(sweep, jobs, tmp_path):
         for key, expected in {(20, 0): [20], (10, 0): [10, 20], (10, 1): [10, 20], (20, 1): [10, 20]}.items():
             waiting[key].rename(jobs[key] / DONE)
             curves.update()
-            shown = shown or EventAccumulator(str(tmp_path / FOLDER))
+            shown = shown or Events(str(tmp_path / FOLDER))
             assert [one.step for one in shown.Reload().Scalars("curve_mass_error/whittaker")] == expected
         curves.close()
     finally:
@@ -82,7 +82,7 @@ def test_swept_settings_name_lines_of_one_model(sweep, jobs, tmp_path):
     settings = {job: [f"train.size={size}", f"variant={seed}"] for (size, seed), job in jobs.items()}
     with growing_curves(tmp_path, lambda: settings):
         pass
-    tags = EventAccumulator(str(tmp_path / FOLDER)).Reload().Tags()["scalars"]
+    tags = Events(str(tmp_path / FOLDER)).Reload().Tags()["scalars"]
     assert {tag.partition("/")[2] for tag in tags if tag.startswith("curve_mass")} == {
         "whittaker, variant=0", "whittaker, variant=1", "best_post_hoc", "irb",
     }  # fmt: skip

@@ -8,9 +8,9 @@ import warnings
 import pytest
 import torch
 from commands import SMALL, TRAIN, run
+from logged import Events
 from observers import RecordingObserver
 from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
 from tensorboard.context import RequestContext
 from tensorboard.plugins.base_plugin import TBContext
@@ -56,7 +56,7 @@ COMMANDS = {
 def read(folder):
     """The events of a run, which are all in one file."""
     assert len(list(folder.rglob("events.*"))) == 1
-    return EventAccumulator(str(folder)).Reload()
+    return Events(str(folder)).Reload()
 
 
 def hparams(events, part):
@@ -105,6 +105,18 @@ def runs(tmp_path_factory):
     return folder, {name: read(folder / name) for name in COMMANDS}
 
 
+def test_scalars_have_their_description(tmp_path, caplog):
+    """And TensorBoard finds none of them odd."""
+    with Tracker(tmp_path, 40) as tracker:
+        tracker.scalars({"mass_error/model": 0.5}, names={"mass_error/model": "Error"})
+    events = read(tmp_path)
+    about = events.SummaryMetadata("mass_error/model")
+    assert (about.plugin_data.plugin_name, about.display_name) == ("scalars", "Error")
+    assert about.summary_description.startswith("Held-out error of this run's model")
+    assert events.Tags()["scalars"] == ["mass_error/model"]
+    assert "not associated with a plugin" not in caplog.text
+
+
 def test_a_mean_and_the_ends_of_its_interval(tmp_path):
     with Tracker(tmp_path, 40) as tracker:
         tracker.scalars({"error/a": Interval(0.5, 0.25, 1.0), "share/a": 0.125})
@@ -128,7 +140,7 @@ def test_a_mean_and_the_ends_of_its_interval(tmp_path):
 
 def test_a_new_attempt_replaces_the_record_of_a_former_one(tmp_path):
     """Also in a TensorBoard that has read the former one; a run without a value leaves nothing."""
-    shown = EventAccumulator(str(tmp_path)).Reload()
+    shown = Events(str(tmp_path)).Reload()
     for sizes in ((10, 20, 40), (10, 30)):
         with Tracker(tmp_path, 1) as tracker:
             for size in sizes:
@@ -138,7 +150,7 @@ def test_a_new_attempt_replaces_the_record_of_a_former_one(tmp_path):
             pass
         lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
         assert [json.loads(line)["error"] for line in lines] == list(sizes)
-    assert [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("error")] == [10, 30]
+    assert [event.step for event in Events(str(tmp_path)).Reload().Scalars("error")] == [10, 30]
 
 
 def test_a_training_is_logged_round_by_round(runs):
@@ -345,7 +357,7 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
     assert dict(row[:2] for row in rows)["Verdict"] == result.headline
     assert result.headline in html.unescape((runs[0] / "diagnose" / "report.html").read_text())
-    assert dict(row[:2] for row in rows)["Use it"] == f"python train.py model={folder / 'diagnose'}"
+    assert dict(row[:2] for row in rows)["Use it"] == f"contactlearn train model={folder / 'diagnose'}"
     steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
     assert [row[0] for row in rows[-len(steps) :]] == steps
     assert any(row[0].partition(":")[0] == found.effects[0] for row in rows)
@@ -375,7 +387,7 @@ def test_cards_tell_what_was_run_and_found(runs):
         result = next((folder / name).glob("[rd]*s.json"))
         content = json.loads(result.read_text())
         data = content.get("provenance", content)["data"]
-        assert rows["Command"].startswith(f"python {' '.join(command[:2])}")
+        assert rows["Command"].startswith(f"contactlearn {command[0].removesuffix('.py')} {command[1]}")
         assert rows["SHA-256 of the data"] == data["sha256"]
         assert rows["Data"] == f"{data['source']}, {data['trials']} impacts"
         assert "contactlearn 0." in rows["Versions"]
@@ -414,5 +426,5 @@ def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there
             tracker(event)
     assert [(one.model, one.trained_on) for one in seen] == [("a", 10), ("a", 20), ("a", 30), ("b", 10), ("b", 20)]
     assert len({one.errors["mass_error"] for one in seen}) == 1  # the same resamples
-    steps = [event.step for event in EventAccumulator(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
+    steps = [event.step for event in Events(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
     assert sorted({*steps}) == [10, 20, 30]

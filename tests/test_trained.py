@@ -163,7 +163,7 @@ def test_settings_that_a_checkpoint_keeps_and_commands_that_take_none():
     line = run("train.py", "checkpoint=a.pt", "data=synthetic", "model.x1_wrench.features=x2", status=2)
     assert "checkpoint=a.pt keeps the features and target that it was trained with; take out model.x1_wrench" in line
     line = run("diagnose.py", "checkpoint=a.pt", "data=synthetic", status=2)
-    assert "checkpoint is a setting of train.py and evaluate.py only" in line
+    assert "checkpoint is a setting of train and evaluate only" in line
 
 
 def test_a_figure_shows_all_of_the_names_of_models():

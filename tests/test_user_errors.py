@@ -135,6 +135,11 @@ def test_names_stand_for_laws_and_effects():
             assert getattr(package, name).__name__ == f"contactlearn.{room}.{name}"
     with pytest.raises(AttributeError, match="has no attribute 'mysteries'"):
         contactlearn.data.mysteries  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'laddr', did you mean 'ladder'\?; known: comparison, "):
+        contactlearn.plot.laddr  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'diagnos', did you mean 'diagnose'\?; known: "):
+        contactlearn.diagnos  # noqa: B018
+    assert not hasattr(contactlearn.plot, "nonsense")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +162,7 @@ def test_a_finished_sweep_shows_its_runs(tmp_path):
     first = run("train.py", *words)
     assert "Held-out errors of the sweep" in first
     assert re.search(r"train.size +mass error +95 %(.|\n)*\n *10 +0\.\d+ +0\.\d+–.*\n *20 +0\.\d+ ", first), first
-    assert f"compare  python -m contactlearn report {tmp_path}" in first
+    assert f"compare  contactlearn report {tmp_path}" in first
     assert "Held-out errors of the sweep" in run("train.py", *words)
 
 

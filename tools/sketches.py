@@ -450,7 +450,7 @@ def reliability():
     ax.set(xlim=(0.45, 1.01), ylim=(0.4, 1.02), xlabel="stated probability of the name", ylabel="share of right names")
     ax.spines[["top", "right"]].set_visible(False)
     figure.text(0.74, 0.42, "independent suite,\nhalf only scored", color=LAW, fontsize=9)
-    figure.text(0.74, 0.26, "four independent\nauthors", color=EFFECT, fontsize=9)
+    figure.text(0.74, 0.26, "authors E and F,\nhalf only scored", color=EFFECT, fontsize=9)
     return figure
 
 

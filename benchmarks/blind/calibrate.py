@@ -8,7 +8,7 @@ The files are answers of `run.py --every-name`, which makes a name of every cand
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -19,33 +19,37 @@ from scipy.optimize import minimize
 from blind.judge import Answer
 from blind.report import judged, reliability_of
 from blind.run import read
-from contactlearn.diagnosis.search.ladder import COEFFICIENTS, regressors
+from contactlearn.diagnosis.search.ladder import COEFFICIENTS, SUREST, regressors
 
-MEAN = np.array([-0.32, 0.37, 2.15, -9.75, 0.0, 0.0])
-"""Coefficients of an earlier fit to some 500 names, of the whole catalogue and of a poorer one."""
-PRIOR = np.array([1.0, 0.2, 0.4, 2.0, 1.5, 0.7])
-"""Standard deviations of the coefficients about MEAN."""
+PRIOR = np.array([3.0, 2.0])
+"""Standard deviations of the coefficients about 0."""
 
 
-def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the regressors [n, 6] of every judged name, and whether it is right [n]."""
-    rows = [
-        (regressors(known.shares[k], known.gains[k], known.left, known.physics == "unknown", len(known.shares) - 1), y)
-        for one in judged(answers)
-        for known in [one.answer]
-        for k, y in one.score.named
-    ]
-    return np.array([x for x, _ in rows]), np.array([y for _, y in rows], dtype=float)
+def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the regressors [n, 2] of every judged name, its share [n] and whether it is right [n]."""
+    rows, shares, right = [], [], []
+    for one in judged(answers):
+        known = one.answer
+        for k, y in one.score.named:
+            rows.append(regressors(known.removed[k], known.reducible, known.trials))
+            shares.append(known.shares[k])
+            right.append(float(y))
+    return np.array(rows), np.array(shares), np.array(right)
 
 
-def fit(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fit the most probable coefficients [4] of a logistic regression with a Gaussian prior."""
+def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float]) -> np.ndarray:
+    """Compute the probabilities [n] of names as `ladder.calibrated` does."""
+    return share * SUREST / (1 + np.exp(-x @ np.asarray(coefficients)))
+
+
+def fit(x: np.ndarray, share: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Fit the most probable coefficients [2] of a logistic regression with a Gaussian prior."""
 
     def loss(b: np.ndarray) -> float:
-        z = x @ b
-        return float(np.sum(np.logaddexp(0, z) - y * z) + 0.5 * np.sum(((b - MEAN) / PRIOR) ** 2))
+        p = probabilities(x, share, b).clip(1e-9, 1 - 1e-9)
+        return -float(np.sum(np.log(np.where(y == 1, p, 1 - p)))) + 0.5 * float(np.sum((b / PRIOR) ** 2))
 
-    return minimize(loss, MEAN).x
+    return minimize(loss, np.zeros(len(PRIOR))).x
 
 
 def main() -> None:
@@ -54,12 +58,12 @@ def main() -> None:
     parser.add_argument("learn", type=Path, nargs="+")
     parser.add_argument("--report", type=Path)
     options = parser.parse_args()
-    x, y = map(np.concatenate, zip(*(design(read(path).values()) for path in options.learn), strict=True))
-    fitted = tuple(round(float(b), 2) for b in fit(x, y))
+    x, share, y = map(np.concatenate, zip(*(design(read(path).values()) for path in options.learn), strict=True))
+    fitted = tuple(round(float(b), 2) for b in fit(x, share, y))
     print(f"{len(y)} names, {int(y.sum())} right; coefficients {fitted}, in use {COEFFICIENTS}")
     for path in filter(None, (*options.learn, options.report)):
-        x, y = design(read(path).values())
-        stated = 1 / (1 + np.exp(-x @ np.array(COEFFICIENTS)))
+        x, share, y = design(read(path).values())
+        stated = probabilities(x, share, COEFFICIENTS)
         pairs = list(zip(stated.tolist(), y.astype(bool).tolist(), strict=True))
         print(f"\n{path.name}\n{reliability_of({'names': pairs})}")
 

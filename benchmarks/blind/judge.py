@@ -29,8 +29,9 @@ class Answer:
     forms: list[str] = field(default_factory=list)  # names with their functional forms
     confidence: list[float] = field(default_factory=list)  # stated probabilities
     shares: list[float] = field(default_factory=list)  # shares of the plausible models that have each effect
-    gains: list[float] = field(default_factory=list)  # shares of the error that each effect removes
-    left: float = 0.0  # share of the error that flexible models remove beyond the effects
+    removed: list[float] = field(default_factory=list)  # squared errors that each effect removes, over the model's
+    reducible: float = 0.0  # part of the model's squared error that is neither noise nor scatter of the contact
+    trials: int = 0  # that were diagnosed
     rivals: list[list[str]] = field(default_factory=list)  # names of the confounded effects
     # names of a model with fewer effects that does nearly as well, None where there is none
     simpler: list[str] | None = None
@@ -59,7 +60,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
     remainder, missing = found.remainder, found.missing
     serial, state = (None, None) if remainder is None else (remainder.serial_dependence, remainder.state_dependence)
     learnt = sorted(remainder.variables, key=lambda one: -one.share) if remainder and remainder.predictable else []
-    named = 0.0 if found.budget is None else found.budget.named.mean
+    budget = found.budget
     return Answer(
         suite=suite,
         name=name,
@@ -70,8 +71,9 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         forms=[str(one.effect) for one in missing],
         confidence=[one.confidence for one in missing],
         shares=[one.share for one in missing],
-        gains=[one.error_reduction / max(named + one.error_reduction, 1e-300) for one in missing],
-        left=0.0 if remainder is None else remainder.share.mean,
+        removed=[] if budget is None else [budget.removed(one.error_reduction) for one in missing],
+        reducible=0.0 if budget is None else budget.reducible,
+        trials=0 if found.record is None else len(found.record.impacts),
         rivals=[[rival.effect.name for rival in one.rivals] for one in missing],
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],
         models=[[one.name for one in model.effects] for model in found.models] if found.models else None,

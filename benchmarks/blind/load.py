@@ -2,7 +2,7 @@
 
 A suite is a folder of `data`.  Its impacts.parquet has a row a trial and a column `set`; its truth.json has the
 provenance of the suite and an entry for each set, of which this module reads the part that a laboratory hands over
-(`given`) and nothing else.  World axes: x right, y up, floor below; SI units.
+(`given`) and nothing else.  World axes: x right, y up, floor below, in space z up; SI units.
 
 Sets on published measurements are not stored: planted.parquet has the rows that were drawn from the publication and
 the change of the velocity after contact that a hidden effect makes, which is added here.
@@ -26,8 +26,7 @@ from contactlearn.data import ellipse_drops, table
 from contactlearn.mechanics.impacts import Impacts
 
 DATA = Path(__file__).parent / "data"
-SUITES = ("independent", "author_a", "author_b", "author_c", "author_d")
-NUMBERS = ("mass", "inertia", "rx", "ry", "x", "y", "theta", "vx", "vy", "omega", "vx_post", "vy_post", "omega_post")
+SUITES = ("independent", "author_a", "author_b", "author_c", "author_d", "author_e", "author_f")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +76,7 @@ def load(blind_set: BlindSet) -> Impacts:
     if blind_set.measured is not None:
         return _planted(blind_set).replace(source=source)
     rows = _rows(blind_set, "impacts.parquet").drop(columns="set")
-    for column in NUMBERS:  # the shortest decimal of a number in single precision is the number as written
+    for column in rows.select_dtypes("float32"):  # the shortest decimal of a number in single precision, as written
         rows[column] = rows[column].astype(str).astype(float)
     rows["y"] = rows["y"].fillna(-rows["ry"])
     with TemporaryDirectory() as folder:

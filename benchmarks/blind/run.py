@@ -29,8 +29,8 @@ from blind.load import SUITES, BlindSet, blind_sets, load, read_suite
 from blind.planted import planted_parts
 from blind.report import report
 from contactlearn import diagnose
+from contactlearn.diagnosis import stages
 from contactlearn.diagnosis.options import DiagnoseOptions
-from contactlearn.diagnosis.search import ladder
 
 
 def ask(blind_set: BlindSet, seconds: float, shapeless: bool = False) -> Answer:
@@ -53,7 +53,7 @@ def ask(blind_set: BlindSet, seconds: float, shapeless: bool = False) -> Answer:
 
 def name_all() -> None:
     """State every name as certain in this process."""
-    ladder.COEFFICIENTS = (50.0, *(0.0 for _ in ladder.COEFFICIENTS[1:]))
+    stages.calibrated = lambda *_: 1.0
 
 
 def choose(suite: str, half: str | None, groups: set[str], only: set[str], limit: int | None) -> list[BlindSet]:

@@ -219,7 +219,7 @@ def with_diagnosed_model(words: Sequence[str], command: str) -> list[str]:
         said, law = shlex.split(content["use"]), content["diagnosis"]["law"]
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         raise ContactLearnError(
-            f"model={value}: there is no diagnosis (no readable {_DIAGNOSIS}); give the folder of a run of diagnose.py"
+            f"model={value}: there is no diagnosis (no readable {_DIAGNOSIS}); give the folder of a run of diagnose"
         ) from None
     if law is None:
         raise ContactLearnError(f"model={value}: its data were refused, so it has no model; see its report.html")

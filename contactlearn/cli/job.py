@@ -6,7 +6,6 @@ import os
 import platform
 import shlex
 import shutil
-import sys
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
@@ -89,7 +88,7 @@ class Run:
             data=DataSource(source=data.source, trials=data.trials, sha256=data.sha256, space=space.name),
             versions={"contactlearn": __version__, "python": platform.python_version(), **packages},
             config=config,
-            command=shlex.join([*invocation(self.command), *self.overrides]),
+            command=shlex.join(["contactlearn", self.command, *self.overrides]),
             device=devices.described(device),
         )
 
@@ -98,17 +97,6 @@ class Run:
         shutil.rmtree(self.partial, ignore_errors=True)
         if self.partial.parent.is_dir() and not any(self.partial.parent.iterdir()):
             self.partial.parent.rmdir()
-
-
-def invocation(command: str) -> list[str]:
-    """Return the words that call a command in the way in which this run was called: as a script or by the package.
-
-    Processes of launchers have been called in neither way, and name the package.
-    """
-    script = Path(sys.argv[0])
-    if script.name in ("train.py", "evaluate.py", "diagnose.py"):
-        return ["python", str(script.with_name(f"{command}.py"))]
-    return ["python", "-m", "contactlearn", command]
 
 
 def run_job(command: str, work: Callable[[Any, Run], None], cfg: DictConfig) -> float | None:

@@ -300,7 +300,7 @@ def _law_or_best(entry: Any, _: str, known: Mapping[str, Any]) -> Law | None:
 def _law(entry: Any, key: str, known: Mapping[str, Any]) -> Law:
     law = parse_law(entry, known["variant"])
     if law is None:
-        raise ContactLearnError("only diagnose.py takes law=best; name a law, such as law=wang_mason")
+        raise ContactLearnError("only diagnose takes law=best; name a law, such as law=wang_mason")
     return law
 
 
@@ -577,6 +577,11 @@ class SplitSettings(_Settings, frozen=True):
     bootstrap: Annotated[int, Meta(ge=10, description="a whole number, 10 or more")]
 
     @property
+    def fits_all(self) -> bool:
+        """Whether the model is fitted to all trials that are not held out, where no number is given."""
+        return False
+
+    @property
     def fit_options(self) -> FitOptions:
         """Of fits of a law together with its effects."""
         return FitOptions(box=self.train.box, **msgspec.structs.asdict(self.fit))
@@ -608,6 +613,11 @@ class TrainSettings(SplitSettings, frozen=True):
     def recipe(self) -> Recipe | None:
         """What is learnt; None for a law alone."""
         return self.recipes[self.model]
+
+    @property
+    def fits_all(self) -> bool:
+        """A law with effects is, as in a diagnosis."""
+        return self.recipe is None and bool(self.effects)
 
     @property
     def laws(self) -> dict[str, Law]:
@@ -823,11 +833,10 @@ def require_setting(path: Sequence[str], command: str, place: str = "") -> bool:
         key = ".".join(path[:end])
         if key not in known:
             holders = [name for name, kind in SETTINGS.items() if key in _keys(kind)]
-            others = ["contactlearn plan" if name == "plan" else f"{name}.py" for name in holders]
-            if others:
+            if holders:
                 full = ".".join(path)
                 there = full if any(full in _keys(kind) for kind in SETTINGS.values()) else key
-                only = f"{place}{there} is a setting of {' and '.join(others)} only"
+                only = f"{place}{there} is a setting of {' and '.join(holders)} only"
                 raise ContactLearnError(f"{only}; --settings lists those of this command")
             last = {name.rpartition(".")[2]: name for name in known}
             near = suggest(key, known) or suggest(last.get(path[end - 1], ""), known)

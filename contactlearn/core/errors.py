@@ -54,6 +54,14 @@ def suggest(name: str, known: Iterable[str], least: float = 0.5) -> str:
     return f", did you mean {near[0]!r}?" if near else ""
 
 
+def no_attribute(module: str, name: str, known: Iterable[str]) -> AttributeError:
+    """Return the error of a name that a module lacks, with the nearest one and all that it has."""
+    known = list(known)
+    return AttributeError(
+        f"module {module!r} has no attribute {name!r}{suggest(name, known)}; known: {', '.join(known)}"
+    )
+
+
 def install_hint(extra: str) -> str:
     """Return how an optional part is installed, in words."""
     return f"pip install 'contactlearn[{extra}]', or '.[{extra}]' in a checkout"

@@ -4,6 +4,8 @@ import sys
 from importlib import import_module
 from pkgutil import iter_modules
 
+from contactlearn.core.errors import no_attribute
+
 
 def load_when_named(room: str) -> None:
     """Let a package, by its `__name__`, load each of its modules when it is first named, and list them all.
@@ -16,6 +18,6 @@ def load_when_named(room: str) -> None:
     def get(name: str) -> object:
         if name in names:
             return import_module(f"{room}.{name}")
-        raise AttributeError(f"module {room!r} has no attribute {name!r}")
+        raise no_attribute(room, name, names)
 
     vars(package).update(__getattr__=get, __dir__=lambda: names)

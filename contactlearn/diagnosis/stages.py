@@ -69,7 +69,14 @@ from contactlearn.diagnosis.result import (
 )
 from contactlearn.diagnosis.search.candidates import fitted_first, follows_order, usable, user_candidates
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
-from contactlearn.diagnosis.search.ladder import Ladder, calibrated, coefficient_ends, fitted_parameters, ladder
+from contactlearn.diagnosis.search.ladder import (
+    Ladder,
+    calibrated,
+    coefficient_ends,
+    equation_in_metres,
+    fitted_parameters,
+    ladder,
+)
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
 from contactlearn.diagnosis.unexplained.contact_scatter import ScatterEstimate, contact_scatter
 from contactlearn.diagnosis.unexplained.formulas import formulas
@@ -125,13 +132,14 @@ def diagnose_audited(
             search = search_effects(question, law, fits, impacts, folds, generator)
             search = drop_proxy_effects(question, search, generator, drift.dependence.block)
     rungs, learned = _fit_ladder(question, search, generator)
-    confidence = _confidence(question, impacts, rungs, learned.remainder)
+    decomposition = decompose_error(question, search, rungs, learned, generator)
+    confidence = _confidence(question, impacts, rungs.missing, decomposition.budget)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
         rungs, learned = _fit_ladder(question, search, generator)
+        decomposition = decompose_error(question, search, rungs, learned, generator)
     comparison = compare_effects(question, search, rungs, generator)
-    decomposition = decompose_error(question, search, rungs, learned, generator)
     question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
     question.on_event(RemainderLearned(remainder=learned.remainder))
     findings = (*findings, *search.notes)
@@ -192,7 +200,7 @@ class SearchResult:
         candidates = tuple(
             Candidate(
                 effect=effect,
-                equation=larger.present.fit.model.effects[effect.name].equation,
+                equation=equation_in_metres(larger.present.fit.model.effects[effect.name]),
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_after=larger.present.mean_error,
                 error_reduction=less.mean_error - larger.present.mean_error,
@@ -584,13 +592,13 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
     return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
 
 
-def _confidence(question: Question, impacts: Impacts, rungs: Ladder, remainder: Remainder) -> dict[EffectId, float]:
+def _confidence(
+    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], budget: ErrorBudget
+) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
-    missing, named = rungs.missing, rungs.rungs[-1].error.mean
     sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
-        gain = one.error_reduction / (named + max(one.error_reduction, 0.0) or 1.0)
-        sure = calibrated(one.share, gain, remainder.share.mean, remainder.unknown, len(missing) - 1)
+        sure = calibrated(one.share, budget.removed(one.error_reduction), budget.reducible, len(impacts))
         if _undetermined(question.candidates[one.effect], one):
             sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
         confidence[one.effect] = sure / sharing if question.candidates[one.effect].like_shape else sure

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.effects.base import Effect, parameter
+from contactlearn.effects.base import Coefficients, Effect, parameter
 from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.space import BOTH
 
@@ -14,9 +14,10 @@ class Adhesion(Effect):
 
         impulse    P_n → P_n − c
         work       v_n⁺ → √(v_n⁺² − 2 w W_nn), by P_n alone
+        speed      ε → √(ε² − s/v_n²), so that the law of contact knows of it
 
-    P_t stays: adhesion carries the friction as a load would, so P_t may exceed μ P_n.  It is not a lower
-    restitution, whose loss grows with the speed.
+    In all but the last P_t stays: adhesion carries the friction as a load would, so P_t may exceed μ P_n.  It is not a
+    lower restitution, whose loss grows with the speed.
     """
 
     place = "wrench"
@@ -55,3 +56,23 @@ class WorkOfAdhesion(Adhesion):
         parts = squared > 0
         slower = torch.where(parts, torch.where(parts, squared, 1.0).sqrt(), 0.0)
         return altered(wrench, state.space.d - 1, (slower - rebound) / w_nn)
+
+
+class AdhesionSpeed(Adhesion):
+    """ε → √(ε² − s/v_n²), or 0: impacts slower than √s/ε stick, whatever the lever, and friction acts on the rest.
+
+    The work grows with the mass that the contact feels (`WorkOfAdhesion`).
+    """
+
+    place = "law"
+    form = "speed"
+    formula = "ε ← √(ε² − s/v_n²)"
+    in_words = "the squared speed of the rebound is less by {s}"
+    source = "Thornton & Ning 1998"
+    citations = ("thornton1998",)
+    s: Tensor | float = parameter("s", "m²/s²", 0.0, 2.0)
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        squared = eps.square() - self.s / state.v_n.square()
+        rebounds = squared > 0
+        return mu, torch.where(rebounds, torch.where(rebounds, squared, 1.0).sqrt(), 0.0)

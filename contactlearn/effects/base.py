@@ -248,6 +248,11 @@ class Effect(Frozen, ABC):
         """Return the effect where it changes nothing."""
         return self.at([p.start if p.vanishing is None else p.vanishing for p in self.parameters])
 
+    def in_metres(self, name: str) -> tuple[float, float] | None:
+        """Return what a parameter of 1 is in m, and where its zero lies; None of a parameter that is no length so."""
+        del name
+        return None
+
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with the constants that were left open taken from measurements.
 

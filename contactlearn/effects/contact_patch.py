@@ -16,9 +16,10 @@ class ContactPatch(Effect):
         curve     c + s(r_x), see `functions.Spline`
         after     c − k r_x, of the impulse that the law gives
         slip      −d sign(v_t), behind the contact point as the slip sees it
+        point     c − k r_x, and the law acts at that point, with its velocity
 
-    In all but `after` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`).  It is not a
-    resistance to rolling, which follows the spin (`rolling_resistance`).
+    In all but `after` and `point` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`).  It is
+    not a resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
     place = "wrench"
@@ -70,6 +71,24 @@ class ContactPatchAfter(ContactPatch):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         P_t, P_n, tau = wrench.unbind(-1)
         return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
+
+
+class ContactPatchAtPoint(ContactPatch):
+    """r_x → r_x + c − k r_x: the law of contact acts at the centre of pressure, with the velocity of that point.
+
+    The edge of the patch does not keep its own restitution (`LinearContactPatch`).
+    """
+
+    place = "state"
+    form = "point"
+    formula = "r_x ← r_x + c − k r_x, where the law acts"
+    in_words = "the law acts at an arm of {c} plus {k:-%} of r_x"
+    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
+    c: Tensor | float = parameter("c", "m", -0.01, 0.01)
+
+    def state(self, state: State) -> State:
+        r_x, r_y = state.r.unbind(-1)
+        return state.replace(r=columns(r_x + self.c - self.k * r_x, r_y))
 
 
 class ContactPatchBySlip(ContactPatch):

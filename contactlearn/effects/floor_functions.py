@@ -10,6 +10,7 @@ one and ranges suit every floor: (u, w) is the place, s the distance from the mi
 with the normal (cos φ, sin φ) at u_0 cos φ + w_0 sin φ = d.  `functions.AlongFloor` is the planar place-dependence.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar, Self
@@ -94,6 +95,14 @@ class _Shaped(OverFloor):
     """A change a of one part of the floor; b is half a width, of a border its softness."""
 
     a: Tensor | float = usual_parameter("a")
+
+    def in_metres(self, name: str) -> tuple[float, float] | None:
+        """Return the half-span, and for a place where its zero lies, both in m; None of what is no length."""
+        if name not in ("u_0", "w_0", "d", "b") or self.square is None:
+            return None
+        x, y, half = self.square
+        phi = float(getattr(self, "phi", 0.0))
+        return half, {"u_0": x, "w_0": y, "d": x * math.cos(phi) + y * math.sin(phi)}.get(name, 0.0)
 
 
 class BorderOnFloor(_Shaped):

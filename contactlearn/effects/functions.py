@@ -348,6 +348,13 @@ class StretchOfFloor(_OnSpan):
         low, high = self.span
         return f"{self.formula}, in {(high - low) / 2:g} m about {(low + high) / 2:g} m"
 
+    def in_metres(self, name: str) -> tuple[float, float] | None:
+        """Return half the span, and for a place where its zero lies, both in m; None of what is no length."""
+        if name not in ("d", "b") or self.span is None:
+            return None
+        low, high = self.span
+        return (high - low) / 2, (low + high) / 2 if name == "d" else 0.0
+
     def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
         return self.a * within_part((u - self.d).square(), self.b, self.n)
 

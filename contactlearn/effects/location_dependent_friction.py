@@ -37,7 +37,7 @@ class FrictionOfStretch(StretchOfFloor, LocationDependentFriction):
     spaces = (PLANE,)
     form = "stretch"
     formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
-    in_words = "μ changes by {a} on a stretch at {d} half-spans, {b} to each side, edges of sharpness {n}"
+    in_words = "μ changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
     refines = ("location_dependent_friction",)
 
 
@@ -53,7 +53,7 @@ class FrictionBorder(BorderOnFloor, LocationDependentFriction):
 
     form = "border"
     formula = "μ ← μ + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
-    in_words = "μ changes by {a} beyond a border with its normal at {phi}, at {d} half-spans, within {b}"
+    in_words = "μ changes by {a} beyond the line x cos φ + y sin φ = {d}, φ = {phi}, within {b}"
     refines = ("location_dependent_friction",)
 
 
@@ -62,7 +62,7 @@ class FrictionSpot(SpotOnFloor, LocationDependentFriction):
 
     form = "spot"
     formula = "μ ← μ + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius, its edge of sharpness {n}"
+    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} in radius, its edge of sharpness {n}"
     refines = ("location_dependent_friction",)
 
 
@@ -72,7 +72,7 @@ class FrictionStrip(StripOnFloor, LocationDependentFriction):
     form = "strip"
     formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
     in_words = (
-        "μ changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side, "
+        "μ changes by {a} on a strip about the line x cos φ + y sin φ = {d}, φ = {phi}, {b} to each side, "
         "edges of sharpness {n}"
     )
     refines = ("location_dependent_friction",)

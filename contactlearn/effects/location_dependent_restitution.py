@@ -37,7 +37,7 @@ class RestitutionOfStretch(StretchOfFloor, LocationDependentRestitution):
     spaces = (PLANE,)
     form = "stretch"
     formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
-    in_words = "ε changes by {a} on a stretch at {d} half-spans, {b} to each side, edges of sharpness {n}"
+    in_words = "ε changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
     refines = ("location_dependent_restitution",)
 
 
@@ -53,7 +53,7 @@ class RestitutionBorder(BorderOnFloor, LocationDependentRestitution):
 
     form = "border"
     formula = "ε ← ε + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
-    in_words = "ε changes by {a} beyond a border with its normal at {phi}, at {d} half-spans, within {b}"
+    in_words = "ε changes by {a} beyond the line x cos φ + y sin φ = {d}, φ = {phi}, within {b}"
     refines = ("location_dependent_restitution",)
 
 
@@ -62,7 +62,7 @@ class RestitutionSpot(SpotOnFloor, LocationDependentRestitution):
 
     form = "spot"
     formula = "ε ← ε + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} half-spans in radius, its edge of sharpness {n}"
+    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} in radius, its edge of sharpness {n}"
     refines = ("location_dependent_restitution",)
 
 
@@ -72,7 +72,7 @@ class RestitutionStrip(StripOnFloor, LocationDependentRestitution):
     form = "strip"
     formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
     in_words = (
-        "ε changes by {a} on a strip with its normal at {phi}, at {d} half-spans, {b} to each side, "
+        "ε changes by {a} on a strip about the line x cos φ + y sin φ = {d}, φ = {phi}, {b} to each side, "
         "edges of sharpness {n}"
     )
     refines = ("location_dependent_restitution",)

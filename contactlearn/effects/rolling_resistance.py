@@ -9,7 +9,7 @@ from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
-from contactlearn.effects.state import State
+from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.space import BOTH, SPACE
 
 
@@ -20,8 +20,9 @@ class RollingResistance(Effect):
         curve       s(|ω̄|) sign(ω̄), ω̄ the mean of ω and ω⁺, see `functions.Spline`
         path        c sign(ω), with the spin of the instant, in space
         before      c sign(ω), with the spin before contact
+        point       r_x → r_x − c sign(ω): the law acts ahead of the contact point, with the velocity there
 
-    In all but the last the contact responds while it lasts (`perturbed_path`).  In space ω is the spin along the floor.
+    In all but the last two the contact responds while it lasts (`perturbed_path`).  In space ω is the spin along the floor.
     It is not damping in proportion to the spin and the moment of inertia (`spin_damping`), nor friction against the
     spin about the normal (`torsional_friction`).
     """
@@ -113,6 +114,21 @@ class RollingResistanceBefore(_ConstantArm, RollingResistance):
         spin = state.v_pre[..., d : d + 2]
         moment = (self.c * wrench[..., d - 1] / self._smoothed(spin))[..., None] * spin
         return wrench - pad(moment, (d, d - 2))
+
+
+class RollingResistanceAtPoint(_ConstantArm, RollingResistance):
+    """r_x → r_x − c ω/√(ω² + ω_s²): the law of contact acts ahead of the contact point, with the velocity there.
+
+    The contact point does not keep its own restitution (`SmoothedRollingResistance`).
+    """
+
+    place = "state"
+    form = "point"
+    formula = "r_x ← r_x − c sign(ω), smoothed, where the law acts"
+
+    def state(self, state: State) -> State:
+        r_x, r_y = state.r.unbind(-1)
+        return state.replace(r=columns(r_x - self.c * state.omega / self._smoothed(state.omega[..., None]), r_y))
 
 
 def _mean_spin(state: State) -> Float[Tensor, "... n"]:

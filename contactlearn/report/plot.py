@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError
+from contactlearn.core.errors import ContactLearnError, UnknownNameError, no_attribute
 from contactlearn.diagnosis.result import Diagnosis, Record
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.impacts import Impacts, Prediction
@@ -42,6 +42,12 @@ __all__ = [
     "error_densities", "frontier", "impulse_space", "ladder", "laws_compared", "learning_curve", "planned",
     "predictions", "reachable_impulses", "regions", "residual", "style", "transfer_errors", "trial_parameters",
 ]  # fmt: skip
+
+
+if not TYPE_CHECKING:  # with it a type checker would take any name for a figure
+
+    def __getattr__(name: str) -> object:
+        raise no_attribute("contactlearn.plot", name, __all__)
 
 
 def regions(diagnosis: Diagnosis) -> Figure:

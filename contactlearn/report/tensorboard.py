@@ -26,9 +26,12 @@ from types import MappingProxyType
 
 from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
-from tensorboard.compat.proto.summary_pb2 import Summary, SummaryMetadata
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.compat.proto.tensor_pb2 import TensorProto
+from tensorboard.compat.proto.types_pb2 import DT_FLOAT
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
+from tensorboard.plugins.scalar import metadata as scalar
 from tensorboard.summary.writer.record_writer import RecordWriter
 from torch import Tensor
 from torch.utils.tensorboard import summary
@@ -287,8 +290,8 @@ class Tracker:
         written = [
             Summary.Value(
                 tag=tag,
-                simple_value=x,
-                metadata=SummaryMetadata(display_name=names.get(tag, ""), summary_description=_description(tag)),
+                tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]),  # TensorBoard forgets the metadata of simple values
+                metadata=scalar.create_summary_metadata(names.get(tag, tag), _description(tag)),
             )
             for tag, x in numbers.items()
             if self._shown.fullmatch(tag)

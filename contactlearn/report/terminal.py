@@ -216,7 +216,7 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
                 parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
         described["; ".join(parts)].append(model_label(model))
     for description, models in described.items():
-        print_line(f"note: the processes of {join_words(models)} are {description}")
+        print_line(f"note: the Gaussian processes of {join_words(models)} are {description}")
     print_line(
         "coverage: share of velocities with spins inside the predicted 95 % ellipsoid, and density, at the largest size"
     )
@@ -266,10 +266,8 @@ def next_command(use: str, folder: Path) -> str:
         use: the command that evaluates it without that folder; classes of other packages are taken from it.
         folder: of the run.
     """
-    words = shlex.split(use)
-    program = [word.replace("evaluate", "train") for word in words[: [*("=" in word for word in words)].index(True)]]
-    classes = [word for word in words if "_target_=" in word and "=contactlearn.effects." not in word]
-    return shlex.join([*program, f"model={relative(folder)}", *classes])
+    classes = [word for word in shlex.split(use) if "_target_=" in word and "=contactlearn.effects." not in word]
+    return shlex.join(["contactlearn", "train", f"model={relative(folder)}", *classes])
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequence[str] = ()) -> None:
@@ -333,7 +331,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         cells.append((*(values[k] or "" for values in settings.values()), *names, *shown))
     print_table(f"Held-out errors of the sweep{few}", (*settings, *found, METRICS[metric].name, "95 %"), cells)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
-        print_line(f"compare  python -m contactlearn {word} {shlex.quote(str(place))}{ending}", copied=True)
+        print_line(f"compare  contactlearn {word} {shlex.quote(str(place))}{ending}", copied=True)
 
 
 def _spread(mean: float, std: float | None) -> str:

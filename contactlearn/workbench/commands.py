@@ -66,7 +66,7 @@ def words_of(session: Session) -> list[str]:
 
 def command(session: Session) -> str:
     """Write the command that evaluates the model of a session on the same data in the same way."""
-    return shlex.join(["python", "-m", "contactlearn", "evaluate", *_evaluated(session)])
+    return shlex.join(["contactlearn", "evaluate", *_evaluated(session)])
 
 
 def _evaluated(session: Session) -> list[str]:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.record import RunRecord
-from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.job import Run
 from contactlearn.cli.resource_limits import available_memory
 from contactlearn.cli.settings import DiagnoseSettings
 from contactlearn.core import devices
@@ -130,7 +130,8 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
 def _evaluation_command(settings: DiagnoseSettings, run: Run, diagnosis: Diagnosis) -> str:
     """The command that evaluates the found model on these data."""
     task = run.overrides
-    words = [*invocation("evaluate"), *(word for word in task if word.lstrip("+~").startswith(("data", "experiment=")))]
+    words = ["contactlearn", "evaluate"]
+    words += [word for word in task if word.lstrip("+~").startswith(("data", "experiment="))]
     repairs = diagnosis.corrections
     if repairs:
         words = [word for word in words if not word.lstrip("+").startswith("data.correct")]

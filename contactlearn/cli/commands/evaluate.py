@@ -13,7 +13,7 @@ from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import check_models
 from contactlearn.cli.commands.transfer import transfer
-from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.job import Run
 from contactlearn.cli.resource_limits import FITTED, fits_on_disk
 from contactlearn.cli.settings import EvaluateSettings
 from contactlearn.core.devices import moved
@@ -62,7 +62,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     learnt = phrase("evaluation_headline", labels, result.best, result.differences), best_learned(result)
     terminal.show_end(run.folder, " ".join(filter(None, learnt)))
     if not any(word.startswith("experiment=") for word in run.overrides):  # the name of another command's
-        terminal.show_next([*invocation("diagnose"), *(word for word in run.overrides if word.startswith("data"))])
+        terminal.show_next(["contactlearn", "diagnose", *(word for word in run.overrides if word.startswith("data"))])
 
 
 def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None, tracker: Tracker) -> Evaluation:

@@ -181,7 +181,9 @@ def split(settings: SplitSettings) -> Split:
     splitting, generator = (torch.Generator().manual_seed(seed) for seed in (settings.split_seed, settings.seed))
     held_out = random_share(blocks.trials, settings.test, splitting, blocks.source, blocks.groups)
     random_share(blocks.trials, settings.test, generator, blocks.source)  # equal seeds must not draw the same twice
-    size = min(_USUAL, max(least, 4 * int((~held_out).sum()) // 5)) if wanted is None else wanted
+    pooled = int((~held_out).sum())
+    usual = min(pooled, FITTED) if settings.fits_all else min(_USUAL, max(least, 4 * pooled // 5))
+    size = usual if wanted is None else wanted
     fitted, shown = sampled(~held_out, max(FITTED, size)), sampled(held_out, SHOWN)
     in_memory = fitted | shown
     impacts = blocks.pick(in_memory)

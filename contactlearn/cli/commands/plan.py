@@ -1,7 +1,7 @@
 """The commands plan and measure: a plan to files, and planned drops in a simulated laboratory.
 
 plan.csv     a row a drop, in shown units, in the order in which to make them
-plan.json    everything: the rig, the drops, the forecast, the looks so far
+plan.json    everything: the rig, the drops, the forecast, the diagnoses so far
 plan.png     the drops over what the rig sets
 plan.html    the page
 """
@@ -90,7 +90,8 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
             part.write_text(to_json(chosen), encoding="utf-8")
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    return "\n".join([*plan_summary(chosen), f"drops    {out / _CSV}", f"open     {page}"])
+    drops = f"drops    {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
+    return "\n".join([*plan_summary(chosen), drops, f"open     {page}"])
 
 
 def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool = False) -> str:

@@ -11,7 +11,7 @@ from contactlearn.cli.commands import fitting, loading, record
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import body_ranges, check_start
-from contactlearn.cli.job import Run, invocation
+from contactlearn.cli.job import Run
 from contactlearn.cli.resource_limits import FITTED
 from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
@@ -70,12 +70,18 @@ def train(settings: TrainSettings, run: Run) -> None:
     data = loading.split(settings)
     record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
+    if settings.fits_all and settings.train.size is None:
+        terminal.print_line(
+            f"law and effects are fitted to these {data.train_size}, and judged on the others; diagnose fits to all"
+        )
     if settings.start is not None:
         check_start(settings.start, data)
     with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.bounds.norm)) as tracker:
         result = _train(settings, run, data, tracker)
     terminal.show_end(run.folder, phrase("training_headline", model_labels(result), result))
-    terminal.show_next([*invocation("evaluate"), f"checkpoint={terminal.relative(run.folder / CHECKPOINT)}"], " data=…")
+    terminal.show_next(
+        ["contactlearn", "evaluate", f"checkpoint={terminal.relative(run.folder / CHECKPOINT)}"], " data=…"
+    )
 
 
 def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> Training:

@@ -535,7 +535,7 @@ CORRECTIONS = {
         "the order of the trials is not that of their times", _ordered_by_time, needs_all_trials=True
     ),
     "rig": Correction(
-        "what the rig card measures differs from what is stated",
+        "what the recordings say of the rig differs from what is stated",
         lambda impacts, _: as_measured(impacts),
         needs_all_trials=True,
     ),

@@ -195,8 +195,17 @@ def next_experiment(
         Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
         for key, discrimination in at_drops.items()
     )
+    if impacts.space is PLANE and "theta" not in (limits or {}):
+        drops = drops.replace(q=torch.cat((drops.q[:, :2], within_a_turn(drops.q[:, 2:], impacts.q[:, 2])), 1))
     made = _drops(drops, squared, located=located, several=len({*impacts.object}) > 1)
     return Experiment(separations=separations, drops=made)
+
+
+def within_a_turn(theta: Float[Tensor, "*n"], measured: Float[Tensor, " m"]) -> Float[Tensor, "*n"]:
+    """Return angles as they are set: from 0 to 2π if all measured ones are there, else from −π to π."""
+    start = 0.0 if bool(((measured >= 0) & (measured <= 2 * math.pi)).all()) else -math.pi
+    out = (theta < start) | (theta > start + 2 * math.pi)
+    return torch.where(out, start + (theta - start).remainder(2 * math.pi), theta)
 
 
 def _drops(drops: Impacts, squared: Float[Tensor, "r n"], *, located: bool, several: bool) -> tuple[Drop, ...]:

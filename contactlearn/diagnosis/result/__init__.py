@@ -12,6 +12,7 @@ All errors are mass errors (dimensionless), on held-out trials unless stated oth
 models are no part of the file: they are the `Record` beside it.  No stage of the diagnosis is imported here.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -193,6 +194,16 @@ class ErrorBudget:
         return self.instrument is not None and self.noise is not None and self.instrument.high < self.noise.low
 
     @property
+    def reducible(self) -> float:
+        """Part of the full model's squared error that is neither noise nor scatter, as far as processes find none."""
+        floor = self.flexible if self.noise is None else self.noise
+        return max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0
+
+    def removed(self, reduction: float) -> float:
+        """Squared error that an effect removes, over that of the full model, if it reduces the mean error by so much."""
+        return (1.0 + reduction / self.named.mean) ** 2 - 1.0 if self.named.mean else math.inf
+
+    @property
     def rungs(self) -> tuple[Rung, ...]:
         """The last rungs of the ladder: processes and, where they are known, noise and its part of the instrument."""
         floors = {RungKind.NOISE: self.noise}
@@ -285,7 +296,7 @@ class Diagnosis:
         """Draw the ladder: a bar for the held-out error of each rung, with its 95 % interval."""
         names = {
             RungKind.LAW: str(self.law),
-            RungKind.PROCESSES: "+ processes on the residual",
+            RungKind.PROCESSES: "+ Gaussian processes on the residual",
             RungKind.NOISE: "noise",
             RungKind.SCATTER: "instrument plus scatter of the contact",
             RungKind.INSTRUMENT: "instrument alone",

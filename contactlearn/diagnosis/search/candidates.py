@@ -25,7 +25,7 @@ from contactlearn.mechanics.impacts import Covariates, Impacts
 from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import resolve
 
-SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "spring_dashpot")
+SEARCHED_LAWS = (*PAPER_LAWS, "wang_mason_newton", "chatterjee_ruina", "spring_dashpot")
 """Names of the laws that a diagnosis compares."""
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _FAR = 0.5  # of a parameter's range, where a coefficient must be constant too if it is no function of the state
@@ -51,7 +51,7 @@ def all_candidates(space: Space = PLANE, covariates: Covariates = MappingProxyTy
 
 
 def all_laws(space: Space = PLANE) -> list[Law]:
-    """Return the textbook laws of the paper that exist in a space, and two that it leaves out."""
+    """Return the textbook laws of the paper that exist in a space, and three that it leaves out."""
     return [law for law in map(find, SEARCHED_LAWS) if space in law.spaces]
 
 

@@ -1,12 +1,11 @@
 """The ladder: the law, and effect after effect in the order of their error reductions, with held-out errors.
 
-The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue,
-and the true effect may not be one of them: where an effect removes little error, or others are named beside it, or the
-residual is still predictable or depends on something unknown, the named effect may be a proxy for what another
-effect's form leaves.  A logistic regression turns these quantities into the probability that the name is right.  It is
-fitted to tables of `benchmarks/blind` by several authors, with known and unknown physics and soft contacts; a fit to
-names by this catalogue and by a poorer one is its prior.  It is tested on other tables, and on tosses in space
-(`benchmarks/tosses`), to which nothing is fitted.
+The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue, and
+the true effect may not be one of them: where an effect removes little of the error beside what is left beyond noise and
+scatter, it may be a proxy for what another effect's form leaves.  A logistic regression turns that ratio into the
+probability that one of the effects compared is right, and the share says which.  It is fitted to tables of
+`benchmarks/blind` by several authors, in the plane and in space, with known and unknown physics, soft contacts and
+scatter, and tested on other tables.
 Source: Platt 1999, for the calibration.
 """
 
@@ -21,16 +20,17 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, predict_held_out, smaller
-from contactlearn.effects import State
+from contactlearn.effects import Effect, State
 from contactlearn.effects.base import ChangesFriction
 from contactlearn.effects.parameter_drift import ParameterDrift
 from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (0.21, 0.56, 1.85, -10.33, -1.63, -0.85)
+COEFFICIENTS = (-0.15, 1.48)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
-_FULL = 0.995  # a share beyond which no set of models is large enough
+SUREST = 0.99
+"""Probability of a name beyond which the number of judged names tells no more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     missing = tuple(
         MissingEffect(
             effect=effect,
-            equation=final.fit.model.effects[effect.name].equation,
+            equation=equation_in_metres(final.fit.model.effects[effect.name]),
             parameters=fitted_parameters(final, effect.name),
             error_before=errors[k],
             error_after=errors[k + 1],
@@ -92,21 +92,30 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 
 
 def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[FittedParameter, ...]:
-    """Return the parameters of one effect of a model, or of its law."""
-    fit, ends = fitted.fit, fitted.fit.at_ends()
-    return tuple(
-        FittedParameter(
-            name=p.name.removeprefix(f"{name}."),
-            symbol=p.symbol,
-            unit=p.unit,
-            value=value,
-            standard_error=error,
-            at_end=p.name in ends,
-            undetermined=error > p.high - p.low,
-        )
-        for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True)
-        if p.name.rpartition(".")[0] == (name or "")
-    )
+    """Return the parameters of one effect of a model, or of its law; places and lengths on the floor in m."""
+    fit, ends, found = fitted.fit, fitted.fit.at_ends(), list[FittedParameter]()
+    for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
+        of, _, own = p.name.rpartition(".")
+        if of == (name or ""):
+            metres = fit.model.effects[of].in_metres(own) if of else None
+            scale, zero = metres or (1.0, 0.0)
+            found.append(
+                FittedParameter(
+                    name=own,
+                    symbol=p.symbol,
+                    unit="m" if metres else p.unit,
+                    value=scale * value + zero,
+                    standard_error=scale * error,
+                    at_end=p.name in ends,
+                    undetermined=error > p.high - p.low,
+                )
+            )
+    return tuple(found)
+
+
+def equation_in_metres(effect: Effect) -> str:
+    """Return the formula of an effect whose parameters are those of `fitted_parameters`."""
+    return effect.formula if any(effect.in_metres(p.name) for p in effect.parameters) else effect.equation
 
 
 def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:
@@ -123,22 +132,22 @@ def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple
 # --- Confidence --------------------------------------------------------------------------------
 
 
-def calibrated(share: float, gain: float, left: float, unknown: bool, others: int) -> float:
+def calibrated(share: float, removed: float, left: float, trials: int) -> float:
     """Compute the probability that a named effect is right.
 
     Args:
         share: of the plausible models that have it.
-        gain: share of the held-out error that it takes away, the other effects in the model.
-        left: share of the model's held-out error that flexible models still take away.
-        unknown: whether the residual shows that something unknown is missing.
-        others: number of effects that are named beside it.
+        removed: squared held-out error that it removes, the other effects in the model, over that of the model.
+        left: part of the model's squared error that is neither noise nor scatter of the contact.
+        trials: their number.
     """
-    values = regressors(share, gain, left, unknown, others)
-    return 1 / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
+    values = regressors(removed, left, trials)
+    return share * SUREST / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
 
 
-def regressors(share: float, gain: float, left: float, unknown: bool, others: int) -> tuple[float, ...]:
-    """Compute the regressors: 1, and each quantity on a scale on which it adds up."""
-    odds = min(share, _FULL) / (1 - min(share, _FULL))
-    evidence = math.log(max(odds, 1e-3)), math.log(max(gain, 1e-3) / 0.1)
-    return 1.0, *evidence, min(max(left, 0.0), 0.5), float(unknown), float(others)
+def regressors(removed: float, left: float, trials: int) -> tuple[float, float]:
+    """Compute 1 and the logarithm of what is removed over what is left.
+
+    What is left is known to a part of 1/√n of the squared error, since noise is estimated from n trials.
+    """
+    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / (max(left, 0.0) + trials**-0.5))

@@ -29,14 +29,17 @@ def of_plan(plan: Plan, measured: Mapping[str, Float[Tensor, "n"]]) -> dict[str,
     """Return everything that the page says and draws."""
     names = [name for name, one in plan.rig.items() if one.settable]
     shown = {name: setting(name) for name in names}
-    _, *said = plan_summary(plan)
+    said = plan_summary(plan)
+    instruction = said.pop(0 if plan.stop else -1)
+    said = said if plan.stop else said[1:]
     return {
         "title": f"The next {len(plan.drops)} drops" if plan.stop is None else "No more drops",
         "trials": None,
         "plan": True,
+        "_stop": plan.stop is not None,
         "figures": {"design": digits(as_plotly(plan_figure(plan, measured)))},
-        "_next": capitalize_first(said[-1]),
-        "_said": [capitalize_first(line) for line in said[:-1] if not line.startswith("  ") and line != "in question:"],
+        "_next": capitalize_first(instruction),
+        "_said": [capitalize_first(line) for line in said if not line.startswith("  ") and line != "in question:"],
         "_possibilities": [(possibility(one), fine_percent(one.probability)) for one in plan.possibilities],
         "_columns": [f"{symbol} ({unit})" for symbol, unit, _ in shown.values()],
         "_drops": [

@@ -23,8 +23,8 @@ PURPOSES = {
 }
 _SHOWN = 6  # possibilities
 _STOPS = {
-    Stop.SETTLED: "stop: the same names were found at two looks in a row",
-    Stop.NO_GAIN: "stop: the next drops are expected to tell too little, at two looks in a row",
+    Stop.SETTLED: "stop: two diagnoses in a row found the same names",
+    Stop.NO_GAIN: "stop: the next drops were expected to tell too little, in two diagnoses in a row",
     Stop.BUDGET: "stop: the budget is used up",
 }
 
@@ -37,7 +37,14 @@ def setting(name: str) -> tuple[str, str, float]:
 
 
 def plan_summary(plan: Plan) -> list[str]:
-    """Say what the plan is and what is expected of it, line by line."""
+    """Say what the plan is and what is expected of it, line by line; of one that stops only why, and what is known."""
+    question = [
+        "in question:",
+        *(f"  {fine_percent(x.probability)} {possibility(x)}" for x in plan.possibilities[:_SHOWN]),
+    ]
+    known = question if plan.possibilities else []
+    if plan.stop:
+        return [_STOPS[plan.stop], *known]
     lines = [f"{len(plan.drops)} drops for {plan.goal if plan.possibilities else 'a first design'}"]
     lines += [
         f"set       {join_words([_limits(name, one.low, one.high) for name, one in plan.rig.items() if one.chosen])}"
@@ -46,16 +53,10 @@ def plan_summary(plan: Plan) -> list[str]:
         _limits(name, one.low, one.high) for name, one in plan.rig.items() if not one.settable and one.high > one.low
     ]
     lines += [f"by chance {join_words(chance)}"] if chance else []
-    if plan.possibilities:
-        lines += [
-            "in question:",
-            *(f"  {fine_percent(x.probability)} {possibility(x)}" for x in plan.possibilities[:_SHOWN]),
-        ]
-    lines += forecast_lines(plan)
+    lines += [*known, *forecast_lines(plan)]
     if plan.hidden:
         lines.append(f"no drop within these limits shows {join_words([label(name) for name in plan.hidden], 'or')}")
-    lines.append(_STOPS[plan.stop] if plan.stop else "go on: make these drops, and diagnose all of them together")
-    return lines
+    return [*lines, "go on: make these drops, and diagnose all of them together"]
 
 
 def forecast_lines(plan: Plan) -> list[str]:

@@ -27,7 +27,8 @@ _SLOW = 60.0  # frames a second, below which the rate limits velocities
 def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
     """Describe what was found and where it was written, line by line."""
     facts = [f"  {name:<8} {words}" for name, words in tracks_facts(tracked)]
-    card = ["rig card", *(f"  {row.quantity:<29} {rig_text(row)}" for row in tracked.rig.rows())]
+    card = ["what the recordings say of the rig"]
+    card += [f"  {row.quantity:<29} {rig_text(row)}" for row in tracked.rig.rows()]
     if any(row.differs for row in tracked.rig.rows()):
         card.append(_STAR)
     return [f"{tracks_headline(tracked)}, written to {out}", *facts, *card, *_refused(tracked.survey.refusals, refused)]
