@@ -71,6 +71,7 @@ def test_frames_by_their_clock_and_gravity(tmp_path):
     }.items():
         assert words in said[name], said[name]
     assert "'data.columns={time: tick, position: [?, b], angle: c}'" in said["command"]
+    assert "data.unit=mm data.angle=deg" in said["command"] or "data.angle=deg data.unit=mm" in said["command"]
 
 
 def test_a_quaternion_by_its_norm(tmp_path):

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from contactlearn.cli.commands.init import write_settings
 from contactlearn.core.errors import DataError
-from contactlearn.data.headers import propose
+from contactlearn.data.headers import OPEN, propose
 from contactlearn.data.recordings.readers import Layout, read
+from contactlearn.data.table.several import refusal_side_by_side
 
 
 @pytest.mark.parametrize(
@@ -22,6 +24,18 @@ def test_tables_side_by_side_are_refused(tmp_path: Path, header: str, said: str)
     file.write_text("\n".join([header, *[row] * 9]) + "\n", encoding="utf-8")
     with pytest.raises(DataError, match=said):
         propose(file)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "frame,X,Y,theta,X,Y,theta",
+        "vx,vy,omega,vx,vy,omega",
+        "vx before,vx before,vy before,vy before,vx after,vx after,vy after,vy after",
+    ],
+)
+def test_names_that_repeat_otherwise_are_no_tables(header: str) -> None:
+    assert not refusal_side_by_side(header.split(","))
 
 
 def test_a_column_a_trial_is_to_be_transposed(tmp_path: Path) -> None:
@@ -43,3 +57,36 @@ def test_lines_above_the_header_and_marks_of_lost_frames(tmp_path: Path) -> None
     (recording,) = read(file, Layout(rate=250))
     assert not isinstance(recording, DataError)
     assert recording.seen.tolist() == [True] * 12 + [False]
+
+
+@pytest.mark.parametrize(
+    ("above", "rate"),
+    [
+        (["Sampling rate: 250 Hz", "Cutoff frequency: 6 Hz"], 250),
+        (["camera_rate [Hz],120"], 120),
+        (["Frequency: 250 Hz"], 250),
+        (["Frequency: 250"], OPEN),
+        (["Low-pass filter", "Frequency: 6 Hz"], OPEN),
+        (["Cut-off frequency: 6 Hz"], OPEN),
+        (["Sampling rate: 1.5 kHz"], OPEN),
+    ],
+)
+def test_a_cutoff_is_no_rate_of_frames(tmp_path: Path, above: list[str], rate: float) -> None:
+    file = tmp_path / "take.csv"
+    file.write_text("\n".join([*above, "Frame,x,y,theta", *(f"{k},{k / 100},1.0,0.5" for k in range(12))]) + "\n")
+    assert {one.name: one.value for one in propose(file).settings}["rate"] == rate
+
+
+def test_a_row_longer_than_those_above_it_is_counted(tmp_path: Path) -> None:
+    file = tmp_path / "take.csv"
+    file.write_text("# a comment\ntime,x,y,theta\n0,1,2,3\n1,2,3,4,5,6\n")
+    with pytest.raises(DataError, match="line 4 has 6 cells, and those above it have 4"):
+        list(read(file, Layout()))
+
+
+def test_a_file_whose_name_begins_with_a_digit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = Path("2026_drops.csv")
+    file.write_text("time,x,y,theta\n" + "".join(f"{k / 100},{k / 100},1.0,0.5\n" for k in range(12)))
+    write_settings(file, None)
+    assert Path("data_2026_drops.yaml").is_file()

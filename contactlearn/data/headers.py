@@ -49,7 +49,7 @@ from contactlearn.data.table.columns import (
     required_in,
     trial_column,
 )
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise, times_in
+from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.several import refusal_of_several, refusal_side_by_side
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -63,7 +63,7 @@ _SHAPE = (
     "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
     "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
-_MARKER = re.compile(r"(?:m|marker|p|pt|point)?(\d*)([xyz])(\d*)")
+_MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
 _MEANINGS = {
     "x": "of the centre of mass, to the right", "y": "of the centre of mass, up, along the floor's normal",
@@ -77,10 +77,17 @@ _SENSES = ("cw", "ccw", "clockwise", "counterclockwise", "counter", "anticlockwi
 _NUMBERED = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)[\W_]*[0-4]", re.I)
 _PIXEL = "px"
 _RATE = re.compile(
-    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate|frequency)"
-    r"\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)",
+    r"(\d+(?:\.\d+)?)\s*(?:fps|frames?\s*(?:/|per|a)\s*s)|(?:fps|frame ?rate)\s*(?:[:=]|is|of)?\s*(\d+(?:\.\d+)?)"
+    r"|(?<!analog )(?:sampl(?:ing|e)|camera)[ _](?:rate|frequency)"
+    r"[^\na-z\d]*(?:hz[^\na-z\d]*)?(\d+(?:\.\d+)?)(?!\.?\d|\s*[km]hz)",
     re.I,
 )
+_FREQUENCY = re.compile(
+    r"^\W*frequency\W+(\d+(?:\.\d+)?)\s*hz\W*$"
+    r"|^\W*number of frames\W+\d+\W*\n\W*frequency\W+(\d+(?:\.\d+)?)\W*$",  # as NDI writes it
+    re.I | re.M,
+)
+_FILTER = re.compile(r"cut\W?off|filter|low\W?pass|butterworth", re.I)
 _SCALE = re.compile(r"(\d+(?:\.\d+)?)\s*(mm|cm|m|in)\s*(?:/|per|a)\s*(?:px|pixel)", re.I)
 _POSE = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 _FRAME = ("time", *_POSE, "recording")
@@ -149,8 +156,7 @@ def propose(path: Path) -> FileContents:
     space, impacts = recognised_columns(header)
     frames, markers = recognise(header, _frame_units()), _markers(header)
     _refuse_sensors(first, header, frames)
-    both = {times_in(name, opposite=False) for name in header} >= {"pre", "post"}  # states, and not bodies
-    bodies = {} if markers or both or "x" in frames.names else bodies_in_names(header, _POSE)
+    bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
     frames = _stamped(header, frames)
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
@@ -186,7 +192,7 @@ def propose(path: Path) -> FileContents:
         body = _body(path, markers, bodies or named, where)
         return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    timed = not both and frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
+    timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
     if timed and frames.others:
         return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
     if why := refusal_of_several(header):
@@ -413,11 +419,12 @@ def _body(
 
 def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterator[Setting]:
     """The settings of the columns of a recording; columns with our names need none."""
-    remarks = " ".join(comments(first))
+    remarks = "\n".join(comments(first))
     names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
     others = [name for name in known.others if name not in FRAME_NUMBERS and not sensed(name)]
     if "time" not in names:
-        rate = _only_number(_RATE, remarks)
+        stated = _RATE if _RATE.search(remarks) or _FILTER.search(remarks) else _FREQUENCY
+        rate = _only_number(stated, remarks)
         source = "for no column is a time in s" if rate is None else "as the comment above the header says"
         yield Setting(name="rate", value=rate or OPEN, comment=f"frames a second, {source}")
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))

@@ -35,7 +35,6 @@ _FALLING = 0.2  # share of windows in which a height falls so
 _WINDOW = 0.05  # s, in which a body is in flight
 _MOSTLY = 0.9  # share of rows
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
-_FILLED = 0.95  # of a turn, that only an angle fills
 _TURNS = {"rad": np.pi, "deg": 180.0}
 
 
@@ -156,9 +155,7 @@ def _of_impacts(whole: Columns) -> dict[str, _Guess]:
                 for name, ours in zip(names, ("qw", "qx", "qy", "qz"), strict=True)
             }
     left = [name for name in left if name not in found]
-    turns = [(name, turn[0]) for name in left if (turn := _turn(whole[name]))]
-    filled = [one for one in turns if np.ptp(whole[one[0]]) > _FILLED * 2 * _TURNS[one[1]]]
-    turns = filled if len(filled) == 1 else turns
+    turns = [(name, turn[0]) for name in left if name not in found and (turn := _turn(whole[name]))]
     if len(turns) == 1:
         name, unit = turns[0]
         found[name] = _Guess(ours="theta", why=f"fills three quarters of a turn or more: an angle in {unit}", unit=unit)

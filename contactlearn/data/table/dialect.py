@@ -491,8 +491,6 @@ def is_blank(cell: Any) -> bool:
 def _is_group(cells: Sequence[Any]) -> bool:
     """Whether a row says which columns are before and which after contact, and of some perhaps something else."""
     texts = [text_of(cell) for cell in cells]
-    if are_outcomes([*dict.fromkeys(texts)]):
-        return False  # names of tables side by side
     spans = len({*texts}) < len(texts)  # several columns, as the name of one column does not
     return any(time_of(text) == "post" or (spans and _time_in(text) == "post") for text in texts)
 

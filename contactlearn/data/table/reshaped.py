@@ -22,7 +22,7 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 
 _MOST_VARIABLES = 60  # names of quantities of a long table
 _MIN_VARIABLES = 3  # of them that the reader knows
-_BESIDE = 4  # columns that may all be of values; more are trials
+_MAX_BESIDE = 4  # columns of numbers beside the names, of which one may be that of the values; more may be trials
 _VALUES = {"value", "values", "wert", "werte", "valeur", "valor", "valore", "measurement", "reading", "number"}
 _UNITS = {"unit", "units", "einheit", "unité", "unite", "unidad", "unità"}
 _MIN_FLIGHTS = 3  # times of a run that show by falling that they are not those of the bounces themselves
@@ -163,11 +163,13 @@ def _long(cells: Sheet, variable: str, columns: Mapping[str, Cells]) -> _Long:
     values = values or [
         name for name in others if name != trial and any(map(is_numeral, columns[name])) and not _repeats(columns[name])
     ]
-    if len(values) > _BESIDE and not {*filter(None, values[1:])}.intersection(_VALUES):
+    beside = sum(any(map(is_numeral, column)) for column in cells.columns)
+    if len(values) != 1 and beside > _MAX_BESIDE:
         raise DataError(
-            f"{cells.path}: names of quantities stand below each other in its first column, and {len(values)} columns "
-            "of numbers beside them: is each column a trial? Then transpose the table, so that a row is an impact "
-            "and each quantity has a column (in a spreadsheet: copy, paste special, transpose)"
+            f"{cells.path}: names of quantities stand below each other in its column {variable!r}, and {beside} "
+            "columns of numbers beside them: is each column a trial? Then transpose the table: a row is an impact, "
+            "each quantity has a column (in a spreadsheet: copy, paste special, transpose); else name the column "
+            "of the values 'value'"
         )
     if len(values) != 1:
         seen = " or ".join(map(repr, values)) or "none"

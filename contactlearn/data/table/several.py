@@ -32,12 +32,15 @@ def refusal_of_several(header: Sequence[str]) -> str:
 def refusal_side_by_side(header: Sequence[str]) -> str:
     """Return how to write tables that stand side by side, with the same names again; empty of any other header."""
     bare = [_RUN.sub("", name).strip() for name in header]
-    again = [name for name in dict.fromkeys(bare) if name and bare.count(name) > 1]
-    copies = {bare.count(name) for name in again}
-    if len(again) < _MIN_BESIDE or len(copies) != 1:
+    repeated = [name for name in bare if name and bare.count(name) > 1]
+    again = [*dict.fromkeys(repeated)]
+    copies = len(repeated) // max(len(again), 1)
+    known = {*recognise(again, impact_vocabulary(PLANE)).names}
+    whole = any(map(_RUN.search, header)) or bool({"time", "vx_post", "vy_post"} & known)  # not axes of markers
+    if len(again) < _MIN_BESIDE or repeated != again * copies or not whole:
         return ""
     return (
-        f"{copies.pop()} tables stand side by side, each with the columns {', '.join(map(repr, again))}; write them "
+        f"{copies} tables stand side by side, each with the columns {', '.join(map(repr, again))}; write them "
         "one below the other under these names, with a column recording (of frames) or trial (of impacts) that says "
         "which is which, or each into a file of its own in one folder"
     )

@@ -31,6 +31,7 @@ FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
 _SNIFFED = 50  # lines in which the decimal mark is looked for
+_LONGER = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _LOST = 1e20  # from which on a number is a mark of a lost coordinate, such as -3.697314E28 of NDI
 MOST_FRAMES = 2_000_000
 """Of a recording: more than half an hour at 1000 frames a second, and a gigabyte or two of memory."""
@@ -114,14 +115,16 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
         try:
             yield from reader if export is None else map(export.cleaned, reader)
         except pd.errors.ParserError as error:
+            if not (counts := _LONGER.search(str(error))):
+                raise
             raise DataError(
-                f"{path}: rows have other numbers of cells than the line that names the columns "
-                f"({str(error).strip().removeprefix('Error tokenizing data. C error: ')}): leave out lines above it"
+                f"{path}: cannot be read: line {counts[2]} has {counts[3]} cells, and those above it have {counts[1]}; "
+                "a row has a cell for each column: leave out lines above the names of the columns"
             ) from None
 
 
 def comments(path: Path) -> list[str]:
-    """Return the comments above the header of a text file."""
+    """Return the comments and other lines above the header of a text file."""
     if path.suffix.lower() in (".parquet", *JSON):
         return []
     with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
@@ -160,7 +163,7 @@ def _flat(frames: pd.DataFrame) -> pd.DataFrame:
 def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
     """Separator and decimal mark of a text, those of a spreadsheet where a semicolon or a tab parts the header.
 
-    Comments above the header are passed over; the frames of an export end with its first blank line.
+    Lines above the header are passed over; the frames of an export end with its first blank line.
     """
     with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
         if export is not None:
@@ -543,7 +546,7 @@ def _column(place: str, table: pd.DataFrame, name: str) -> Array:
     """A column as numbers, not a number where it is empty."""
     try:
         numbers = table[name].to_numpy(dtype=np.float64, na_value=np.nan)
-        return np.where(np.abs(numbers) < _LOST, numbers, np.nan)
+        return np.where((np.abs(numbers) < _LOST) | np.isinf(numbers), numbers, np.nan)
     except (TypeError, ValueError):
         cells = pd.to_numeric(table[name], errors="coerce")
         row = int(np.argmax((cells.isna() & table[name].notna()).to_numpy()))
