@@ -27,10 +27,12 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (0.07, 2.34, -2.05)
+COEFFICIENTS = (-0.90, 2.12, -1.90)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 SUREST = 0.99
 """Probability of a name beyond which the number of judged names tells no more."""
+_UNCERTAINTY = 0.35
+"""Part of the squared error to which noise is known, times √n of n trials; from 0.25 to 1 does as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +151,7 @@ def calibrated(share: float, removed: float, left: float, trials: int, unknown: 
 def regressors(removed: float, left: float, trials: int, unknown: bool) -> tuple[float, float, float]:
     """Compute 1, the logarithm of what is removed over what is left, and whether something unknown is missing.
 
-    What is left is known to a part of 1/√n of the squared error, since noise is estimated from n trials.
+    What is left is known no better than the noise, which is estimated from the trials.
     """
-    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / (max(left, 0.0) + trials**-0.5)), float(unknown)
+    reducible = max(left, 0.0) + _UNCERTAINTY * trials**-0.5
+    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / reducible), float(unknown)
