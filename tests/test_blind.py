@@ -434,7 +434,9 @@ def test_calibration_fits_the_odds_of_right_names():
     share, true = rng.uniform(0.5, 1, 4000), np.array([-0.5, 1.7, -1.0])
     y = (rng.random(4000) < calibrate.probabilities(x, share, true)).astype(float)
     assert calibrate.fit(x, share, y) == pytest.approx(true, abs=0.3)
-    one = answer("single-1000", "adhesion", suite="independent", shares=[0.5], removed=[0.235], reducible=0.2, trials=100)
+    one = answer(
+        "single-1000", "adhesion", suite="independent", shares=[0.5], removed=[0.235], reducible=0.2, trials=100
+    )
     regressors, share, right = calibrate.design([one])
     assert regressors == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
     assert (share.tolist(), right.tolist()) == ([0.5], [0.0])
