@@ -37,7 +37,7 @@ def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.array(rows), np.array(shares), np.array(right)
 
 
-def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float]) -> np.ndarray:
+def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
     """Compute the probabilities [n] of names as `ladder.calibrated` does."""
     return share * SUREST / (1 + np.exp(-x @ np.asarray(coefficients)))
 
