@@ -30,7 +30,15 @@ from blind.judge import Answer, Score, answer_of, read_truth, score
 if not load.DATA.exists():
     pytest.skip("the blind sets are in the repository, not in the source package", allow_module_level=True)
 
-SIZES = {"independent": 364, "author_a": 48, "author_b": 30, "author_c": 56, "author_d": 64, "author_e": 48, "author_f": 32}
+SIZES = {
+    "independent": 364,
+    "author_a": 48,
+    "author_b": 30,
+    "author_c": 56,
+    "author_d": 64,
+    "author_e": 48,
+    "author_f": 32,
+}
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}
 
@@ -422,13 +430,13 @@ def test_a_failed_diagnosis_is_a_wrong_answer(monkeypatch):
 
 def test_calibration_fits_the_odds_of_right_names():
     rng = np.random.default_rng(0)
-    x = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
-    share, true = rng.uniform(0.5, 1, 4000), np.array([-0.5, 1.7])
+    x = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000), rng.integers(0, 2, 4000)])
+    share, true = rng.uniform(0.5, 1, 4000), np.array([-0.5, 1.7, -1.0])
     y = (rng.random(4000) < calibrate.probabilities(x, share, true)).astype(float)
     assert calibrate.fit(x, share, y) == pytest.approx(true, abs=0.3)
     one = answer(
-        "single-1000", "adhesion", suite="independent", shares=[0.5], removed=[0.3], reducible=0.2, trials=100
+        "single-1000", "adhesion", suite="independent", shares=[0.5], removed=[0.235], reducible=0.2, trials=100
     )
     regressors, share, right = calibrate.design([one])
-    assert regressors == pytest.approx(np.array([[1.0, 0.0]]))
+    assert regressors == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
     assert (share.tolist(), right.tolist()) == ([0.5], [0.0])

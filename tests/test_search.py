@@ -372,21 +372,23 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)
 
 
-SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200}
+SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
 
 
 def test_a_calibrated_confidence_is_a_probability():
     for share in (0.01, 0.5, 1.0):
         for removed in (-0.1, 0.0, 1.0, math.inf):
             for left in (0.0, 0.9):
-                assert 0 < calibrated(share, removed, left, 50) < 1
+                assert 0 < calibrated(share, removed, left, 50, unknown=left > 0) < 1
     assert calibrated(**SURE) > 0.9
-    assert calibrated(share=0.9, removed=0.06, left=0.5, trials=200) < 0.5
-    assert calibrated(share=1.0, removed=math.inf, left=0.0, trials=10**6) <= 0.99  # nothing that was judged is surer
+    assert calibrated(share=0.9, removed=0.06, left=0.5, trials=200, unknown=False) < 0.5
+    surest = calibrated(share=1.0, removed=math.inf, left=0.0, trials=10**6, unknown=False)
+    assert surest <= 0.99  # nothing that was judged is surer
 
 
 @pytest.mark.parametrize(("name", "less", "more"), [
     ("share", 0.4, 0.99), ("removed", 0.04, 1.0), ("left", 0.4, 0.0), ("trials", 40, 1000),
+    ("unknown", True, False),
 ])  # fmt: skip
 def test_more_evidence_means_more_confidence(name, less, more):
     assert calibrated(**(SURE | {name: less})) < calibrated(**(SURE | {name: more}))

@@ -434,18 +434,25 @@ def reliability():
     figure = Figure((6.4, 3.6))
     ax = figure.add_axes((0.1, 0.15, 0.55, 0.8))
     ax.plot([0.4, 1], [0.4, 1], color=FAINT, lw=1)
-    ax.text(0.51, 0.455, "stated = observed", color=FAINT, fontsize=8, rotation=37)
+    ax.text(0.48, 0.425, "stated = observed", color=FAINT, fontsize=8, rotation=37)
     for low, high, *counts in re.findall(r"\| (0\.\d) to (\S+) \| (\d+) of (\d+) .*?\| (\d+) of (\d+) ", text):
         low, high, right, n, others, m = map(float, (low, high, *counts))
         for k, (good, of, color) in enumerate(((right, n, LAW), (others, m, EFFECT))):
             z, share = 1.96, good / of
             middle = (share + z * z / (2 * of)) / (1 + z * z / of)
             half = z * np.sqrt(share * (1 - share) / of + z * z / (4 * of * of)) / (1 + z * z / of)
-            x = (low + high) / 2 + (k - 0.5) * (high - low) * 0.3
+            x = (low + high) / 2 + (k - 0.5) * max(0.3 * (high - low), 0.07)
             ax.plot([low, high], [share, share], color=color, lw=3, solid_capstyle="butt", alpha=0.5)
             ax.plot([x, x], [middle - half, middle + half], color=color, lw=1.6)
             ax.text(
-                1.03, share - 0.02 * k - 0.03 * (k and low > 0.8), f"{good:.0f} of {of:.0f}", color=color, fontsize=9
+                x,
+                middle - half - 0.015,
+                f"{good:.0f} of {of:.0f}",
+                color=color,
+                fontsize=8,
+                ha="center",
+                va="top",
+                bbox={"fc": "white", "ec": "none", "pad": 0.5},
             )
     ax.set(xlim=(0.45, 1.01), ylim=(0.4, 1.02), xlabel="stated probability of the name", ylabel="share of right names")
     ax.spines[["top", "right"]].set_visible(False)

@@ -21,29 +21,29 @@ from blind.report import judged, reliability_of
 from blind.run import read
 from contactlearn.diagnosis.search.ladder import COEFFICIENTS, SUREST, regressors
 
-PRIOR = np.array([3.0, 2.0])
+PRIOR = np.array([3.0, 2.0, 2.0])
 """Standard deviations of the coefficients about 0."""
 
 
 def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the regressors [n, 2] of every judged name, its share [n] and whether it is right [n]."""
+    """Return the regressors [n, 3] of every judged name, its share [n] and whether it is right [n]."""
     rows, shares, right = [], [], []
     for one in judged(answers):
         known = one.answer
         for k, y in one.score.named:
-            rows.append(regressors(known.removed[k], known.reducible, known.trials))
+            rows.append(regressors(known.removed[k], known.reducible, known.trials, known.unexplained))
             shares.append(known.shares[k])
             right.append(float(y))
     return np.array(rows), np.array(shares), np.array(right)
 
 
-def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float]) -> np.ndarray:
+def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
     """Compute the probabilities [n] of names as `ladder.calibrated` does."""
     return share * SUREST / (1 + np.exp(-x @ np.asarray(coefficients)))
 
 
 def fit(x: np.ndarray, share: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fit the most probable coefficients [2] of a logistic regression with a Gaussian prior."""
+    """Fit the most probable coefficients [3] of a logistic regression with a Gaussian prior."""
 
     def loss(b: np.ndarray) -> float:
         p = probabilities(x, share, b).clip(1e-9, 1 - 1e-9)

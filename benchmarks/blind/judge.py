@@ -31,6 +31,7 @@ class Answer:
     shares: list[float] = field(default_factory=list)  # shares of the plausible models that have each effect
     removed: list[float] = field(default_factory=list)  # squared errors that each effect removes, over the model's
     reducible: float = 0.0  # part of the model's squared error that is neither noise nor scatter of the contact
+    unexplained: bool = False  # whether the residual shows that something unknown is missing
     trials: int = 0  # that were diagnosed
     rivals: list[list[str]] = field(default_factory=list)  # names of the confounded effects
     # names of a model with fewer effects that does nearly as well, None where there is none
@@ -73,6 +74,7 @@ def answer_of(suite: str, name: str, found: Diagnosis) -> Answer:
         shares=[one.share for one in missing],
         removed=[] if budget is None else [budget.removed(one.error_reduction) for one in missing],
         reducible=0.0 if budget is None else budget.reducible,
+        unexplained=remainder is not None and remainder.unknown,
         trials=0 if found.record is None else len(found.record.impacts),
         rivals=[[rival.effect.name for rival in one.rivals] for one in missing],
         simpler=None if found.simpler is None else [one.name for one in found.simpler.effects],

@@ -62,7 +62,6 @@ from contactlearn.diagnosis.result import (
     NoiseSource,
     PlausibleModel,
     Region,
-    Remainder,
     StateDependence,
     Verdict,
     clearly_better,
@@ -133,7 +132,7 @@ def diagnose_audited(
             search = drop_proxy_effects(question, search, generator, drift.dependence.block)
     rungs, learned = _fit_ladder(question, search, generator)
     decomposition = decompose_error(question, search, rungs, learned, generator)
-    confidence = _confidence(question, impacts, rungs.missing, decomposition.budget)
+    confidence = _confidence(question, impacts, rungs.missing, decomposition)
     probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
@@ -593,12 +592,13 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 
 
 def _confidence(
-    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], budget: ErrorBudget
+    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], decomposition: ErrorDecomposition
 ) -> dict[EffectId, float]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
+    budget, unknown = decomposition.budget, decomposition.learned.remainder.unknown
     sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
     for one in missing:
-        sure = calibrated(one.share, budget.removed(one.error_reduction), budget.reducible, len(impacts))
+        sure = calibrated(one.share, budget.removed(one.error_reduction), budget.reducible, len(impacts), unknown)
         if _undetermined(question.candidates[one.effect], one):
             sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
         confidence[one.effect] = sure / sharing if question.candidates[one.effect].like_shape else sure

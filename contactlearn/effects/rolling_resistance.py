@@ -22,9 +22,9 @@ class RollingResistance(Effect):
         before      c sign(ω), with the spin before contact
         point       r_x → r_x − c sign(ω): the law acts ahead of the contact point, with the velocity there
 
-    In all but the last two the contact responds while it lasts (`perturbed_path`).  In space ω is the spin along the floor.
-    It is not damping in proportion to the spin and the moment of inertia (`spin_damping`), nor friction against the
-    spin about the normal (`torsional_friction`).
+    In all but the last two the contact responds while it lasts (`perturbed_path`).  In space ω is the spin along the
+    floor.  It is not damping in proportion to the spin and the moment of inertia (`spin_damping`), nor friction against
+    the spin about the normal (`torsional_friction`).
     """
 
     place = "wrench"

@@ -200,7 +200,7 @@ class ErrorBudget:
         return max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0
 
     def removed(self, reduction: float) -> float:
-        """Squared error that an effect removes, over that of the full model, if it reduces the mean error by so much."""
+        """Squared error that an effect removes, over the full model's, if it reduces the mean error by so much."""
         return (1.0 + reduction / self.named.mean) ** 2 - 1.0 if self.named.mean else math.inf
 
     @property

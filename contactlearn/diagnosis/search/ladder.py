@@ -2,10 +2,10 @@
 
 The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue, and
 the true effect may not be one of them: where an effect removes little of the error beside what is left beyond noise and
-scatter, it may be a proxy for what another effect's form leaves.  A logistic regression turns that ratio into the
-probability that one of the effects compared is right, and the share says which.  It is fitted to tables of
-`benchmarks/blind` by several authors, in the plane and in space, with known and unknown physics, soft contacts and
-scatter, and tested on other tables.
+scatter, or the residual depends on something unknown, it may be a proxy for what another effect's form leaves.  A
+logistic regression turns that into the probability that one of the effects compared is right; the share says which.
+It is fitted to tables of `benchmarks/blind` by several authors, in the plane and in space, with known and unknown
+physics, soft contacts and scatter, and tested on other tables.
 Source: Platt 1999, for the calibration.
 """
 
@@ -27,10 +27,12 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (-0.15, 1.48)
+COEFFICIENTS = (-0.90, 2.12, -1.90)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 SUREST = 0.99
 """Probability of a name beyond which the number of judged names tells no more."""
+_UNCERTAINTY = 0.35
+"""Part of the squared error to which noise is known, times √n of n trials; from 0.25 to 1 does as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +134,7 @@ def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple
 # --- Confidence --------------------------------------------------------------------------------
 
 
-def calibrated(share: float, removed: float, left: float, trials: int) -> float:
+def calibrated(share: float, removed: float, left: float, trials: int, unknown: bool) -> float:
     """Compute the probability that a named effect is right.
 
     Args:
@@ -140,14 +142,16 @@ def calibrated(share: float, removed: float, left: float, trials: int) -> float:
         removed: squared held-out error that it removes, the other effects in the model, over that of the model.
         left: part of the model's squared error that is neither noise nor scatter of the contact.
         trials: their number.
+        unknown: whether the residual shows that something unknown is missing.
     """
-    values = regressors(removed, left, trials)
+    values = regressors(removed, left, trials, unknown)
     return share * SUREST / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
 
 
-def regressors(removed: float, left: float, trials: int) -> tuple[float, float]:
-    """Compute 1 and the logarithm of what is removed over what is left.
+def regressors(removed: float, left: float, trials: int, unknown: bool) -> tuple[float, float, float]:
+    """Compute 1, the logarithm of what is removed over what is left, and whether something unknown is missing.
 
-    What is left is known to a part of 1/√n of the squared error, since noise is estimated from n trials.
+    What is left is known no better than the noise, which is estimated from the trials.
     """
-    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / (max(left, 0.0) + trials**-0.5))
+    reducible = max(left, 0.0) + _UNCERTAINTY * trials**-0.5
+    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / reducible), float(unknown)
