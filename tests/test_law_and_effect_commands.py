@@ -217,7 +217,7 @@ ERRORS = {
     "a function": ("train", ["law._target_=os.system"], "must be a subclass of contactlearn.laws.Law"),
     "the interface": ("train", ["law._target_=contactlearn.laws.Law"], "must be a subclass of contactlearn.laws.Law"),
     "nowhere": ("train", ["law._target_=nowhere.Law"], "is its package installed, or its folder on PYTHONPATH?"),
-    "best": ("evaluate", ["law=best"], "only diagnose.py takes law=best"),
+    "best": ("evaluate", ["law=best"], "only diagnose takes law=best"),
     "option": ("train", ["+law.e_t=0.3"], "law wang_mason has no option 'e_t'; law=chatterjee_ruina has it"),
     "range": ("train", ["law=chatterjee_ruina", "law.e_t=3"], "e_t must be a finite number in [-1, 1], got 3"),
     "variant": ("diagnose", ["variant=fazeli"], "did you mean 'fazeli2017'?"),

@@ -67,7 +67,7 @@ def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     curve, linear = (EffectId("velocity_dependent_friction", form) for form in ("curve", "linear"))
     drag = EffectId("side_drag", "linear")
     fit = SimpleNamespace(
-        model=SimpleNamespace(effects={one.name: SimpleNamespace(equation="") for one in (curve, drag)}),
+        model=SimpleNamespace(effects={one.name: SimpleNamespace(equation="", parameters=()) for one in (curve, drag)}),
         parameters=(), values=torch.zeros(0), standard_errors=torch.zeros(0), at_ends=set,
     )  # fmt: skip
 
