@@ -130,7 +130,7 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
 
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
-    law, events = find("wang_mason"), RecordingObserver()
+    law, events = find("mirtich"), RecordingObserver()
 
     found = diagnose(
         impacts,
