@@ -38,6 +38,7 @@ SIZES = {
     "author_d": 64,
     "author_e": 48,
     "author_f": 32,
+    "author_g": 60,
 }
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}
@@ -127,7 +128,7 @@ def test_the_truth_speaks_the_words_of_the_package(suite):
         assert (truth.question == "measurement") == (truth.bad_data is True)
         if suite == "independent":
             assert truth.half == ("learn", "report")[sets[name]["seed"] % 2]
-        elif suite in ("author_e", "author_f"):
+        elif suite in ("author_e", "author_f", "author_g"):
             assert truth.half == ("learn", "report")[int(name) % 2]
         else:
             assert truth.half is None
