@@ -22,6 +22,7 @@ from contactlearn.effects import find_effect, named_effects
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.shared import fit_subsets
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models.roll_out import Until
 from contactlearn.report import events
 from contactlearn.simulation import synthetic
@@ -111,6 +112,10 @@ def test_names_stand_for_laws_and_effects():
         named_effects(find_effect("spin_damping")())
     (during,) = named_effects(["spin_damping:during"]).values()  # as results print it
     assert type(during) is find_effect("spin_damping", "during")
+    (of_a_path,) = named_effects(["velocity_dependent_friction"], SPACE).values()  # others exist in the plane alone
+    assert of_a_path.form == "viscous_path"
+    only = [named_effects(["torsional_friction"], space)["torsional_friction"] for space in (PLANE, SPACE)]
+    assert type(only[0]) is type(only[1])  # the plane refuses it by name
     assert fit_subsets(drops, "mirtich", sizes=(20,), repetitions=2).law.name == "mirtich"
     with pytest.raises(UnknownNameError, match="did you mean 'mirtich'"):
         diagnose(drops, "mirtisch")

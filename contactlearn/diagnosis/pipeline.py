@@ -52,8 +52,9 @@ def diagnose(
         ContactLearnError: no candidates, too few trials, or limits of something that a drop does not set.
     """
     options, on_event = options or DiagnoseOptions(), ignore if on_event is None else on_event
-    law, given, thresholds = None if law is None else named(law), named_effects(effects), options.thresholds
     _check(impacts, options)
+    law, given = None if law is None else named(law), named_effects(effects, impacts.space)
+    thresholds = options.thresholds
     audited = audit(impacts, thresholds.audit)
     findings = tuple(audited)
     on_event(AuditFindings(findings=findings))

@@ -31,6 +31,7 @@ from contactlearn.effects.base import (
 )
 from contactlearn.effects.identity import EffectId as EffectId
 from contactlearn.effects.state import State as State, columns as columns
+from contactlearn.mechanics.space import PLANE, Space
 
 ENTRY_POINT = "contactlearn.effects"
 
@@ -59,8 +60,8 @@ def catalogue() -> dict[str, tuple[type[Effect], ...]]:
     return found
 
 
-def find_effect(name: str, form: str | None = None) -> type[Effect]:
-    """Return the class of an effect, with or without arguments, in a form or in the default one of its family.
+def find_effect(name: str, form: str | None = None, space: Space = PLANE) -> type[Effect]:
+    """Return the class of an effect, with or without arguments, in a form or in the first of its family in a space.
 
     Raises:
         UnknownNameError: no such effect or form; an effect of another package is known once that has been imported.
@@ -69,11 +70,14 @@ def find_effect(name: str, form: str | None = None) -> type[Effect]:
     known = {kind.name: kind for kind in _defined(Effect)}
     if name not in known:
         raise UnknownNameError("effect", name, dict.fromkeys((*listed, *known)))
-    return choose_form(known[name], form)
+    there = (kind.form for kind in forms_of(known[name]) if space in kind.spaces)
+    return choose_form(known[name], next(there, None) if form is None else form)
 
 
-def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect]) -> dict[str, Effect]:
+def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect], space: Space = PLANE) -> dict[str, Effect]:
     """Return effects by name: those of a mapping, or listed ones, of which a name is `name` or `name:form`.
+
+    A name without a form has the first that exists in the space.
 
     Raises:
         ContactLearnError: neither of the two.
@@ -82,7 +86,7 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect]) -> dic
     named: Mapping[Any, Any] | None = effects if isinstance(effects, Mapping) else None
     if named is None and isinstance(effects, Iterable) and not isinstance(effects, str):
         ids = [EffectId.parse(one) if isinstance(one, str) else one for one in effects]
-        made = [find_effect(one.name, one.form)() if isinstance(one, EffectId) else one for one in ids]
+        made = [find_effect(one.name, one.form, space)() if isinstance(one, EffectId) else one for one in ids]
         named = {getattr(one, "name", ""): one for one in made}
     if named is None or not all(isinstance(effect, Effect) for effect in named.values()):
         raise ContactLearnError(

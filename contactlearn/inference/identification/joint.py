@@ -307,7 +307,7 @@ def fit(
         ContactLearnError: law or effects do not exist in space.
     """
     require_impacts(impacts)
-    law, listed = named(law), named_effects(effects)
+    law, listed = named(law), named_effects(effects, impacts.space)
     require_space(f"law {law.name} ({law.variant})", impacts.space, law.spaces)
     added = {name: effect.prepare(impacts) for name, effect in listed.items()}
     rows = impacts.numbered(slice(None) if rows is None else rows)
