@@ -195,9 +195,8 @@ class ErrorBudget:
 
     @property
     def reducible(self) -> float:
-        """Part of the full model's squared error that is neither noise nor scatter, as far as processes find none."""
-        floor = self.flexible if self.noise is None else self.noise
-        return max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0
+        """Part of the full model's squared error that processes on its residual predict on held-out trials."""
+        return max(0.0, 1.0 - (self.flexible.mean / self.named.mean) ** 2) if self.named.mean else 0.0
 
     def removed(self, reduction: float) -> float:
         """Squared error that an effect removes, over the full model's, if it reduces the mean error by so much."""

@@ -27,11 +27,11 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (-0.90, 2.12, -1.90)
+COEFFICIENTS = (-2.64, 1.85, -0.39)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 SUREST = 0.99
 """Probability of a name beyond which the number of judged names tells no more."""
-_UNCERTAINTY = 0.35
+_UNCERTAINTY = 0.2
 """Part of the squared error to which noise is known, times √n of n trials; from 0.25 to 1 does as well."""
 
 
