@@ -30,7 +30,7 @@ class Answer:
     confidence: list[float] = field(default_factory=list)  # stated probabilities
     shares: list[float] = field(default_factory=list)  # shares of the plausible models that have each effect
     removed: list[float] = field(default_factory=list)  # squared errors that each effect removes, over the model's
-    reducible: float = 0.0  # part of the model's squared error that processes on its residual predict
+    reducible: float = 0.0  # part of the model's squared error that something predictable makes
     unexplained: bool = False  # whether the residual shows that something unknown is missing
     trials: int = 0  # that were diagnosed
     rivals: list[list[str]] = field(default_factory=list)  # names of the confounded effects

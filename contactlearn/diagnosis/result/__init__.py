@@ -195,8 +195,14 @@ class ErrorBudget:
 
     @property
     def reducible(self) -> float:
-        """Part of the full model's squared error that processes on its residual predict on held-out trials."""
-        return max(0.0, 1.0 - (self.flexible.mean / self.named.mean) ** 2) if self.named.mean else 0.0
+        """Part of the full model's squared error that something predictable makes, from 0 to 1.
+
+        The geometric mean of two estimates: what exceeds noise and scatter, and what processes on the residual predict
+        on held-out trials.  Of few trials the first is too large, of weak dependences the second is too small.
+        """
+        floors = [floor for floor in (self.noise, self.flexible) if floor is not None]
+        left = [max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0 for floor in floors]
+        return math.prod(left) ** (1 / len(left))
 
     def removed(self, reduction: float) -> float:
         """Squared error that an effect removes, over the full model's, if it reduces the mean error by so much."""

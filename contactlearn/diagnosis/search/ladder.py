@@ -1,8 +1,8 @@
 """The ladder: the law, and effect after effect in the order of their error reductions, with held-out errors.
 
 The confidence in a name is calibrated.  The shares of the plausible models only compare effects of the catalogue, and
-the true effect may not be one of them: where an effect removes little of the error beside what is left beyond noise and
-scatter, or the residual depends on something unknown, it may be a proxy for what another effect's form leaves.  A
+the true effect may not be one of them: where an effect removes little of the error beside what is left and predictable,
+or the residual depends on something unknown, it may be a proxy for what another effect's form leaves.  A
 logistic regression turns that into the probability that one of the effects compared is right; the share says which.
 It is fitted to tables of `benchmarks/blind` by several authors, in the plane and in space, with known and unknown
 physics, soft contacts and scatter, and tested on other tables.
@@ -27,12 +27,12 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (-2.64, 1.85, -0.39)
+COEFFICIENTS = (-2.75, 2.04, -0.28)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 SUREST = 0.99
 """Probability of a name beyond which the number of judged names tells no more."""
 _UNCERTAINTY = 0.2
-"""Part of the squared error to which noise is known, times √n of n trials; from 0.25 to 1 does as well."""
+"""Part of the squared error to which noise is known, times √n of n trials; from 0.1 to 0.35 does as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +140,7 @@ def calibrated(share: float, removed: float, left: float, trials: int, unknown: 
     Args:
         share: of the plausible models that have it.
         removed: squared held-out error that it removes, the other effects in the model, over that of the model.
-        left: part of the model's squared error that is neither noise nor scatter of the contact.
+        left: part of the model's squared error that something predictable makes.
         trials: their number.
         unknown: whether the residual shows that something unknown is missing.
     """
