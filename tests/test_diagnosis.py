@@ -1,5 +1,7 @@
 """The diagnosis: on nature's own physics, through Python and through the commands."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from diagnoses import few
@@ -12,12 +14,12 @@ from contactlearn.diagnosis import events
 from contactlearn.diagnosis.events import AuditFindings, LawChanged, LawsCompared
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Diagnosis, NoiseSource
+from contactlearn.diagnosis.result import Diagnosis, ErrorBudget, ErrorShares, NoiseSource
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.diagnosis.search.selection import select
 from contactlearn.effects import EffectId, find_effect
 from contactlearn.effects.formula.effect import formula
-from contactlearn.inference.evaluation.metrics import mass_error
+from contactlearn.inference.evaluation.metrics import Interval, mass_error
 from contactlearn.inference.identification import joint
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.validation import Folds
@@ -169,6 +171,16 @@ def test_the_budget_adds_up():
     assert budget.named.mean < budget.bound.mean  # a moment is beyond any point contact
     assert shares.beyond_rigid > 0.05
     assert budget.noise_source is NoiseSource.STATED
+
+
+def test_what_is_left_and_what_an_effect_removes_are_parts_of_the_squared_error():
+    exact = {name: Interval(x, x, x) for name, x in (("base", 3.0), ("named", 2.0), ("flexible", 1.6), ("noise", 1.2))}
+    shares = ErrorShares(noise=0.0, explained=0.0, unnamed=0.0, unexplained=0.0, beyond_rigid=0.0)
+    budget = ErrorBudget(**exact, ceiling=exact["base"], bound=None, noise_source=NoiseSource.STATED, shares=shares)
+    assert budget.reducible == pytest.approx((0.36 * 0.64) ** 0.5)  # 1 − (1.6/2)² and 1 − (1.2/2)²
+    assert replace(budget, noise=None).reducible == pytest.approx(0.36)
+    assert replace(budget, noise=exact["base"]).reducible == 0  # all of it may be noise
+    assert budget.removed(1.0) == pytest.approx(1.25)  # (3/2)² − 1
 
 
 def test_ones_own_effect_is_a_candidate_like_any_other():
