@@ -184,7 +184,7 @@ def track_options(
 
     `unit`, `up`, `order`, `angle`, `sense` and `drag` are those of `Conventions`, `columns`, `rate` and `body` those of
     `Layout`, `fewest` and `contact_time` those of `FlightOptions`; `workers` search a hundred files and more, or a
-    single one.
+    single one.  A factor of the angle states its sense.
 
     Raises:
         DataError: a value out of its range.
@@ -197,6 +197,14 @@ def track_options(
             raise UnknownNameError("entry of data.columns", name, (*_COLUMNS, *_ORIENTATIONS))
     for name in _ORIENTATIONS:
         columns |= {"quaternion": columns.pop(name)} if name in columns else {}
+    layout = Layout(**columns, rate=rate, body=body)
+    if layout.unit is not None and unit is not None:
+        raise DataError(f"data.unit={unit} is stated beside units in data.columns: leave one of them out")
+    of_angle = layout.made.get(layout.angle or "", (None, None, {}))[2]
+    if "unit" in of_angle and angle not in (None, "rad"):
+        raise DataError(f"data.angle={angle} is stated beside a unit in data.columns.angle: leave one of them out")
+    angle = "rad" if "unit" in of_angle else angle
+    sense = sense or ("as_read" if "factor" in of_angle else None)
     return TrackOptions(
         conventions=Conventions(
             unit=unit,
@@ -206,7 +214,7 @@ def track_options(
             sense=sense,
             drag=None if drag is None else finite_number("drag", drag, 0),
         ),
-        layout=Layout(**columns, rate=rate, body=body),
+        layout=layout,
         flight=FlightOptions(
             fewest=None if fewest is None else whole("fewest", fewest, 5),
             contact_time=finite_number("contact_time", contact_time, 0, 0.1),

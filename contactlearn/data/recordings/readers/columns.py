@@ -21,11 +21,14 @@ from pyarrow import parquet
 from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.packed import for_library, opened_bytes, opened_text
 from contactlearn.data.recordings.markers import pose_of_markers
-from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.poses import Array, turn
 from contactlearn.data.recordings.readers import COMMENT, JSON, RECORDED, VECTOR, Layout
 from contactlearn.data.recordings.readers.exports import Export, export_of
 from contactlearn.data.recordings.readers.nested import json_table, titled
 from contactlearn.data.recordings.track import Recording
+from contactlearn.data.table.mapped import stated_column
+from contactlearn.data.table.names import unit_as_written
+from contactlearn.data.table.units import Units
 
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
@@ -47,7 +50,7 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     for part in _parts(path, export) if nested is None else [nested]:
         if names == "recording" not in part.columns and (column := recording_column(part)):
             layout, names = replace(layout, recording=column), column
-        part = _of_body(path, part, layout)
+        part = _as_stated(path, _of_body(path, part, layout), layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
             if pending and _name(pending[-1], names) != _name(piece, names):
@@ -249,6 +252,27 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     if not bodies:
         return table
     return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
+
+
+def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """A table with the columns that settings make, those with a stated unit in SI.
+
+    Raises:
+        DataError: see `stated_column`; or a unit of a quaternion.
+    """
+    columns = dict[str, Array]()
+    for name, (field, like, entry) in layout.made.items():
+        setting = f"{path}: data.columns.{field}"
+        one = stated_column(setting, entry, like, [*map(str, table.columns)])
+        if field == "quaternion" and one.unit and len(layout.quaternion) != 3:
+            raise DataError(f"{setting}: a quaternion and a matrix have no unit, got {one.unit}; leave it out")
+        column = np.full(len(table), one.value) if one.column is None else _column(str(path), table, one.column)
+        column = one.factor * column
+        if one.unit:
+            column = column * Units({}, {like: unit_as_written(one.unit, like)}).factor(like)
+            column = turn(column) if field == "quaternion" else column
+        columns[name] = column
+    return table.assign(**columns) if columns else table
 
 
 _NUMBERS = re.compile(r"[-+]?\d")

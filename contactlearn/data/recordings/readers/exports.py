@@ -80,7 +80,7 @@ class Export:
         Raises:
             DataError: it is not stated which of several bodies, or the stated one is not there.
         """
-        stated = replace(stated, rate=stated.rate or self.rate, unit=self.unit)
+        stated = replace(stated, rate=stated.rate or self.rate, unit=stated.unit or self.unit)
         stated = replace(stated, time=self.clock) if stated.time == "time" else stated
         if self.bodies:
             if stated.body not in self.bodies and (stated.body is not None or len(self.bodies) > 1):
@@ -88,7 +88,7 @@ class Export:
                 raise DataError(f"{path}: has the bodies {', '.join(self.bodies)}; state {choices}")
             position, turned = self.bodies[stated.body or next(iter(self.bodies))]
             return replace(stated, position=position, quaternion=turned, body=None)
-        if stated.markers or {*stated.position[:2]} <= {*self.names}:
+        if stated.markers or stated.made or {*stated.position[:2]} <= {*self.names}:
             return stated if stated.angle in self.names else replace(stated, angle=None)
         if stated.body is None and len(self.subjects) > 1:
             choices = " or ".join(f"data.body={name}" for name in self.subjects)
