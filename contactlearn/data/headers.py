@@ -153,8 +153,11 @@ def propose(path: Path) -> FileContents:
         first = packed[0]
     else:
         first = path if path.suffix.lower() in table.SUFFIXES and is_single(path) else recording_files(path)[0]
-    cells = _impacts_of(first)
+    of_text = first.suffix.lower() in table.DELIMITED
+    cells = None if of_text else _impacts_of(first)
     nested = nested_table(first) if cells is None else None
+    if of_text and nested is not None and (cells := _impacts_of(first)) is not None:
+        nested = None
     if cells is None and nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
         body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
@@ -190,11 +193,6 @@ def propose(path: Path) -> FileContents:
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
     posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
-    if posed and first.suffix.lower() not in RECORDING_SUFFIXES:
-        raise DataError(
-            f"{first}: has no velocities after contact such as vx_post, as a table of impacts has (docs/tables.md); "
-            "if it is a recording, export it as CSV"
-        )
     if posed:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
@@ -206,7 +204,7 @@ def propose(path: Path) -> FileContents:
         return _contents("tracks", (*body, *_layout(first, frames, markers)), cells)
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
     timed = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
-    if timed and first.suffix.lower() in RECORDING_SUFFIXES and frames.others:
+    if timed and frames.others:
         return _contents("tracks", (*_body(path), *_open_layout(first, frames, names)), cells)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
@@ -242,8 +240,8 @@ def _repeats(cells: Sheet, name: str | None) -> bool:
 
 
 def _impacts_of(first: Path) -> Sheet | None:
-    """The cells of a file of JSON or of arrays that is a table of impacts, and no recording."""
-    if first.suffix.lower() not in table.SHARED:
+    """The cells of a file that is a table of impacts; None of a recording, and of what is no table."""
+    if first.suffix.lower() not in table.READ:
         return None
     try:
         cells = table.preview(first)

@@ -81,10 +81,12 @@ def probable_columns(
         name: one for name, one in whole.items()
         if len(one) >= _MIN_ROWS and (np.abs(one) < _LARGEST).all() and np.ptp(one) > _SMALLEST
     }  # fmt: skip
-    clock = next((name for name, one in whole.items() if _is_clock(one)), None)
+    frames = _by_name(cells.header, frame_units)
+    clocks = sorted(whole, key=lambda name: name not in frames or frames[name].ours != "time")
+    clock = next((name for name in clocks if _is_clock(whole[name])), None)
     of_frames = source == "tracks" or (source is None and clock is not None and _are_smooth(whole, clock))
     if of_frames:
-        guesses = _of_frames(whole, clock, _by_name(cells.header, frame_units))
+        guesses = _of_frames(whole, clock, frames)
     else:
         space = SPACE if "qw" in recognise(cells.header, impact_vocabulary(SPACE)).names else PLANE
         guesses = _of_impacts(whole, _by_name(cells.header, impact_vocabulary(space)))
@@ -178,6 +180,8 @@ def _of_frames(whole: Columns, clock: str | None, known: Guesses) -> Guesses:
             found[name] = _Guess(ours="angle", why=f"leaps by a turn: an angle in {turn[0]}", unit=turn[0])
     left = {name: _accelerations(one, step) for name, one in others.items() if name not in found}
     falls = {name: _fall(bent, numbered=numbered) for name, bent in left.items()}
+    if sum(one.ours == "position" for one in found.values()) > 1:
+        return found
     height = max(falls, key=lambda name: falls[name][0].mean(), default="")
     if height and (falling := falls[height][0]).mean() > _FALLING:
         found[height] = _Guess(ours="position", why=falls[height][1], unit=falls[height][2], upright=True)
@@ -308,8 +312,8 @@ def _factor(name: str, stated: Mapping[str, Any]) -> str:
     per = {"s": 1.0, "ms": 1e3, **dict.fromkeys(("frame", "frames", "fr"), stated.get("rate"))}
     words = [word for word in name_words(name[len(without_unit(name)) :]) if word != "per"]
     factors = [of.get(word) for word, of in zip(words, (known, per), strict=False)]
-    whole = 0 < len(words) == len(factors) and all(isinstance(one, float | int) for one in factors)
-    return f"{math.prod(factors):.6g}" if whole else "?"  # pyright: ignore[reportArgumentType]
+    numbers = [float(one) for one in factors if one is not None]
+    return f"{math.prod(numbers):.6g}" if 0 < len(words) == len(numbers) else "?"
 
 
 def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool) -> list[str]:

@@ -34,7 +34,7 @@ from contactlearn.data.recordings.angles import (
     search_reading,
     without_angles,
 )
-from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity, refuse_left_handed_words
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.markers import (
@@ -266,6 +266,7 @@ def find_impacts(
     mass = finite_number("mass", mass, 0, above=True)
     gyration = _gyration(known, mass, inertia)
     if isinstance(known, Solid):
+        refuse_left_handed_words(files[0], options.layout)
         options = replace(options, solid=known, moments=tuple(gyration.tolist()))
     turning = any(np.ptp(one.rotation[one.seen], axis=0).any() for one in recordings if one.seen.any())
     find = find_angles if turning else without_angles

@@ -51,22 +51,20 @@ def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, 
     made, names, sources, said = dict[str, Cells](), dict[str, str](), set[str](), list[str]()
     for ours, entry in entries.items():
         one = stated_column(f"{cells.path}: data.columns.{ours}", entry, ours, cells.header)
-        if one.column is None:
+        if (source := one.column) is None:
             name, column = ours, np.full(len(cells), one.factor * one.value)
             said.append(f"{ours} is {one.factor * one.value:g}{f' {one.unit}' * bool(one.unit)} in every row")
         else:
-            sources.add(one.column)
-            bare = without_unit(one.column)
-            own = one.column[len(bare) :].strip(" []()")
-            scaled = one.factor != 1 and own and powers_of(ours) and not unit_as_written(own, ours)
-            if scaled:  # by the factor to SI of a unit that is not known
-                one = replace(one, unit=Units({}).text(ours))
-            name = bare if one.unit else one.column
-            column = cells.columns[cells.header.index(one.column)]
+            sources.add(source)
+            bare = without_unit(source)
+            own = source[len(bare) :].strip(" []()")
+            if one.factor != 1 and own and powers_of(ours) and not unit_as_written(own, ours):
+                one = replace(one, unit=Units({}).text(ours))  # by the factor to SI of a unit that is not known
+            name, column = bare if one.unit else source, cells.columns[cells.header.index(source)]
             if one.factor != 1:
-                plain = replace(cells.unmarked((), [one.column]), gaps=gaps)
-                column = one.factor * plain.numbers(one.column, one.unit or "the unit of its column")
-                said.append(f"{one.column!r} times {one.factor:g}")
+                plain = replace(cells.unmarked((), [source]), gaps=gaps)
+                column = one.factor * plain.numbers(source, one.unit or "the unit of its column")
+                said.append(f"{source!r} times {one.factor:g}")
         name = f"{name} [{one.unit}]" if one.unit else name
         names[ours] = name if name not in made else f"{ours} {name}"
         made[names[ours]] = column

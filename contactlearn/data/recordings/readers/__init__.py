@@ -201,6 +201,8 @@ _MODULES = {
 }
 SUFFIXES = tuple(_MODULES)
 """Of the files that can be read."""
+TABLES = (".xlsx", ".ods", ".dat", ".asc", ".prn", ".tab", ".lvm", ".sqlite", ".sqlite3", ".db")
+"""Suffixes of other tables: a file is read by its path, and not for the folder that it is in."""
 _MOTIVE = "Format Version"
 TUM_COLUMNS = 8
 """Numbers in a line of TUM text."""
@@ -214,7 +216,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         ContactLearnError: the library that reads the format is not installed.
     """
     _check_suffix(path)
-    name = _MODULES[path.suffix.lower()]
+    name = _MODULES.get(path.suffix.lower(), "columns")
     try:
         if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
@@ -253,7 +255,7 @@ def _check_suffix(path: Path) -> None:
             f"{path}: is a pickle, which runs code when it is opened; write the frames with numpy.savez("
             "'tosses.npz', time=…, position=…, quaternion=…), or as CSV"
         )
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in (*SUFFIXES, *TABLES):
         raise DataError(
             f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}; export it as CSV, and a table of "
             "impacts likewise (docs/tables.md)"

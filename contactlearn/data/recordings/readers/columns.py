@@ -9,23 +9,26 @@ An empty cell is a coordinate that the tracker lost.  Exports with other lines a
 
 import re
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, product, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import pandas as pd
 from pyarrow import parquet
 
 from contactlearn.core.errors import DataError, suggest
-from contactlearn.data.packed import for_library, opened_bytes, opened_text
+from contactlearn.data.packed import for_library, opened_text
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array, turn
-from contactlearn.data.recordings.readers import COMMENT, JSON, RECORDED, VECTOR, Layout
-from contactlearn.data.recordings.readers.exports import Export, export_of
-from contactlearn.data.recordings.readers.nested import json_table, titled
+from contactlearn.data.recordings.readers import JSON, RECORDED, TABLES, VECTOR, Layout
+from contactlearn.data.recordings.readers.exports import Export, export_of, padded
+from contactlearn.data.recordings.readers.nested import frame_of, is_folded, json_table, titled, unfolded
 from contactlearn.data.recordings.track import Recording
+from contactlearn.data.table import DELIMITED, raw_cells
+from contactlearn.data.table.dialect import MISSING, WIDE, Dialect, csv_rows, sniffed
 from contactlearn.data.table.mapped import stated_column
 from contactlearn.data.table.names import unit_as_written
 from contactlearn.data.table.units import Units
@@ -33,7 +36,7 @@ from contactlearn.data.table.units import Units
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
-_SNIFFED = 50  # lines in which the decimal mark is looked for
+_SNIFFED = 60  # lines by which a text is understood
 _LONGER = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _LOST = 1e20  # from which on a number is a mark of a lost coordinate, such as -3.697314E28 of NDI
 MOST_FRAMES = 2_000_000
@@ -104,17 +107,13 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
             for batch in file.iter_batches(_ROWS):
                 yield _flat(batch.to_pandas())
         return
-    with opened_bytes(path) as file:
-        if not file.read(1):
-            raise DataError(f"{path}: the file is empty; its first line names the columns")
-    with pd.read_csv(
-        for_library(path),
-        chunksize=_ROWS,
-        low_memory=False,
-        skipinitialspace=True,
-        encoding="utf-8-sig",
-        **_dialect(path, export),
-    ) as reader:
+    text, format = _of_export(path, export) if export else _of_text(path)
+    marks = (
+        {"na_values": MISSING, "chunksize": _ROWS, "low_memory": False}
+        if format["sep"] != WIDE
+        else {"engine": "python"}
+    )
+    with text, pd.read_csv(text, skipinitialspace=True, index_col=False, header=None, **marks, **format) as reader:
         try:
             yield from reader if export is None else map(export.cleaned, reader)
         except pd.errors.ParserError as error:
@@ -128,22 +127,45 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
 
 def comments(path: Path) -> list[str]:
     """Return the comments and other lines above the header of a text file."""
-    if path.suffix.lower() in (".parquet", *JSON):
+    if path.suffix.lower() not in DELIMITED:
         return []
-    with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
-        lines = [*islice(file, _SNIFFED)]
-    return [line.strip() for line in lines[: _above(lines)]]
+    try:
+        dialect, above, _ = _placed(path)
+    except DataError:  # whose frames have no header above them
+        return []
+    with dialect.opened(path) as file:
+        return [line.strip() for line in islice(file, above - len(dialect.header.raw))]
 
 
-def _above(lines: Sequence[str]) -> int:
-    """The number of lines above the header: comments, and titles of fewer cells than the first numbers have."""
-    above = len([*takewhile(lambda line: line.startswith(COMMENT), lines)])
-    first = next((k for k, line in enumerate(lines) if k > above and _NUMBERS.match(line)), 0)
-    for mark in ";\t,":
-        cells = lines[first].count(mark) if first else 0
-        if cells and lines[above].count(mark) < cells == lines[first - 1].count(mark):
-            return first - 1
-    return above
+def _placed(path: Path) -> tuple[Dialect, int, list[str]]:
+    """The dialect of a text, the number of lines above its frames, and the first of these."""
+    dialect = sniffed(path, most=_SNIFFED)
+    rows, above = dialect.header.rows, dialect.above
+    with dialect.opened(path) as file:
+        head = [*islice(csv_rows(islice(file, above, None), dialect.separator), rows + 1)]
+    return dialect, above + (head[rows - 1][0] if rows else 0), head[rows][1] if len(head) > rows else []
+
+
+def _of_text(path: Path) -> tuple[TextIO, dict[str, Any]]:
+    """An opened text, and what pandas is to be told of it.
+
+    Raises:
+        DataError: it holds no frames.
+    """
+    dialect, above, first = _placed(path)
+    if not first:
+        raise DataError(f"{path}: holds no frames")
+    names, other = list[str](), "." if dialect.numerals.decimal == "," else ","
+    for name in padded(dialect.header.names, first):
+        count = sum(one == name or one.startswith(f"{name}.") for one in names) if name in names else 0
+        names.append(f"{name}.{count}" if count else name)
+    return dialect.opened(path), {
+        "sep": {" ": r"\s+", WIDE: r"\s{2,}|\t"}.get(dialect.separator, dialect.separator),
+        "decimal": dialect.numerals.decimal,
+        "thousands": other if dialect.numerals.grouped else None,
+        "skiprows": above,
+        "names": names,
+    }
 
 
 def column_names(path: Path) -> list[str]:
@@ -163,36 +185,18 @@ def _flat(frames: pd.DataFrame) -> pd.DataFrame:
     return frames
 
 
-def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
-    """Separator and decimal mark of a text, those of a spreadsheet where a semicolon or a tab parts the header.
-
-    Lines above the header are passed over; the frames of an export end with its first blank line.
-    """
+def _of_export(path: Path, export: Export) -> tuple[TextIO, dict[str, Any]]:
+    """The same of an export, whose frames end with its first blank line."""
     with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
-        if export is not None:
-            frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
-            more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0
-            separator, own = export.separator, {"header": None, "names": export.names, "index_col": False}
-            own |= {"skiprows": export.above, "nrows": len(frames) + more}
-        else:
-            top = [*islice(file, _SNIFFED)]
-            above = top[: _above(top)]
-            file.seek(0)
-            header, *frames = [*islice(file, len(above), len(above) + _SNIFFED), "", ""]
-            if not header.strip():
-                raise DataError(f"{path}: holds no frames")
-            separator, own = next((mark for mark in ";\t," if mark in header), ","), {"skiprows": len(above)}
-            if separator not in header and len(header.split()) == len(frames[0].split()) > 1:
-                separator = r"\s+"
-            names = (
-                [name.strip() for name in above[-1].lstrip("".join(COMMENT) + " ").split(separator)] if above else []
-            )
-            if len(names) == len(header.split(separator)) > 1 and _NUMBERS.match(header):  # as rostopic echo -p writes
-                own |= {"header": None, "names": names, "index_col": False}
-    return {
-        "sep": separator,
-        "decimal": "," if separator != "," and any(re.search(r"\d,\d", line) for line in frames) else ".",
-        **own,
+        frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
+        more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0
+    commas = export.separator != "," and any(re.search(r"\d,\d", line) for line in frames)
+    return opened_text(path, encoding="utf-8-sig"), {
+        "sep": export.separator,
+        "decimal": "," if commas else ".",
+        "skiprows": export.above,
+        "nrows": len(frames) + more,
+        "names": export.names,
     }
 
 
@@ -275,7 +279,6 @@ def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     return table.assign(**columns) if columns else table
 
 
-_NUMBERS = re.compile(r"[-+]?\d")
 _SECONDS = {"ns": 1e-9, "ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
 
 
@@ -337,10 +340,17 @@ def bodies_in_rows(
 
 
 def nested_table(path: Path) -> pd.DataFrame | None:
-    """Return the frames of JSON, or of a text with a title above each recording; None of other files."""
-    if path.suffix.lower() in JSON:
+    """Return the frames of JSON, of a table that is no text, and of a text with titles or odd cells; None of others."""
+    suffix = path.suffix.lower()
+    if suffix in JSON:
         return json_table(path)
-    return titled(path) if path.suffix.lower() in (".csv", ".tsv", ".txt") else None
+    if suffix not in DELIMITED:
+        return unfolded(frame_of(raw_cells(path))) if suffix in TABLES else None
+    if (frames := titled(path)) is not None or export_of(path) is not None:
+        return frames
+    with suppress(DataError):  # `_parts` says what is wrong
+        return unfolded(pd.concat(_parts(path, None))) if is_folded(next(_parts(path, None))) else None
+    return None
 
 
 def first_rows(path: Path) -> pd.DataFrame:
