@@ -109,6 +109,15 @@ def test_a_row_of_units_below_the_names_of_frames(tmp_path):
     check(tmp_path / "takes.csv")
 
 
+def test_two_blanks_part_columns_whose_names_have_one(tmp_path):
+    rows = ["   ".join(map(repr, map(float, row))) for row in FRAMES[FRAMES["run"] == 1].to_numpy()[:, 1:]]
+    (tmp_path / "take.txt").write_text("\n".join(["time s   x pos m   y pos m   theta rad", *rows]) + "\n")
+    columns = {"time": "time s", "position": ["x pos m", "y pos m"], "angle": "theta rad"}
+    (found,) = read(tmp_path / "take.txt", track_options(columns=columns).layout)
+    assert isinstance(found, Recording)
+    np.testing.assert_allclose(found.position, TAKES[0].position, rtol=1e-12)
+
+
 def drops() -> tuple[pd.DataFrame, torch.Tensor]:
     impacts = synthetic.load(size=12)
     values = torch.cat((impacts.q, impacts.v_pre, impacts.v_post), 1)

@@ -24,7 +24,7 @@ from contactlearn.data.json_files import json_content
 from contactlearn.data.packed import for_library, on_disk
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import are_outcomes, components_of, name_words
-from contactlearn.data.table.rows import impactful, joined
+from contactlearn.data.table.rows import impactful, rows_joined
 from contactlearn.data.table.sheet import Cells, Sheet
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | Non
         cells = [row for row in frame.values.tolist() if not all(map(is_blank, row))]
         top = header_of(cells[:_HEAD], str(path))
         by_name[name] = [dict(zip(top.names, row, strict=False)) for row in cells[top.rows :]]
-    if (found := joined(by_name)) is None or not are_outcomes([*found[0][0]]):
+    if (found := rows_joined(by_name)) is None or not are_outcomes([*found[0][0]]):
         return None
     rows, said = found
     columns: list[Cells] = [[None if is_blank(row[name]) else row[name] for row in rows] for name in rows[0]]
@@ -240,7 +240,7 @@ def _records(path: Path, content: Any) -> Sequence[Mapping[str, Any]]:
         return of_records[0]
     if isinstance(content, dict) and len(of_records) > 1:
         parts = {str(name): one for name, one in content.items() if one in of_records}
-        if found := joined({name: [*map(_flat, rows)] for name, rows in parts.items()}):
+        if found := rows_joined({name: [*map(_flat, rows)] for name, rows in parts.items()}):
             return found[0]
         raise DataError(
             f"{path}: has lists of records {', '.join(parts)}, and no column with the same values in each, such as the "

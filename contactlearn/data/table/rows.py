@@ -181,7 +181,7 @@ def is_merged(name: str, column: Cells) -> bool:
     )
 
 
-def joined(tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> tuple[list[dict[str, Any]], str] | None:
+def rows_joined(tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> tuple[list[dict[str, Any]], str] | None:
     """Return rows with the cells of several tables that a column of each joins, such as trial, and what was done.
 
     Columns of one name in several tables are called after these, too: before vx, after vx.

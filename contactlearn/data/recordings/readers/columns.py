@@ -28,7 +28,7 @@ from contactlearn.data.recordings.readers.exports import Export, export_of, padd
 from contactlearn.data.recordings.readers.nested import frame_of, is_folded, json_table, titled, unfolded
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.table import DELIMITED, raw_cells
-from contactlearn.data.table.dialect import MISSING, WIDE, Dialect, csv_rows, sniffed
+from contactlearn.data.table.dialect import MISSING, WIDE, Dialect, Header, Numerals, csv_rows, sniffed
 from contactlearn.data.table.mapped import stated_column
 from contactlearn.data.table.names import unit_as_written
 from contactlearn.data.table.units import Units
@@ -36,6 +36,9 @@ from contactlearn.data.table.units import Units
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
+_WIDE = r"\s{2,}|\t"  # what parts columns whose names have blanks
+_PLAIN = 12  # lines by which a text is as plain as most
+_NUMBER = re.compile(r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN)?")
 _SNIFFED = 60  # lines by which a text is understood
 _LONGER = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _LOST = 1e20  # from which on a number is a mark of a lost coordinate, such as -3.697314E28 of NDI
@@ -101,19 +104,18 @@ def _pieces(part: pd.DataFrame, names: str | None) -> Iterator[pd.DataFrame]:
             yield piece
 
 
-def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
+def _parts(path: Path, export: Export | None, rows: int | None = None) -> Iterator[pd.DataFrame]:
+    """Frames of a text or Parquet file, so many at a time."""
+    rows = rows or _ROWS
     if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(for_library(path), pre_buffer=False) as file:
-            for batch in file.iter_batches(_ROWS):
+            for batch in file.iter_batches(rows):
                 yield _flat(batch.to_pandas())
         return
     text, format = _of_export(path, export) if export else _of_text(path)
-    marks = (
-        {"na_values": MISSING, "chunksize": _ROWS, "low_memory": False}
-        if format["sep"] != WIDE
-        else {"engine": "python"}
-    )
-    with text, pd.read_csv(text, skipinitialspace=True, index_col=False, header=None, **marks, **format) as reader:
+    engine = {"engine": "python"} if format["sep"] == _WIDE else {"low_memory": False}
+    options = {"chunksize": rows, "na_values": MISSING, "skipinitialspace": True, "index_col": False, "header": None}
+    with text, pd.read_csv(text, **options, **engine, **format) as reader:
         try:
             yield from reader if export is None else map(export.cleaned, reader)
         except pd.errors.ParserError as error:
@@ -137,9 +139,33 @@ def comments(path: Path) -> list[str]:
         return [line.strip() for line in islice(file, above - len(dialect.header.raw))]
 
 
+def _plain(path: Path) -> Dialect | None:
+    """The dialect of a text with names in its first line, and in each other line as many numbers with points.
+
+    Most recordings are such, and there may be thousands.
+    """
+    try:
+        with opened_text(path, encoding="utf-8-sig") as file:
+            header, *frames = [line.rstrip("\r\n") for line in islice(file, _PLAIN)] or [""]
+    except UnicodeDecodeError:
+        return None
+    separator = next((mark for mark in "\t;," if mark in header), ",")
+    names = header.split(separator)
+    known = all(re.match(r"\w", name) and '"' not in name and not _NUMBER.fullmatch(name) for name in names)
+    rows = [line.split(separator) for line in frames]
+    if not known or not rows or len({*names}) < len(names) or {*map(len, rows)} != {len(names)}:
+        return None
+    if not all(_NUMBER.fullmatch(cell) for row in rows for cell in row):
+        return None
+    return Dialect(
+        encoding="utf-8-sig", separator=separator, above=0, comments=0, numerals=Numerals(),
+        header=Header(names=names, rows=1, read_as=(), raw=(tuple(names),)),
+    )  # fmt: skip
+
+
 def _placed(path: Path) -> tuple[Dialect, int, list[str]]:
     """The dialect of a text, the number of lines above its frames, and the first of these."""
-    dialect = sniffed(path, most=_SNIFFED)
+    dialect = _plain(path) or sniffed(path, most=_SNIFFED)
     rows, above = dialect.header.rows, dialect.above
     with dialect.opened(path) as file:
         head = [*islice(csv_rows(islice(file, above, None), dialect.separator), rows + 1)]
@@ -160,7 +186,7 @@ def _of_text(path: Path) -> tuple[TextIO, dict[str, Any]]:
         count = sum(one == name or one.startswith(f"{name}.") for one in names) if name in names else 0
         names.append(f"{name}.{count}" if count else name)
     return dialect.opened(path), {
-        "sep": {" ": r"\s+", WIDE: r"\s{2,}|\t"}.get(dialect.separator, dialect.separator),
+        "sep": {" ": r"\s+", WIDE: _WIDE}.get(dialect.separator, dialect.separator),
         "decimal": dialect.numerals.decimal,
         "thousands": other if dialect.numerals.grouped else None,
         "skiprows": above,
@@ -348,8 +374,10 @@ def nested_table(path: Path) -> pd.DataFrame | None:
         return unfolded(frame_of(raw_cells(path))) if suffix in TABLES else None
     if (frames := titled(path)) is not None or export_of(path) is not None:
         return frames
+    if _plain(path):
+        return None
     with suppress(DataError):  # `_parts` says what is wrong
-        return unfolded(pd.concat(_parts(path, None))) if is_folded(next(_parts(path, None))) else None
+        return unfolded(pd.concat(_parts(path, None))) if is_folded(next(_parts(path, None, _SNIFFED))) else None
     return None
 
 
