@@ -113,8 +113,10 @@ def frame_of(cells: Sheet) -> pd.DataFrame:
 
 
 def is_folded(frames: pd.DataFrame) -> bool:
-    """Return whether rows have a number each, or several in a cell."""
-    return bool(_variable(frames)) or any(_are_vectors(frames[name]) for name in frames)
+    """Return whether the first rows may have a number each, which is `unfolded`'s to decide, or several in a cell."""
+    valued = any(VALUES.intersection(name_words(str(name))) for name in frames)
+    worded = not all(map(is_numeric_dtype, frames.dtypes))
+    return (valued and worded) or any(_are_vectors(frames[name]) for name in frames)
 
 
 def unfolded(frames: pd.DataFrame) -> pd.DataFrame:
