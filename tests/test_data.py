@@ -101,7 +101,7 @@ BAD_CSV = {
     "bad time": (extra(["time"], "noon"), ["row 1 (line 2)", "column time", "number in s;", "'noon'"]),
     "blank lines": (put(2, "mass", "x").replace("\n", "\n\n"), ["row 2 (line 5)", "column mass"]),
     "multi-line name": (put(1, "trial", '"a\nb"').replace("1.7e-5", "-1", 2), ["row 1", "column inertia", "line 3"]),
-    "utf-16 without a mark": (text(grid()).encode("utf-16-le"), ["UTF-16", "UTF-8"]),
+    "no text": (text(grid()).encode("utf-32-le"), ["is not text", "UTF-8"]),
     "binary": (bytes(range(256)), ["UTF-8"]),
 }  # fmt: skip
 

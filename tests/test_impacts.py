@@ -12,7 +12,7 @@ from refusals import refused
 
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.shapes import Disc, Ellipse, Polygon, contact_point, make_shape
+from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipse, Polygon, Sphere, contact_point, make_shape
 from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import synthetic
 
@@ -276,7 +276,33 @@ def test_make_shape():
     assert make_shape({"kind": "polygon", "vertices": corners}) == Polygon(((1, 0), (0, 1), (-1, -1)))
 
 
+@pytest.mark.parametrize(
+    ("spec", "same"),
+    [
+        ({"kind": "rectangle", "sides": [2, 4]}, Polygon(((1, 2), (-1, 2), (-1, -2), (1, -2)))),
+        ({"kind": "rectangle", "width": 2, "height": 4}, Polygon(((1, 2), (-1, 2), (-1, -2), (1, -2)))),
+        ({"kind": "square", "side": 2, "corner": 0.1}, Polygon(((1, 1), (-1, 1), (-1, -1), (1, -1)), 0.1)),
+        ({"kind": "box", "size": [2, 4]}, Polygon(((1, 2), (-1, 2), (-1, -2), (1, -2)))),
+        ({"kind": "box", "size": [2, 4, 6]}, Cuboid((1, 2, 3))),
+        ({"kind": "box", "width": 2, "height": 4, "depth": 6}, Cuboid((1, 2, 3))),
+        ({"kind": "cube", "side": 2, "corner": 0.1}, Cuboid((1, 1, 1), 0.1)),
+        ({"kind": "cube", "half": [1, 1, 1]}, Cuboid((1, 1, 1))),
+        ({"kind": "circle", "radius": 0.1}, Disc(0.1)),
+        ({"kind": "disc", "diameter": 0.2}, Disc(0.1)),
+        ({"kind": "ball", "diameter": 0.2}, Sphere(0.1)),
+    ],
+)  # fmt: skip
+def test_shapes_in_other_words(spec, same):
+    assert make_shape(spec) == same
+
+
 BAD_SHAPES = {
+    "no sides": ({"kind": "rectangle"}, ["takes sides", "2 lengths", "got nothing"]),
+    "one side": ({"kind": "rectangle", "side": 1}, ["2 positive number"]),
+    "a side too many": ({"kind": "square", "sides": [1, 2, 3]}, ["2 positive number"]),
+    "no length": ({"kind": "cube", "breadth": 1}, ["takes sides", "got breadth"]),
+    "flat box": ({"kind": "box", "sides": [0, 1, 1]}, ["3 positive number"]),
+    "no such entry": ({"kind": "square", "side": 1, "colour": 3}, ["takes vertices, corner"]),
     "unknown": ({"kind": "elipse", "semi_axes": [1, 2]}, ["'elipse'", "did you mean 'ellipse'", "polygon"]),
     "no kind": ({"radius": 1}, ["unknown shape kind"]),
     "not a mapping": ("ellipse", ["kind: ellipse", "'ellipse'"]),

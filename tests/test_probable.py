@@ -70,8 +70,71 @@ def test_frames_by_their_clock_and_gravity(tmp_path):
         "d": "the rate of change of 'b'",
     }.items():
         assert words in said[name], said[name]
-    assert "'data.columns={time: tick, position: [?, b], angle: c}'" in said["command"]
+    assert "straight while 'b' falls" in said["a"]
+    assert "'data.columns={time: tick, position: [a, b], angle: c}'" in said["command"]
     assert "data.unit=mm data.angle=deg" in said["command"] or "data.angle=deg data.unit=mm" in said["command"]
+
+
+def test_the_command_reads_frames_in_other_units_as_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    takes, _ = simulate(2, seed=1)
+    frames = [
+        pd.DataFrame({"n": k, "s": 1e3 * one.time, "b": -100 * one.position[:, 1], "a": 100 * one.position[:, 0],
+                      "c": -np.degrees(one.angle)})
+        for k, one in enumerate(takes)
+    ]  # fmt: skip
+    pd.concat(frames).to_csv("takes.csv", index=False)
+    command = told(tmp_path / "takes.csv")["command"].replace("mass=?", "mass=0.05")
+    assert "time: {column: s, unit: ms}, position: [a, b], angle: c, recording: n}'" in command
+    command = command.replace("{kind: disc, radius: ?}", "{kind: ellipse, semi_axes: [0.035, 0.025]}")
+    assert "impacts from 2 recordings" in run(*shlex.split(command), cwd=".")
+
+
+def test_frame_numbers_and_pixels_have_the_rate_and_size_of_the_comment(tmp_path):
+    (take, _), _ = simulate(2, seed=1)
+    numbers = {
+        "frame": np.arange(len(take)),
+        "u [px]": take.position[:, 0] / 5e-4,
+        "w [px]": take.position[:, 1] / 5e-4,
+    }
+    frame = pd.DataFrame({**numbers, "a": take.angle})
+    (tmp_path / "take.csv").write_text("# scale 0.5 mm/px, 250 fps\n" + frame.to_csv(index=False))
+    contents = propose(tmp_path / "take.csv")
+    command = contents.page.splitlines()[-1]
+    assert 'position: ["u [px]", "w [px]"], angle: a' in command
+    assert "data.rate=250 data.unit=0.0005" in command
+
+
+def test_pixels_a_frame_have_their_factor(tmp_path, discs, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"s9": "theta (deg)", "s3": "vx (px/frame)", "s2": "vy (px/frame)", "s1": "omega (deg/frame)"}
+    after = {"s5": "vx after (px/frame)", "s4": "vy after (px/frame)", "s6": "omega after (deg/frame)"}
+    table = discs[[*names, *after]].rename(columns=names | after)
+    for name in table:
+        table[name] /= 0.125 if "px" in name else np.radians(250) if "frame" in name else 1
+    (tmp_path / "drops.csv").write_text("# 250 fps, 1 px = 0.5 mm\n" + table.to_csv(index=False))
+    command = told(tmp_path / "drops.csv")["command"]
+    assert 'vx: {column: "vx (px/frame)", factor: 0.125}' in command
+    command = command.replace("mass=?", "mass=0.058").replace("radius: ?", "radius: 0.03")
+    assert "consistent with planar rigid impacts" in run(*shlex.split(command), cwd=".")
+
+
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "0.5 mm/px",
+        "1 px = 0.5 mm",
+        "mm_per_px: 0.5",
+        "2 px/mm",
+        "px per mm = 2",
+        "pixel size: 0.5 mm",
+        "scale [mm/px] 0.5",
+    ],
+)
+def test_sizes_of_a_pixel(tmp_path, remark):
+    rows = "".join(f"{k / 100},{k},1.0,0.5\n" for k in range(12))
+    (tmp_path / "take.csv").write_text(f"# {remark}\ntime,x [px],y [px],theta\n{rows}")
+    assert {one.name: one.value for one in propose(tmp_path / "take.csv").settings}["unit"] == 0.0005
 
 
 def test_a_quaternion_by_its_norm(tmp_path):

@@ -48,6 +48,74 @@ def test_csv(tmp_path, recordings):
         assert (found.name, found.order, found.unit) == (wanted.name, None, None)
 
 
+ODD = {  # as a tracker may write them
+    "time": ("ms", lambda r: 1e3 * r.time), "x": ("cm", lambda r: 100 * r.position[:, 0]),
+    "y": (None, lambda r: -r.position[:, 1] / 5e-4), "angle": ("deg", lambda r: -np.degrees(r.angle)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".json"])
+def test_each_column_of_frames_has_its_unit_and_sense(tmp_path, suffix):
+    frame = pd.DataFrame({name: of(FLAT[0]) for name, (_, of) in ODD.items()})
+    path = tmp_path / f"take{suffix}"
+    if suffix == ".json":
+        frame.to_json(path, orient="records", double_precision=15)
+    else:
+        frame.to_csv(path, index=False) if suffix == ".csv" else frame.to_parquet(path)
+    stated = {
+        "time": {"column": "time", "unit": "ms"},
+        "position": [{"column": "x", "unit": "cm"}, {"column": "y", "unit": "m", "factor": -5e-4}],
+        "angle": {"column": "angle", "unit": "deg", "factor": -1},
+    }
+    options = track_options(columns=stated)
+    (found,) = fail(read(path, options.layout))
+    same(found, FLAT[0])
+    assert (found.unit, options.conventions.angle, options.conventions.sense) == ("m", "rad", "as_read")
+    (flat,) = fail(read(path, track_options(columns={**stated, "position": ["x", {"value": 0}]}).layout))
+    assert (flat.unit, flat.position[:, 1].any()) == (None, False)
+
+
+def test_columns_in_space_are_turned_about_by_their_factors(tmp_path):
+    """A left-handed y up, z ahead becomes right-handed, and so do its quaternions."""
+    turned = Rotation.random(12, random_state=np.random.default_rng(0)).as_quat()
+    place = np.random.default_rng(1).normal(size=(12, 3))
+    frame = pd.DataFrame(np.column_stack([place * (1, 1, -1), turned * (-1, -1, 1, 1)]), columns=[*"xyzabcd"])
+    frame.assign(time=np.arange(12) / 250).to_csv(tmp_path / "take.csv", index=False)
+    position = ["x", "y", {"column": "z", "factor": -1}]
+    quaternion = [{"column": "a", "factor": -1}, {"column": "b", "factor": -1}, "c", "d"]
+    (found,) = fail(
+        read(tmp_path / "take.csv", track_options(columns={"position": position, "quaternion": quaternion}).layout)
+    )
+    np.testing.assert_allclose(found.position, place, rtol=1e-12)
+    np.testing.assert_allclose(found.quaternion, turned, rtol=1e-12)
+    euler = [{"column": name, "unit": "deg"} for name in "abc"]
+    (found,) = fail(read(tmp_path / "take.csv", track_options(columns={"euler": euler}).layout))
+    np.testing.assert_allclose(found.quaternion, np.radians(turned[:, :3] * (-1, -1, 1)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("columns", "settings", "said"),
+    [
+        ({"position": ["x", {"column": "y", "unit": "mm"}]}, {}, "position: state the unit of each column, or of none"),
+        ({"position": ["x", {"column": "yy"}]}, {}, "position.column=yy: no such column, did you mean 'y'"),
+        ({"angle": {"column": "angle", "unit": "mm"}}, {}, "data.columns.angle.unit=mm is no unit of theta"),
+        ({"angle": {"column": "angle", "unit": "rad"}}, {"angle": "deg"}, "data.angle=deg is stated beside a unit"),
+        ({"position": [{"column": one, "unit": "mm"} for one in "xy"]}, {"unit": "m"}, "data.unit=m is stated beside"),
+        ({"recording": {"column": "x"}}, {}, "data.columns.recording is the name of a column"),
+    ],
+)  # fmt: skip
+def test_columns_that_cannot_be_made_are_refused(tmp_path, columns, settings, said):
+    pd.DataFrame({name: of(FLAT[0]) for name, (_, of) in ODD.items()}).to_csv(tmp_path / "take.csv", index=False)
+    with refused([said]):
+        [*fail(read(tmp_path / "take.csv", track_options(columns=columns, **settings).layout))]
+
+
+def test_made_columns_are_of_tables_alone(tmp_path):
+    np.save(tmp_path / "take.npy", np.zeros((12, 8)))
+    with refused(["units, factors and values of columns are read of tables of frames"]):
+        [*fail(read(tmp_path / "take.npy", Layout(time={"column": "t", "unit": "ms"})))]
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_long_file_names_its_recordings(tmp_path, suffix):
     names = {"time": "t", "position": ("px", "py"), "angle": "phi", "recording": "drop"}
@@ -141,7 +209,7 @@ BAD = {
     "no time": ("x,y,theta\n1,2,3\n1,2,3\n", {}, ["no column 'time'", "data.rate"]),
     "one frame": ("time,x,y,theta\n0,1,2,3\n", {}, ["has 1 frames"]),
     "more cells": ("time,x,y,theta\n0,1,2,3\n1,2,3,4,5,6\n", {}, ["cannot be read"]),
-    "binary": (bytes(range(256)), {}, ["cannot be read"]),
+    "binary": (bytes(range(256)), {}, ["is neither UTF-8"]),
     "markers of one": ("time,x,y,theta\n0,1,2,3\n1,1,2,3\n", {"markers": [["x", "y"]]}, ["needs 2 markers, got 1"]),
 }
 
@@ -272,11 +340,11 @@ def test_tum(tmp_path):
     np.testing.assert_allclose(found.rotation, rows[:, 4:], atol=1e-8)
     assert found.order == "xyzw"
     path.write_text("# nothing\n")
-    with pytest.raises(DataError, match="holds no frames"):
+    with pytest.raises(DataError, match="the file is empty"):
         list(read(path, Layout()))
     for content, message in (
         ("0 1 2 3\n", "is no TUM text, as which \\.txt is read: frame 1 has 4 words,"),
-        ("it hit the wall at 3 s !\n", "has no column 'x'"),
+        ("it hit the wall at 3 s !\n", "holds no frames"),
     ):
         path.write_text(content)
         with pytest.raises(DataError, match=message):

@@ -146,6 +146,8 @@ def test_velocities_are_within_their_errors(tosses, found):
     assert 0.93 < np.mean(inside) < 0.975
     chi_square = np.array([contact.chi_square for contact in found.survey.contacts])
     assert np.mean(chi_square) == pytest.approx(5, abs=1.7)  # χ² with 5 degrees of freedom; 4 standard errors
+    (hand,) = [clue for clue in found.survey.frame.clues if clue.convention == "axes"]
+    assert (hand.value, hand.stated) == ("right-handed", None)
     assert (impacts.time - torch.tensor([made[row][3] for row in rows])).abs().max() < 5e-4
     ratio = impacts.wrench[:, :2].norm(dim=-1) / impacts.wrench[:, 2]
     assert ratio.quantile(0.9) < 0.2  # μ is 0.18
@@ -198,6 +200,20 @@ def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, m
     with pytest.raises(DataError, match=message) as refused:
         impacts_in(tmp_path, **settings)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("said", ["# exported from Unity 2022", "# left-handed, y up"])
+def test_left_handed_axes_are_asked_about(tosses, tmp_path, said):
+    """Impacts of a box look the same in a mirror: its file says it, or nothing does."""
+    rows = tosses[2].query("recording < 2").to_csv(index=False)
+    (tmp_path / "tosses.csv").write_text(f"{said}\n{rows}")
+    message = (
+        r"position: \[x, y, {column: z, factor: -1}\], quaternion: \[qw, {column: qx, factor: -1}, {column: qy, fac"
+    )
+    with pytest.raises(DataError, match=message):
+        impacts_in(tmp_path)
+    found = impacts_in(tmp_path, columns={"position": ["x", "y", {"column": "z", "factor": 1}]})
+    assert found.survey.frame.clues[2].value == "right-handed"
 
 
 def test_exchanged_edges_of_a_box_are_refused(tmp_path, monkeypatch):

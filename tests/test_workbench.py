@@ -1,9 +1,12 @@
 """The workbench without a browser: addresses, lines, caches, models, commands, background and saved runs."""
 
 import base64
+import gzip
+import io
 import sys
 import threading
 import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -474,11 +477,22 @@ def test_no_path_leads_out_of_the_runs(name, tmp_path):
         SavedRuns(tmp_path / "outputs").inside(name)
 
 
+def _zipped(path: Path) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.write(path, path.name)
+    return content.getvalue()
+
+
 def test_a_dropped_file_is_read_by_the_reader_of_tables(drops, models, tmp_path):
     files = FileCallbacks(models, SavedRuns(tmp_path))
     path = files.store_table("mine.CSV", _dropped(drops.read_bytes()))
     assert path.read_bytes() == drops.read_bytes()
     assert path == files.store_table("other.csv", _dropped(drops.read_bytes()))
+    for name, packed in (("mine.csv.gz", gzip.compress(drops.read_bytes())), ("mine.zip", _zipped(drops))):
+        again = files.store_table(name, _dropped(packed))
+        assert table.load(again).v_pre.equal(table.load(drops).v_pre)
+        again.unlink()
     with pytest.raises(DataError, match=r"^bad.csv: 13 columns are missing, .*not used: 'a'"):
         files.store_table("bad.csv", _dropped(b"a\n1\n"))
     with pytest.raises(DataError, match=r"a table is a \.csv or .* file, got suffix '\.pkl'"):

@@ -37,7 +37,8 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
         "init",
         help="write the settings of your measurements to a file, for data=NAME on every command",
         description="Look at the names of columns and their units, and write NAME.yaml in this folder: what they say, "
-        "and an explanation of the rest. Every command takes it as data=NAME.",
+        "and an explanation of the rest. Every command takes it as data=NAME. Where names do not tell the columns, "
+        "print what each probably is, and one command that names them.",
         epilog="example: contactlearn init drops.csv --name mydata",
     )
     init.add_argument("path", metavar="FILE", help="a table of impacts, a recording, or a folder with recordings")

@@ -49,6 +49,7 @@ from contactlearn.data.table.columns import (
     required_in,
     trial_column,
 )
+from contactlearn.data.table.files import sheet_of
 from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
 from contactlearn.data.table.several import refusal_of_several, refusal_side_by_side
 from contactlearn.data.table.sheet import Sheet
@@ -59,9 +60,9 @@ OPEN = "???"
 """The value of a setting that must be stated: OmegaConf's."""
 
 _SHAPE = (
-    "lengths in m: {kind: ellipse, semi_axes: [a, b]}, {kind: disc, radius: R} or {kind: polygon, vertices: "
-    "[[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron (docs/tables.md); of "
-    "several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
+    "lengths in m: {kind: ellipse, semi_axes: [a, b]}, {kind: disc, radius: R}, {kind: rectangle, sides: [a, b]} or "
+    "{kind: polygon, vertices: [[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron "
+    "(docs/tables.md); of several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}
@@ -70,6 +71,7 @@ _MEANINGS = {
     "theta": "of the body, counter-clockwise", "vx": "to the right", "vy": "up", "omega": "counter-clockwise",
     "rx": "contact point minus centre of mass, to the right", "ry": "contact point minus centre of mass, up",
 }  # fmt: skip
+_PREVIEWED = 1000  # rows
 _FIRST = 3  # files of a folder whose headers are looked at, until one can be read
 _HEADINGS = ("heading", "yaw", "bearing", "azimuth", "rotation", "rot", "theta", "angle", "phi", "orientation")
 _TURNS = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad"}
@@ -88,7 +90,15 @@ _FREQUENCY = re.compile(
     re.I | re.M,
 )
 _FILTER = re.compile(r"cut\W?off|filter|low\W?pass|butterworth", re.I)
-_SCALE = re.compile(r"(\d+(?:\.\d+)?)\s*(mm|cm|m|in)\s*(?:/|per|a)\s*(?:px|pixel)", re.I)
+_SIZE, _PIXELS, _PER = r"(?P<size>\d+(?:\.\d+)?)", r"(?:px|pix(?:el)?s?)", r"\s*(?:/|_?per_?|a)\s*"
+_SCALES = (
+    (rf"{_SIZE}\s*(?P<unit>mm|cm|um|µm|m|in){_PER}{_PIXELS}", 1),
+    (rf"{_PIXELS}(?:\s*size)?\s*(?:=|:|is)\s*{_SIZE}\s*(?P<unit>mm|cm|um|µm|m|in)\b", 1),
+    (rf"\b(?P<unit>mm|cm|um|µm|m|in){_PER}{_PIXELS}[\s\])=:]*{_SIZE}", 1),
+    (rf"{_SIZE}\s*{_PIXELS}{_PER}(?P<unit>mm|cm|m|in)\b", -1),
+    (rf"{_PIXELS}{_PER}(?P<unit>mm|cm|m|in)[\s\])=:]*{_SIZE}", -1),
+)
+"""How a size of a pixel is written, and the power of the number before it."""
 _POSE = ("x", "y", "z", "theta", "qw", "qx", "qy", "qz")
 _FRAME = ("time", *_POSE, "recording")
 
@@ -117,12 +127,16 @@ _UNNAMED = (
 
 @dataclass(frozen=True, kw_only=True)
 class FileContents:
-    """The name of the source, `table` or `tracks`, its settings in order, the unused columns, and how it was read."""
+    """The name of the source, `table` or `tracks`, its settings in order, the unused columns, and how it was read.
+
+    `page` is what the columns probably are, line by line, where it is open which is which.
+    """
 
     source: str
     settings: tuple[Setting, ...]
     unused: tuple[str, ...] = ()
     read_as: tuple[str, ...] = ()
+    page: str = ""
 
 
 def propose(path: Path) -> FileContents:
@@ -139,9 +153,11 @@ def propose(path: Path) -> FileContents:
         first = packed[0]
     else:
         first = path if path.suffix.lower() in table.SUFFIXES and is_single(path) else recording_files(path)[0]
-    cells = _impacts_of(first)
-    frames = nested_table(first) if cells is None else None
-    nested = None if frames is None else [*map(str, frames.columns)]
+    of_text = first.suffix.lower() in table.DELIMITED
+    cells = None if of_text else _impacts_of(first)
+    nested = nested_table(first) if cells is None else None
+    if of_text and nested is not None and (cells := _impacts_of(first)) is not None:
+        nested = None
     if cells is None and nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
         body = _body(path, bodies=bodies) if len(bodies) > 1 else _body(path)
@@ -149,8 +165,10 @@ def propose(path: Path) -> FileContents:
         return FileContents(source="tracks", settings=(*body, *unnamed))
     if nested is None and first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
-    cells = cells or (None if nested else table.preview(first))
-    header, read_as = (nested or [], ()) if cells is None else (cells.header, cells.read_as)
+    cells = cells or (
+        table.preview(first) if nested is None else replace(sheet_of(nested.head(_PREVIEWED)), path=first)
+    )
+    header = cells.header
     if why := refusal_side_by_side(header):
         raise DataError(f"{first}: {why}")
     space, impacts = recognised_columns(header)
@@ -165,23 +183,16 @@ def propose(path: Path) -> FileContents:
         if path.is_dir() or len(packed) > 1:
             every = packed or [file for file in sorted(path.rglob("*")) if file.suffix.lower() in table.SUFFIXES]
             raise DataError(f"{path}: {several(path, every, 'table')}")
-        if cells is not None and "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
+        if "trial" not in impacts.names and (trial := trial_column(cells, impacts.others)):
             others = tuple(name for name in impacts.others if name != trial)
             impacts = replace(impacts, names={**impacts.names, "trial": trial}, others=others)
-        if cells is not None:
-            for column, name in impacts.names.items():
-                if column in columns_of(space) and column not in table.NAMES:
-                    replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
-        settings = (*_table(path, space, impacts),)
-        return FileContents(source="table", settings=settings, unused=impacts.others, read_as=read_as)
+        for column, name in impacts.names.items():
+            if column in columns_of(space) and column not in table.NAMES:
+                replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
+        return _contents("table", _table(path, space, impacts), cells, unused=impacts.others)
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
     posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
-    if posed and first.suffix.lower() not in RECORDING_SUFFIXES:
-        raise DataError(
-            f"{first}: has no velocities after contact such as vx_post, as a table of impacts has (docs/tables.md); "
-            "if it is a recording, export it as CSV"
-        )
     if posed:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
@@ -190,14 +201,14 @@ def propose(path: Path) -> FileContents:
         column, named = ("", []) if bodies else _bodies_in_rows(first, frames)
         where = f"in column {column!r}" if named else "in names of columns"
         body = _body(path, markers, bodies or named, where)
-        return FileContents(source="tracks", settings=(*body, *_layout(first, frames, markers)))
+        return _contents("tracks", (*body, *_layout(first, frames, markers)), cells)
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    timed = frames.names.keys() & {"time", "recording"} and first.suffix.lower() in RECORDING_SUFFIXES
+    timed = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
     if timed and frames.others:
-        return FileContents(source="tracks", settings=(*_body(path), *_open_layout(frames, names)), read_as=read_as)
+        return _contents("tracks", (*_body(path), *_open_layout(first, frames, names)), cells)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
-    told = f" {', '.join(map(repr, header))}" if cells is None else f"\n{probable_columns(first, cells)}"
+    told = f"\n{_page(cells)}"
     if why := refusal_of_unmeasured(header):
         raise UnknownLayoutError(f"{first}: {why}; its columns are{told}")
     raise UnknownLayoutError(
@@ -206,9 +217,31 @@ def propose(path: Path) -> FileContents:
     )
 
 
+def _contents(source: str, settings: Iterable[Setting], cells: Sheet, *, unused: tuple[str, ...] = ()) -> FileContents:
+    """The settings of a file, with a page about its columns where one of them is open."""
+    settings = (*settings,)
+    asked = any(one.value == OPEN and one.name.startswith("columns.") for one in settings)
+    page = _page(cells, source) if asked else ""
+    return FileContents(source=source, settings=settings, unused=unused, read_as=cells.read_as, page=page)
+
+
+def _page(cells: Sheet, source: str | None = None) -> str:
+    """What the columns of a file probably are, and a command with what the comments above its header say."""
+    remarks = "\n".join(comments(Path(cells.path)))
+    pixels = any({"px", "pixel", "pixels"} & {*name_words(name)} for name in cells.header)
+    settings = (_rate_of(remarks), *([_pixel_of(remarks)] if pixels else []))
+    stated = {one.name: one.value for one in settings if one.value != OPEN}
+    return probable_columns(Path(cells.path), cells, _frame_units(), stated, source=source)
+
+
+def _repeats(cells: Sheet, name: str | None) -> bool:
+    """Whether a column has each of its values in several rows, as that of the name of a recording."""
+    return name in cells.header and 2 * len({*cells.names(name)}) <= len(cells)
+
+
 def _impacts_of(first: Path) -> Sheet | None:
-    """The cells of a file of JSON or of arrays that is a table of impacts, and no recording."""
-    if first.suffix.lower() not in table.SHARED:
+    """The cells of a file that is a table of impacts; None of a recording, and of what is no table."""
+    if first.suffix.lower() not in table.READ:
         return None
     try:
         cells = table.preview(first)
@@ -264,7 +297,7 @@ def stated_by_header(path: Path) -> dict[str, Any]:
     left = [one for one in contents.settings if one.value == OPEN and one.name.startswith("columns.")]
     if left:
         asked = "; ".join(f"{one.name.removeprefix('columns.')}: {one.comment}" for one in left)
-        raise DataError(f"{file}: which column is which? state data.columns={{…}}, {asked}")
+        raise DataError(f"{file}: which column is which? state data.columns={{…}}, {asked}\n{contents.page}")
     columns = {name.removeprefix("columns."): value for name, value in values.items() if name.startswith("columns.")}
     stated = {name: values[name] for name in ("unit", "angle", "rate") if values.get(name) is not None}
     return stated | ({"columns": columns} if columns else {})
@@ -277,8 +310,10 @@ def _has_our_names(file: Path) -> bool:
         return False
 
 
-def _open_layout(known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
+def _open_layout(first: Path, known: Recognised, names: Sequence[str]) -> Iterator[Setting]:
     """The settings of a recording whose times or names of recordings are known, and not its columns of poses."""
+    if "time" not in known.names:
+        yield _rate_of("\n".join(comments(first)))
     for name in ("time", "recording"):
         if known.names.get(name, name) != name:
             yield Setting(
@@ -423,10 +458,7 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
     names, counted = known.names, any(name in FRAME_NUMBERS for name in known.others)
     others = [name for name in known.others if name not in FRAME_NUMBERS and not sensed(name)]
     if "time" not in names:
-        stated = _RATE if _RATE.search(remarks) or _FILTER.search(remarks) else _FREQUENCY
-        rate = _only_number(stated, remarks)
-        source = "for no column is a time in s" if rate is None else "as the comment above the header says"
-        yield Setting(name="rate", value=rate or OPEN, comment=f"frames a second, {source}")
+        yield _rate_of(remarks)
     axes, turns = ([name for name in group if name in names] for group in (("x", "y", "z"), ("qw", "qx", "qy", "qz")))
     columns: dict[str, tuple[Any, Any, str]] = {
         "time": (names.get("time", "time" if counted else None), "time", "s"),
@@ -463,10 +495,30 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
         value = None if not units else OPEN if len(units) > 1 else next(iter(units))
         about = f"{', '.join(choices)}; null: found from {evidence}"
         if value == _PIXEL:
-            size = [float(number) * UNITS["m"] / UNITS[unit] for number, unit in _SCALE.findall(remarks)]
-            value = float(f"{size[0]:.6g}") if len({*size}) == 1 else OPEN
-            about = "size of a pixel in m" + (", as the comment above the header says" if value != OPEN else "")
+            yield _pixel_of(remarks)
+            continue
         yield Setting(name=name, value=value, comment=about)
+
+
+def _rate_of(remarks: str) -> Setting:
+    """The setting of the frame rate."""
+    stated = _RATE if _RATE.search(remarks) or _FILTER.search(remarks) else _FREQUENCY
+    rate = _only_number(stated, remarks)
+    source = "for no column is a time in s" if rate is None else "as the comment above the header says"
+    return Setting(name="rate", value=rate or OPEN, comment=f"frames a second, {source}")
+
+
+def _pixel_of(remarks: str) -> Setting:
+    """The setting of the size of a pixel."""
+    sizes = {
+        f"{float(match['size']) ** power * UNIT_FACTORS['length'][match['unit'].replace('µ', 'u').lower()]:.6g}"
+        for pattern, power in _SCALES
+        for match in re.finditer(pattern, remarks, re.I)
+        if float(match["size"])
+    }
+    value = float(sizes.pop()) if len(sizes) == 1 else OPEN
+    about = "size of a pixel in m" + (", as the comment above the header says" if value != OPEN else "")
+    return Setting(name="unit", value=value, comment=about)
 
 
 def _with_heading(known: Recognised) -> Recognised:

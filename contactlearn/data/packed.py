@@ -20,7 +20,8 @@ from contactlearn.core.errors import DataError
 LARGEST = 2**29
 """Bytes of a file when it is unpacked, at most."""
 _STREAMS = {".gz": gzip.GzipFile, ".bz2": bz2.BZ2File, ".xz": lzma.LZMAFile}
-_ARCHIVES = (".zip", *_STREAMS)
+ARCHIVES = (".zip", *_STREAMS)
+"""Suffixes of packed files."""
 UNREAD = (".7z", ".tar", ".tgz", ".rar", ".zst")
 """Suffixes of archives that are not read."""
 _BESIDE = ("readme", "license", "__macosx", ".")  # beginnings of names that are no data
@@ -31,7 +32,7 @@ _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, BadZipFile, RuntimeEr
 
 def is_archive(path: Path) -> bool:
     """Return whether a file is packed."""
-    return path.suffix.lower() in _ARCHIVES and path.is_file()
+    return path.suffix.lower() in ARCHIVES and path.is_file()
 
 
 def exists(path: Path) -> bool:
@@ -125,7 +126,7 @@ def size_of(path: Path) -> int:
 
 def _archive_of(path: Path) -> Path | None:
     """The archive that a file is in; None of a file that is not packed."""
-    return next((one for one in path.parents if one.suffix.lower() in _ARCHIVES and one.is_file()), None)
+    return next((one for one in path.parents if one.suffix.lower() in ARCHIVES and one.is_file()), None)
 
 
 def _content(path: Path) -> bytes:

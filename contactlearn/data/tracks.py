@@ -34,7 +34,7 @@ from contactlearn.data.recordings.angles import (
     search_reading,
     without_angles,
 )
-from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity, refuse_left_handed_words
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.markers import (
@@ -184,7 +184,7 @@ def track_options(
 
     `unit`, `up`, `order`, `angle`, `sense` and `drag` are those of `Conventions`, `columns`, `rate` and `body` those of
     `Layout`, `fewest` and `contact_time` those of `FlightOptions`; `workers` search a hundred files and more, or a
-    single one.
+    single one.  A factor of the angle states its sense.
 
     Raises:
         DataError: a value out of its range.
@@ -197,6 +197,14 @@ def track_options(
             raise UnknownNameError("entry of data.columns", name, (*_COLUMNS, *_ORIENTATIONS))
     for name in _ORIENTATIONS:
         columns |= {"quaternion": columns.pop(name)} if name in columns else {}
+    layout = Layout(**columns, rate=rate, body=body)
+    if layout.unit is not None and unit is not None:
+        raise DataError(f"data.unit={unit} is stated beside units in data.columns: leave one of them out")
+    of_angle = layout.made.get(layout.angle or "", (None, None, {}))[2]
+    if "unit" in of_angle and angle not in (None, "rad"):
+        raise DataError(f"data.angle={angle} is stated beside a unit in data.columns.angle: leave one of them out")
+    angle = "rad" if "unit" in of_angle else angle
+    sense = sense or ("as_read" if "factor" in of_angle else None)
     return TrackOptions(
         conventions=Conventions(
             unit=unit,
@@ -206,7 +214,7 @@ def track_options(
             sense=sense,
             drag=None if drag is None else finite_number("drag", drag, 0),
         ),
-        layout=Layout(**columns, rate=rate, body=body),
+        layout=layout,
         flight=FlightOptions(
             fewest=None if fewest is None else whole("fewest", fewest, 5),
             contact_time=finite_number("contact_time", contact_time, 0, 0.1),
@@ -258,6 +266,7 @@ def find_impacts(
     mass = finite_number("mass", mass, 0, above=True)
     gyration = _gyration(known, mass, inertia)
     if isinstance(known, Solid):
+        refuse_left_handed_words(files[0], options.layout)
         options = replace(options, solid=known, moments=tuple(gyration.tolist()))
     turning = any(np.ptp(one.rotation[one.seen], axis=0).any() for one in recordings if one.seen.any())
     find = find_angles if turning else without_angles

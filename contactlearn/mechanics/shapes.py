@@ -509,6 +509,37 @@ KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid | P
 }
 
 
+_SAME_KIND = {"circle": "disc", "ball": "sphere", "box": "cuboid", "cube": "cuboid", "square": "rectangle"}
+"""Other words for a kind."""
+_SIDES = ("sides", "side", "size", "edges", "edge")
+_EDGES = ("width", "height", "depth")
+
+
+def _spelled(kind: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The kind and fields of a body in other words: full lengths, a diameter, a rectangle; others as they are.
+
+    `sides: [0.1, 0.05]` or `width: 0.1, height: 0.05` are those of a rectangle, `side: 0.1` of a square or cube.  A box
+    of two sides is a rectangle.
+    """
+    own, regular = dict(entries), kind in ("square", "cube")
+    kind = _SAME_KIND.get(kind, kind)
+    if kind in ("disc", "sphere") and "diameter" in own and "radius" not in own:
+        own["radius"] = finite_number("diameter", own.pop("diameter"), 0, above=True) / 2
+    if kind not in ("cuboid", "rectangle") or (kind == "cuboid" and "half" in own):
+        return kind, own
+    name = next((name for name in ("half", *_SIDES) if name in own), "sides")
+    sides = own.pop(name) if name in own else [own.pop(edge) for edge in _EDGES if edge in own]
+    sides = [*sides] if isinstance(sides, Sequence) and not isinstance(sides, str) else [sides]
+    count = 2 if kind == "rectangle" or len(sides) == 2 else 3
+    if not sides:
+        raise DataError(f"a {kind} takes sides, its {count} lengths in m; got {', '.join(own) or 'nothing'}")
+    sides = _lengths(name, sides * count if regular and len(sides) == 1 else sides, count)
+    a, b, *c = (length if name == "half" else length / 2 for length in sides)
+    if c:
+        return kind, {**own, "half": [a, b, *c]}
+    return "polygon", {**own, "vertices": [[a, b], [-a, b], [-a, -b], [a, -b]]}
+
+
 def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
     """Refuse the shape of a body in the plane for one in space, and the other way round.
 
@@ -530,6 +561,8 @@ def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
 def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     """Shape from `{kind: ellipse, semi_axes: [a, b]}`, another kind with its fields, as of `polyhedron`, or None.
 
+    A rectangle, square, circle, box, cube or ball is what its sides, radius or diameter say.
+
     Raises:
         DataError: a missing, unknown or impossible entry.
         UnknownNameError: a kind that does not exist.
@@ -538,12 +571,12 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
         return spec
     if not isinstance(spec, Mapping):
         raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")
-    entries = dict(spec)
-    kind = str(entries.pop("kind", "none"))
+    entries = {key: one for key, one in spec.items() if key != "kind"}
+    kind, entries = _spelled(str(spec.get("kind", "none")), entries)
     if kind not in KINDS:
         if any(isinstance(value, Mapping) for value in entries.values()):
             raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
-        raise UnknownNameError("shape kind", kind, KINDS)
+        raise UnknownNameError("shape kind", kind, (*KINDS, "rectangle", *_SAME_KIND))
     make = polyhedron if kind == "polyhedron" else KINDS[kind]
     try:
         return make(**{key: _plain(value) for key, value in entries.items()})

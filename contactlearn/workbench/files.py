@@ -20,6 +20,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.packed import ARCHIVES
 from contactlearn.report.page.page import FILE, RECORDINGS, REPLAY, has_recordings
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text.sentences import headline
@@ -251,13 +252,15 @@ class FileCallbacks:
         Raises:
             DataError: it is no table, or breaks a rule of tables.
         """
-        table.check_suffix(Path(name), table.SUFFIXES)
+        suffix = Path(name).suffix.lower()
+        table.check_suffix(Path(name), (*table.READ, *ARCHIVES))
+        inner = Path(Path(name).stem).suffix.lower() if suffix in ARCHIVES else ""  # of drops.csv.gz
         try:
             table_bytes = base64.b64decode(contents.partition(",")[2], validate=True)
         except binascii.Error as error:
             raise DataError(f"{name}: did not arrive whole: {error}; drop it again") from None
         digest = hashlib.sha256(table_bytes).hexdigest()[:16]
-        path = self.saved.outputs / "uploads" / f"{digest}{Path(name).suffix.lower()}"
+        path = self.saved.outputs / "uploads" / f"{digest}{inner}{suffix}"
         if not path.exists():
             with atomic_write(path) as part:
                 part.write_bytes(table_bytes)

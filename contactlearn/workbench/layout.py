@@ -12,7 +12,8 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn import laws
-from contactlearn.data.table import SUFFIXES
+from contactlearn.data.packed import ARCHIVES
+from contactlearn.data.table import READ
 from contactlearn.effects import catalogue
 from contactlearn.report.text.names import label, law_label
 from contactlearn.workbench.components import action_button, button, controls, figure, note, run_controls
@@ -93,7 +94,7 @@ def page_layout(largest: int) -> Component:
 def _header(largest: int) -> Component:
     upload = dcc.Upload(
         "Drop a table here, or choose one", id="upload", className="drop", max_size=largest,
-        accept=",".join(SUFFIXES),
+        accept=",".join((*READ, *ARCHIVES)),
     )  # fmt: skip
     words = dcc.Input(
         id="words", type="text", autoComplete="off", spellCheck=False, placeholder="data=mystery data.seed=7"

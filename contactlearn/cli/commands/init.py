@@ -57,6 +57,7 @@ def write_settings(path: Path, name: str | None) -> str:
     lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     first = f"contactlearn impacts data={word} -o impacts.parquet, " if contents.source == "tracks" else ""
     lines.append(f"then     {first}contactlearn audit data={word}, and data={word} on every command in this folder")
+    lines += ["or       name its columns in one command", contents.page] if contents.page else []
     return "\n".join(lines)
 
 

@@ -15,9 +15,11 @@ upright.
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +27,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.core.numerics import is_number, measured
+from contactlearn.data.packed import opened_bytes
 from contactlearn.data.recordings.flights import (
     Air,
     FlightModel,
@@ -37,6 +40,7 @@ from contactlearn.data.recordings.flights import (
 )
 from contactlearn.data.recordings.frame import ORDERS, Clue, Frame, body_axes, orders_of, rotation_axis
 from contactlearn.data.recordings.poses import Array
+from contactlearn.data.recordings.readers import Layout
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Recording, about_centre, mean_step
@@ -369,7 +373,10 @@ def find_frame(
     scale, unit = _unit(gravity, stated.unit, first, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
     if in_space:
-        frame, clues = _in_space(first, up, scale, stated.order), ()
+        frame = _in_space(first, up, scale, stated.order)
+        assumed = "impacts of a body that is its own mirror image cannot show it"
+        hand = Clue(convention="axes", value="right-handed", stated=None, quantity=assumed, number=math.nan, unit="–")
+        clues = (hand,)
     elif first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
         frame, clues = Frame(scale=scale, axes=axes), ()
@@ -549,6 +556,40 @@ def _in_space(first: Recording, up: Array, scale: float, order: str | None) -> F
     level = np.eye(3)[int(np.argmax(np.abs(up) < _HALF))]
     right = (level - (level @ up) * up) / np.linalg.norm(level - (level @ up) * up)
     return Frame(scale=scale, axes=np.stack((right, np.cross(up, right), up)).astype(np.float64), order=order)
+
+
+_LEFT_HANDED = re.compile(r"left\W?hand|\bunity(?:3d)?\b|\bunreal\b|\bdirectx\b|linkshänd", re.I)
+_LOOKED_AT = 1 << 16  # bytes of a file in which words for its axes are looked for
+
+
+def refuse_left_handed_words(path: Path, layout: Layout) -> None:
+    """Refuse a file in space that says that its axes are left-handed, unless a factor says which column is mirrored.
+
+    Impacts of a body which is its own mirror image look the same in a mirror.
+
+    Raises:
+        DataError: with the columns that mirror it.
+    """
+    if any("factor" in entry for _, _, entry in layout.made.values()):
+        return
+    with opened_bytes(path) as file:
+        word = _LEFT_HANDED.search(f"{path.name} {file.read(_LOOKED_AT).decode(errors='replace')}")
+    if word is None:
+        return
+    place, turned, order = layout.position, layout.quaternion, layout.order or "wxyz"
+    mirrored = {
+        place[-1],
+        *(name for name, axis in zip(turned, order, strict=False) if axis in "xy" and len(turned) == 4),
+    }
+    position, quaternion = (
+        ", ".join(f"{{column: {name}, factor: -1}}" if name in mirrored else name for name in names)
+        for names in (place, turned)
+    )
+    raise DataError(
+        f"{path}: says {word[0]!r}, where axes are left-handed; they must be right-handed: state which columns are "
+        f"mirrored, 'data.columns={{position: [{position}], quaternion: [{quaternion}]}}', or a factor: 1 of one of "
+        "them if they are right-handed"
+    )
 
 
 def _spatial(

@@ -125,11 +125,11 @@ def tilt(
 
 @dataclass(frozen=True, kw_only=True)
 class Clue:
-    """One convention: where it comes from, and the number that shows it."""
+    """One convention: whether it is stated, or found, or None where it is assumed, and the number that shows it."""
 
     convention: str
     value: str
-    stated: bool
+    stated: bool | None
     quantity: str
     number: float
     unit: str

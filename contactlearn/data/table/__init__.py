@@ -88,9 +88,9 @@ _MAX_GROUPS = 12  # of names in a covariate, that may be more than half of the r
 _SAME = 1e-6  # relative difference of a number in a setting and in a column, up to which they say the same
 _TURNED = 8 * math.pi  # |θ| in rad, in the median, above which it is taken to be in degrees: four turns
 _JSON, _ARRAYS = (".json", ".jsonl", ".ndjson"), (".mat", ".npz", *HDF5)
-_DELIMITED = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm")
+DELIMITED = (".csv", ".tsv", ".txt", ".dat", ".asc", ".prn", ".tab", ".lvm")
 _READERS = {
-    **dict.fromkeys((*_DELIMITED, ".tex", ".md", ".html", ".htm"), files.read_text),
+    **dict.fromkeys((*DELIMITED, ".tex", ".md", ".html", ".htm"), files.read_text),
     **dict.fromkeys((".sqlite", ".sqlite3", ".db"), files.read_database),
     **dict.fromkeys((".xlsx", ".ods"), files.read_spreadsheet),
     ".parquet": files.read_parquet,
@@ -98,8 +98,8 @@ _READERS = {
     **dict.fromkeys(_ARRAYS, files.read_arrays),
 }
 _WRITERS = {".csv": files.write_csv, ".parquet": files.write_parquet}
-SHARED = (*_JSON, *_ARRAYS)
-"""Suffixes of files that may be recordings as well."""
+READ = tuple(_READERS)
+"""Suffixes of all files that can be read."""
 SUFFIXES = tuple(suffix for suffix in _READERS if suffix not in _ARRAYS)
 """Of the files that are tables first, of those that can be read."""
 
@@ -304,6 +304,15 @@ def _read_as(named: NamedColumns) -> tuple[str, ...]:
     )
     said = (word.removesuffix(" in ") + sense for word, sense in zip(words, senses, strict=True))
     return (*named.cells.read_as, *said)
+
+
+def raw_cells(path: Path) -> Sheet:
+    """Return all rows of a table file as raw cells, under its own names.
+
+    Raises:
+        DataError: see `read`.
+    """
+    return next(_sheets(path, None))
 
 
 def preview(path: Path) -> Sheet:

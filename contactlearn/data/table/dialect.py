@@ -24,7 +24,7 @@ from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
 _LABVIEW = "***End_of_Header***"
-_SAMPLE = 1 << 20  # bytes of a file that are looked at
+_SAMPLE, _ROW = 1 << 20, 1 << 10  # bytes of a file that are looked at, and of a row, at most
 _LARGEST_MARKUP = 2**26  # bytes of a text that is marked up
 _ROWS = 1000  # of these, at most
 _MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
@@ -35,7 +35,7 @@ WIDE = "  "
 _BLANKS = re.compile(r"[ \t]*(?:\t| {2})[ \t]*")
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
-_MISSING = frozenset(
+MISSING = frozenset(
     ("nan", "na", "n/a", "<na>", "null", "none", "-", "--", "–", "—", "#n/a", "#na", "#nv", "#name?")
 ) | frozenset(f"#{error}!" for error in _ERRORS)  # fmt: skip
 """How instruments and spreadsheets write a number that is missing, in small letters."""
@@ -43,6 +43,7 @@ _GROUPS = re.compile(
     r"[-+]?\d{1,3}(?:(?P<mark>[ '’.,])\d{3})(?:(?P=mark)\d{3})*(?:(?!(?P=mark))[.,]\d*)?(?:[eE][-+]?\d+)?"
 )
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][-+]?\d+)?")
+_NUMBERED = re.compile(r"[\W_]*\d")  # a cell that begins with a number, as that of a measurement does
 _FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]?\d+$)")
 _BLANK = dict.fromkeys(map(ord, "\u00a0\u2009\u202f"), " ")
 _SPACES = _BLANK | dict.fromkeys((0x2212, 0x2013, 0xFF0D), "-")
@@ -60,7 +61,7 @@ _UNIT_AFTER = re.compile(r"(?P<number>.*[\d.,])\s*(?P<unit>(?:[^\W\d]|°).*)")
 
 def is_missing(cell: Any) -> bool:
     """Return whether a cell is empty, or says that its number is missing; other text is a mistake."""
-    return cell is None or (isinstance(cell, str) and (not cell.strip(_STARS) or cell.strip().lower() in _MISSING))
+    return cell is None or (isinstance(cell, str) and (not cell.strip(_STARS) or cell.strip().lower() in MISSING))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +182,11 @@ class Dialect:
         parts = [f"a table of {self.language}"] if self.language else [parted] * (self.separator != ",")
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
-        parts += [] if self.encoding.startswith("utf-8") else [{"cp1252": "Windows-1252"}.get(self.encoding, "UTF-16")]
+        parts += (
+            []
+            if self.encoding.startswith("utf-8")
+            else [{"cp1252": "Windows-1252", "cp932": "Shift-JIS"}.get(self.encoding, "UTF-16")]
+        )
         parts += (
             [f"{self.comments} comment {'line' if self.comments == 1 else 'lines'} above the header"]
             if self.comments
@@ -190,15 +195,16 @@ class Dialect:
         return (*parts, *self.header.read_as)
 
 
-def sniffed(path: Path) -> Dialect:
-    """Read the dialect of a text file off its first rows.
+def sniffed(path: Path, most: int = _ROWS) -> Dialect:
+    """Read the dialect of a text file off its first rows, `most` of them.
 
     Raises:
         DataError: it is empty, no text, or has two readings.
     """
+    sample = min(_SAMPLE, _ROW * most)
     with opened_bytes(path) as file:
-        head = file.read(_SAMPLE + 1)
-    whole = len(head) <= _SAMPLE
+        head = file.read(sample + 1)
+    whole = len(head) <= sample
     encoding = _encoding(path, head)
     try:
         text = codecs.getincrementaldecoder(encoding)("strict").decode(head, final=whole)
@@ -212,7 +218,7 @@ def sniffed(path: Path) -> Dialect:
     fortran = _fortran_comments(lines[above:])
     above += fortran
     comments = [_MARK.sub("", line) if fortran else line for line in lines[:above] if line.strip()]
-    body = "".join(lines[above:])
+    body = "".join(lines[above : above + most])
     separator = _separator(path, body)
     rows = _rows(body, separator)
     if not rows:
@@ -288,15 +294,28 @@ def _encoding(path: Path, head: bytes) -> str:
         if head.startswith(mark):
             return name
     if head.count(0) > len(head) / 8:
-        raise DataError(f"{path}: is not text, or UTF-16 without a byte-order mark; save it as 'CSV UTF-8'")
-    for name in ("utf-8", "cp1252"):
-        try:
-            codecs.getincrementaldecoder(name)("strict").decode(head)
-        except UnicodeDecodeError:
-            continue
-        if name == "utf-8" or b"\0" not in head:
-            return name
-    raise DataError(f"{path}: is neither UTF-8 nor Windows-1252 text; save it as 'CSV UTF-8'")
+        even, odd = head[::2].count(0), head[1::2].count(0)
+        if not even or not odd:  # the other half of letters without accents
+            return "utf-16-be" if even else "utf-16-le"
+        raise DataError(f"{path}: is not text; save it as 'CSV UTF-8'")
+    decoded = dict[str, str]()
+    for name in ("utf-8", "cp932", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            decoded[name] = codecs.getincrementaldecoder(name)("strict").decode(head)
+    if "utf-8" in decoded:
+        return "utf-8"
+    if _is_japanese(decoded.get("cp932", "")):
+        return "cp932"
+    if "cp1252" in decoded and b"\0" not in head:
+        return "cp1252"
+    raise DataError(f"{path}: is neither UTF-8, Windows-1252 nor Shift-JIS text; save it as 'CSV UTF-8'")
+
+
+def _is_japanese(text: str) -> bool:
+    """Whether most letters of a text that are not ASCII are Japanese, and few alone: two bytes may be any by chance."""
+    wide = [*re.finditer(r"[\u3000-\u30ff\u4e00-\u9fff\uff00-\uff60]+", text)]
+    together = sum(len(one[0]) for one in wide if len(one[0]) > 1)
+    return bool(wide) and 2 * together > sum(not one.isascii() for one in text)
 
 
 def csv_rows(lines: Iterator[str], separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -454,6 +473,8 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     ):
         names, titles = _grouped(names, above), first - 1
         read_as.append("two rows of names")
+    while first == titles and last + 2 < len(rows) and _are_names(rows[last : last + 2]):
+        last += 1  # of TrackMate, which writes names three times
     if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
         named = zip(names, map(text_of, rows[last]), strict=True)
         names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
@@ -506,6 +527,13 @@ def _is_units(cells: Sequence[Any]) -> bool:
     present = [text_of(cell) for cell in cells if not is_blank(cell)]
     units = sum(map(is_unit, present))
     return not any(map(is_numeral, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
+
+
+def _are_names(rows: Sequence[Sequence[Any]]) -> bool:
+    """Whether a row has names, and below it is another of these, or one of units."""
+    texts = [[text_of(cell) for cell in row] for row in rows]
+    letters = [not any(map(_NUMBERED.match, row)) and sum(map(bool, row)) > 1 for row in texts]
+    return all(letters) and len(texts[0]) == len(texts[1]) and not _is_units(rows[0]) and not _is_group(rows[0])
 
 
 def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:

@@ -24,7 +24,7 @@ from contactlearn.data.json_files import json_content
 from contactlearn.data.packed import for_library, on_disk
 from contactlearn.data.table.dialect import COMMENT, csv_rows, header_of, is_blank, is_numeric, numerals_of, sniffed
 from contactlearn.data.table.names import are_outcomes, components_of, name_words
-from contactlearn.data.table.rows import impactful
+from contactlearn.data.table.rows import impactful, rows_joined
 from contactlearn.data.table.sheet import Cells, Sheet
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a
 _ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
 _SHOWN = 60  # letters of a header, in errors
+_EVENTS = (["event"], ["type"], ["kind"], ["msg"], ["message"], ["topic"], ["ereignis"], ["typ"])
 _NUMERALS = 1000  # rows, at most, in which texts show how numbers are written
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
@@ -160,6 +161,9 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
     if len(tables) > 1:
         tables = {name: one for name, one in tables.items() if _of_impacts(one)} or tables
+    if len(tables) != 1 and (found := _joined_sheets(path, tables or sheets)):
+        yield found
+        return
     if len(tables) != 1:
         names = ", ".join(map(repr, tables))
         seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
@@ -178,6 +182,21 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     yield Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
 
 
+def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
+    """The cells of several worksheets that a column of each joins."""
+    by_name = dict[str, list[dict[str, Any]]]()
+    for name, frame in tables.items():
+        cells = [row for row in frame.values.tolist() if not all(map(is_blank, row))]
+        top = header_of(cells[:_HEAD], str(path))
+        by_name[name] = [dict(zip(top.names, row, strict=False)) for row in cells[top.rows :]]
+    if (found := rows_joined(by_name)) is None or not are_outcomes([*found[0][0]]):
+        return None
+    rows, said = found
+    columns: list[Cells] = [[None if is_blank(row[name]) else row[name] for row in rows] for name in rows[0]]
+    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
+    return Sheet(path, [*rows[0]], columns, numerals=numerals, read_as=(said,))
+
+
 def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
     """Cells of a JSON file: a list of records, a record a line, or lists by name; nested records have dotted names.
 
@@ -187,15 +206,31 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
     del rows  # JSON is read as a whole
     content = json_content(path, most=_UNPACKED)
     records = [*map(_flat, _records(path, content))]
+    records, read_as = _of_one_event(records)
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
         raise DataError(f"{path}: its records are empty")
     columns: list[Cells] = [[record.get(name) for record in records] for name in header]
     numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
-    yield Sheet(path, header, columns, numerals=numerals)
+    yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
 
 
-def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
+def _of_one_event(records: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """The records of the one event of a log that has velocities after contact; all of another file."""
+    for name in dict.fromkeys(name for record in records for name in record if name_words(name)[-1:] in _EVENTS):
+        kinds = {str(record.get(name)): record for record in reversed(records)}
+        sizes = {
+            kind: {one: np.zeros((2, max(np.size(value), 1))) for one, value in record.items()}
+            for kind, record in kinds.items()
+        }
+        hits = [kind for kind, arrays in sizes.items() if _has_outcomes(arrays)]
+        if len(hits) == 1 and len(kinds) > 1:
+            kept = [record for record in records if str(record.get(name)) == hits[0]]
+            return kept, (f"events {name}={hits[0]!r} alone, {len(records) - len(kept)} others left out",)
+    return records, ()
+
+
+def _records(path: Path, content: Any) -> Sequence[Mapping[str, Any]]:
     """The records of a JSON file: a list of them, alone or under one name, or a list or records of cells by name."""
     if isinstance(content, dict) and {"columns", "data"} <= {*content}:  # of pandas: orient="split"
         return [dict(zip(content["columns"], row, strict=False)) for row in content["data"]]
@@ -203,6 +238,14 @@ def _records(path: Path, content: Any) -> list[Mapping[str, Any]]:
     of_records = [one for one in lists if isinstance(one, list) and one and all(isinstance(row, dict) for row in one)]
     if len(of_records) == 1:
         return of_records[0]
+    if isinstance(content, dict) and len(of_records) > 1:
+        parts = {str(name): one for name, one in content.items() if one in of_records}
+        if found := rows_joined({name: [*map(_flat, rows)] for name, rows in parts.items()}):
+            return found[0]
+        raise DataError(
+            f"{path}: has lists of records {', '.join(parts)}, and no column with the same values in each, such as the "
+            "number of the trial, by which they belong together; write a record an impact"
+        )
     if isinstance(content, dict) and content:
         columns = [*content.values()]
         if all(isinstance(one, dict) and one.keys() == columns[0].keys() for one in columns):  # orient="columns"

@@ -23,11 +23,14 @@ from contactlearn.mechanics.rigid_body import GRAVITY
 _MOST_VARIABLES = 60  # names of quantities of a long table
 _MIN_VARIABLES = 3  # of them that the reader knows
 _MAX_BESIDE = 4  # columns of numbers beside the names, of which one may be that of the values; more may be trials
-_VALUES = {"value", "values", "wert", "werte", "valeur", "valor", "valore", "measurement", "reading", "number"}
+VALUES = {"value", "values", "wert", "werte", "valeur", "valor", "valore", "measurement", "reading", "number"}
+"""Words for the column of the numbers of a table that has a row each."""
 _UNITS = {"unit", "units", "einheit", "unité", "unite", "unidad", "unità"}
 _MIN_FLIGHTS = 3  # times of a run that show by falling that they are not those of the bounces themselves
 _SCALAR = re.compile(r"np\.\w+\(([^()]*)\)")
-_VECTOR = re.compile(r"(?:[A-Za-z_.]+\s*)?[\[({<]+(?P<inside>[^\[\](){}<>]*)[\])}>]+|(?P<bare>[^\[\](){}<>]+)")
+_VECTOR = re.compile(
+    r"(?:[A-Za-z_][\w.]*(?:\{[^{}]*\})?\s*)?[\[({<]+(?P<inside>[^\[\](){}<>]*)[\])}>]+|(?P<bare>[^\[\](){}<>]+)"
+)
 _BEFORE = {"pose", "state", "impact", "contact", "geometry", "all", "both"}
 """Words of a phase whose numbers are those at contact."""
 
@@ -158,7 +161,7 @@ def _long(cells: Sheet, variable: str, columns: Mapping[str, Cells]) -> _Long:
     )
     phase = next((name for name in others if name != unit and _is_phase(columns[name])), None)
     others = [name for name in others if name not in (unit, phase)]
-    values = [name for name in others if _VALUES.intersection(name_words(name))]
+    values = [name for name in others if VALUES.intersection(name_words(name))]
     trial = recognised_columns(others)[1].names.get("trial")
     values = values or [
         name for name in others if name != trial and any(map(is_numeral, columns[name])) and not _repeats(columns[name])
@@ -256,20 +259,21 @@ def _parts(column: Cells, decimal: str) -> list[list[Any] | None] | None:
     if not isinstance(column, list):
         return None
     first = next((cell for cell in column if not is_missing(cell)), None)
-    if first is None or not _numbers(first, decimal):
+    if first is None or not numbers_in(first, decimal):
         return None
-    parts = [None if is_missing(cell) else _numbers(cell, decimal) or [] for cell in column]
+    parts = [None if is_missing(cell) else numbers_in(cell, decimal) or [] for cell in column]
     return parts if 2 * sum(map(bool, parts)) > len(parts) - parts.count(None) else None
 
 
-def _numbers(cell: Any, decimal: str) -> list[Any] | None:
-    """The numbers of a vector, as text if it is text; None if the cell is none."""
+def numbers_in(cell: Any, decimal: str) -> list[Any] | None:
+    """Return the numbers of a vector, as text if it is text; None if the cell is none."""
     if isinstance(cell, str):
         if is_numeral(cell) or not (match := _VECTOR.fullmatch(_SCALAR.sub(r"\1", cell.strip()))):
             return None
         inside = match["inside"] if match["inside"] is not None else match["bare"]
         marks = r"[;|]" if re.search("[;|]", inside) else r"\s" if decimal == "," else r"[\s,]"
         parts = [part for part in re.split(rf"\s*{marks}\s*", inside.strip()) if part]
+        parts = parts[:-1] if parts[-1:] in (["true"], ["false"]) else parts  # whether the norm of a quaternion is 1
         if match["bare"] is not None and len(parts) < 2:
             return None
     elif isinstance(cell, list | tuple) or (isinstance(cell, np.ndarray) and cell.ndim):

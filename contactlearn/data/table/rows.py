@@ -8,7 +8,7 @@ Such rows are left out and named.  Nothing is decided by the numbers of a row.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -179,3 +179,35 @@ def is_merged(name: str, column: Cells) -> bool:
         and all(isinstance(cell, str) and not is_numeral(cell) and len(cell.split()) <= _MOST_WORDS for cell in present)
         and not _REMARKS.intersection(name_words(name))
     )
+
+
+def rows_joined(tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> tuple[list[dict[str, Any]], str] | None:
+    """Return rows with the cells of several tables that a column of each joins, such as trial, and what was done.
+
+    Columns of one name in several tables are called after these, too: before vx, after vx.
+
+    Args:
+        tables: their rows by their names.
+    """
+    headers = {table: [*dict.fromkeys(name for row in rows for name in row)] for table, rows in tables.items()}
+    every = [name for header in headers.values() for name in header]
+    if len(tables) < 2 or not all(tables.values()):
+        return None
+    for key in [name for name in dict.fromkeys(every) if every.count(name) == len(tables)]:
+        by_key = {table: {text_of(row.get(key)): row for row in rows} for table, rows in tables.items()}
+        first, *others = by_key.values()
+        if any(len(by_key[table]) != len(rows) for table, rows in tables.items()) or "" in first:
+            continue
+        if all(one.keys() == first.keys() for one in others):
+            found = [
+                {key: row[key]}
+                | {
+                    f"{table} {name}" if every.count(name) > 1 else name: by_key[table][value].get(name)
+                    for table, header in headers.items()
+                    for name in header
+                    if name != key
+                }
+                for value, row in first.items()
+            ]
+            return found, f"tables {' and '.join(tables)} joined by {key!r}"
+    return None

@@ -91,10 +91,13 @@ def refusal_number(refusal: Refusal) -> str:
     return _with_unit(refusal.quantity, refusal.value, refusal.unit)
 
 
+_SOURCES = {True: "stated", False: "found", None: "assumed"}
+
+
 def _convention(clue: Clue) -> tuple[str, str]:
     evidence = _with_unit(clue.quantity, clue.number, clue.unit)
     turning = ", ".join(f"{one} ({_SENSES[one]})" if one in _SENSES else one for one in clue.value.split(", "))
-    return clue.convention, f"{turning}, {'stated' if clue.stated else 'found'}: {evidence}"
+    return clue.convention, f"{turning}, {_SOURCES[clue.stated]}: {evidence}"
 
 
 def _with_unit(quantity: str, value: float, unit: str) -> str:

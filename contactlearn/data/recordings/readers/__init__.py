@@ -15,11 +15,12 @@ file that is not as it must be is yielded as its error.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,13 +51,12 @@ COMMENT = ("#", "%", "//")
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
 
 
-def _strings(names: Sequence[str] | str) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(map(str, names))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Layout:
     """Names of columns; of each the first that the file has is taken.
+
+    In place of a name of all but `recording` may stand {column: …, unit: …, factor: …} or {value: …} (`table.mapped`):
+    the field then holds the name of the column that `made` describes.
 
     Args:
         time: of the time in s; None if the frame rate says it.
@@ -71,6 +71,7 @@ class Layout:
         places: of the markers in the body about its centre of mass, in the file's unit, where they are known: poses are
             then those of this body.
         unit: of length, where the file's format says so.
+        made: what settings state of a column, by its name: that of the field, our column that it is like, the entry.
     """
 
     time: str | None = "time"
@@ -83,11 +84,24 @@ class Layout:
     body: str | None = None
     places: Sequence[Sequence[float]] = field(default=())
     unit: str | None = None
+    made: dict[str, tuple[str, str, Mapping[str, Any]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name in ("time", "angle"):
+            object.__setattr__(self, name, self._named(name, getattr(self, name)))
         for name in ("position", "quaternion"):
-            object.__setattr__(self, name, _strings(getattr(self, name)))
-        object.__setattr__(self, "markers", tuple(_strings(names) for names in self.markers))
+            object.__setattr__(self, name, self._all_named(name, getattr(self, name)))
+        markers = (self._all_named("markers", names) for names in self.markers)
+        object.__setattr__(self, "markers", tuple(markers))
+        places = [*chain.from_iterable(self.markers)] or self.position
+        entries = [self.made[name][2] if name in self.made else {} for name in places]
+        in_unit = {"unit" in entry for entry in entries if entry.get("value") != 0}
+        if len(in_unit) > 1:
+            raise DataError("data.columns.position: state the unit of each column, or of none of them and data.unit")
+        if True in in_unit:
+            object.__setattr__(self, "unit", "m")
+        if isinstance(self.recording, Mapping):
+            raise DataError(f"data.columns.recording is the name of a column, got {dict(self.recording)}")
         if self.body is not None:
             object.__setattr__(self, "body", str(self.body))  # a number in settings
         if self.rate is not None and not 0 < self.rate < np.inf:
@@ -97,6 +111,20 @@ class Layout:
                 "data.columns.quaternion must name four columns, or in its place euler three, about x, y and z, or "
                 f"matrix nine, row by row; got {self.quaternion}"
             )
+
+    def _all_named(self, field: str, entries: Any) -> tuple[str, ...]:
+        one = isinstance(entries, str | Mapping)
+        return tuple(str(self._named(field, entry)) for entry in ([entries] if one else entries))
+
+    def _named(self, field: str, entry: Any) -> str | None:
+        """The name of a column; that of one which settings make ends as its source does, and shows the order."""
+        if not isinstance(entry, Mapping):
+            return None if entry is None else str(entry)
+        like = {"time": "time", "angle": "theta", "quaternion": "theta"}.get(field, "x")
+        unit = " [s]" if field == "time" and "unit" in entry else ""
+        name = f"{field} {len(self.made)} {str(entry.get('column', ''))[-1:]}{unit}"
+        self.made[name] = (field, like, entry)
+        return name
 
     def times(self, frames: int, source: str) -> Array:
         """Times of frames by the frame rate.
@@ -173,6 +201,8 @@ _MODULES = {
 }
 SUFFIXES = tuple(_MODULES)
 """Of the files that can be read."""
+TABLES = (".xlsx", ".ods", ".dat", ".asc", ".prn", ".tab", ".lvm", ".sqlite", ".sqlite3", ".db")
+"""Suffixes of other tables: a file is read by its path, and not for the folder that it is in."""
 _MOTIVE = "Format Version"
 TUM_COLUMNS = 8
 """Numbers in a line of TUM text."""
@@ -186,12 +216,17 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
         ContactLearnError: the library that reads the format is not installed.
     """
     _check_suffix(path)
-    name = _MODULES[path.suffix.lower()]
+    name = _MODULES.get(path.suffix.lower(), "columns")
     try:
         if path.suffix.lower() == ".csv" and is_motive(path):
             name = "motive"
         if path.suffix.lower() == ".txt" and (not leading_numbers(path) or has_titles(path)):
             name = "columns"
+        if layout.made and name != "columns":
+            raise DataError(
+                f"{path}: units, factors and values of columns are read of tables of frames, and this is none; state "
+                "data.unit, data.angle, data.sense and data.rate, or export it as CSV"
+            )
         module = import_module(f"contactlearn.data.recordings.readers.{name}")
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("contactlearn"):
@@ -220,7 +255,7 @@ def _check_suffix(path: Path) -> None:
             f"{path}: is a pickle, which runs code when it is opened; write the frames with numpy.savez("
             "'tosses.npz', time=…, position=…, quaternion=…), or as CSV"
         )
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in (*SUFFIXES, *TABLES):
         raise DataError(
             f"{path}: is no recording; a recording is one of {', '.join(SUFFIXES)}; export it as CSV, and a table of "
             "impacts likewise (docs/tables.md)"

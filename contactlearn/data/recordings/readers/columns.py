@@ -9,28 +9,37 @@ An empty cell is a coordinate that the tracker lost.  Exports with other lines a
 
 import re
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, product, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import pandas as pd
 from pyarrow import parquet
 
 from contactlearn.core.errors import DataError, suggest
-from contactlearn.data.packed import for_library, opened_bytes, opened_text
+from contactlearn.data.packed import for_library, opened_text
 from contactlearn.data.recordings.markers import pose_of_markers
-from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import COMMENT, JSON, RECORDED, VECTOR, Layout
-from contactlearn.data.recordings.readers.exports import Export, export_of
-from contactlearn.data.recordings.readers.nested import json_table, titled
+from contactlearn.data.recordings.poses import Array, turn
+from contactlearn.data.recordings.readers import JSON, RECORDED, TABLES, VECTOR, Layout
+from contactlearn.data.recordings.readers.exports import Export, export_of, padded
+from contactlearn.data.recordings.readers.nested import frame_of, is_folded, json_table, titled, unfolded
 from contactlearn.data.recordings.track import Recording
+from contactlearn.data.table import DELIMITED, raw_cells
+from contactlearn.data.table.dialect import MISSING, WIDE, Dialect, Header, Numerals, csv_rows, sniffed
+from contactlearn.data.table.mapped import stated_column
+from contactlearn.data.table.names import unit_as_written
+from contactlearn.data.table.units import Units
 
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
-_SNIFFED = 50  # lines in which the decimal mark is looked for
+_WIDE = r"\s{2,}|\t"  # what parts columns whose names have blanks
+_PLAIN = 12  # lines by which a text is as plain as most
+_NUMBER = re.compile(r"(?:[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|NaN)?")
+_SNIFFED = 60  # lines by which a text is understood
 _LONGER = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 _LOST = 1e20  # from which on a number is a mark of a lost coordinate, such as -3.697314E28 of NDI
 MOST_FRAMES = 2_000_000
@@ -47,7 +56,7 @@ def read(path: Path, layout: Layout) -> Iterator[Recording | DataError]:
     for part in _parts(path, export) if nested is None else [nested]:
         if names == "recording" not in part.columns and (column := recording_column(part)):
             layout, names = replace(layout, recording=column), column
-        part = _of_body(path, part, layout)
+        part = _as_stated(path, _of_body(path, part, layout), layout)
         _check_columns(path, part, layout)
         for piece in _pieces(part, names):
             if pending and _name(pending[-1], names) != _name(piece, names):
@@ -95,23 +104,18 @@ def _pieces(part: pd.DataFrame, names: str | None) -> Iterator[pd.DataFrame]:
             yield piece
 
 
-def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
+def _parts(path: Path, export: Export | None, rows: int | None = None) -> Iterator[pd.DataFrame]:
+    """Frames of a text or Parquet file, so many at a time."""
+    rows = rows or _ROWS
     if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(for_library(path), pre_buffer=False) as file:
-            for batch in file.iter_batches(_ROWS):
+            for batch in file.iter_batches(rows):
                 yield _flat(batch.to_pandas())
         return
-    with opened_bytes(path) as file:
-        if not file.read(1):
-            raise DataError(f"{path}: the file is empty; its first line names the columns")
-    with pd.read_csv(
-        for_library(path),
-        chunksize=_ROWS,
-        low_memory=False,
-        skipinitialspace=True,
-        encoding="utf-8-sig",
-        **_dialect(path, export),
-    ) as reader:
+    text, format = _of_export(path, export) if export else _of_text(path)
+    engine = {"engine": "python"} if format["sep"] == _WIDE else {"low_memory": False}
+    options = {"chunksize": rows, "na_values": MISSING, "skipinitialspace": True, "index_col": False, "header": None}
+    with text, pd.read_csv(text, **options, **engine, **format) as reader:
         try:
             yield from reader if export is None else map(export.cleaned, reader)
         except pd.errors.ParserError as error:
@@ -125,22 +129,69 @@ def _parts(path: Path, export: Export | None) -> Iterator[pd.DataFrame]:
 
 def comments(path: Path) -> list[str]:
     """Return the comments and other lines above the header of a text file."""
-    if path.suffix.lower() in (".parquet", *JSON):
+    if path.suffix.lower() not in DELIMITED:
         return []
-    with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
-        lines = [*islice(file, _SNIFFED)]
-    return [line.strip() for line in lines[: _above(lines)]]
+    try:
+        dialect, above, _ = _placed(path)
+    except DataError:  # whose frames have no header above them
+        return []
+    with dialect.opened(path) as file:
+        return [line.strip() for line in islice(file, above - len(dialect.header.raw))]
 
 
-def _above(lines: Sequence[str]) -> int:
-    """The number of lines above the header: comments, and titles of fewer cells than the first numbers have."""
-    above = len([*takewhile(lambda line: line.startswith(COMMENT), lines)])
-    first = next((k for k, line in enumerate(lines) if k > above and _NUMBERS.match(line)), 0)
-    for mark in ";\t,":
-        cells = lines[first].count(mark) if first else 0
-        if cells and lines[above].count(mark) < cells == lines[first - 1].count(mark):
-            return first - 1
-    return above
+def _plain(path: Path) -> Dialect | None:
+    """The dialect of a text with names in its first line, and in each other line as many numbers with points.
+
+    Most recordings are such, and there may be thousands.
+    """
+    try:
+        with opened_text(path, encoding="utf-8-sig") as file:
+            header, *frames = [line.rstrip("\r\n") for line in islice(file, _PLAIN)] or [""]
+    except UnicodeDecodeError:
+        return None
+    separator = next((mark for mark in "\t;," if mark in header), ",")
+    names = header.split(separator)
+    known = all(re.match(r"\w", name) and '"' not in name and not _NUMBER.fullmatch(name) for name in names)
+    rows = [line.split(separator) for line in frames]
+    if not known or not rows or len({*names}) < len(names) or {*map(len, rows)} != {len(names)}:
+        return None
+    if not all(_NUMBER.fullmatch(cell) for row in rows for cell in row):
+        return None
+    return Dialect(
+        encoding="utf-8-sig", separator=separator, above=0, comments=0, numerals=Numerals(),
+        header=Header(names=names, rows=1, read_as=(), raw=(tuple(names),)),
+    )  # fmt: skip
+
+
+def _placed(path: Path) -> tuple[Dialect, int, list[str]]:
+    """The dialect of a text, the number of lines above its frames, and the first of these."""
+    dialect = _plain(path) or sniffed(path, most=_SNIFFED)
+    rows, above = dialect.header.rows, dialect.above
+    with dialect.opened(path) as file:
+        head = [*islice(csv_rows(islice(file, above, None), dialect.separator), rows + 1)]
+    return dialect, above + (head[rows - 1][0] if rows else 0), head[rows][1] if len(head) > rows else []
+
+
+def _of_text(path: Path) -> tuple[TextIO, dict[str, Any]]:
+    """An opened text, and what pandas is to be told of it.
+
+    Raises:
+        DataError: it holds no frames.
+    """
+    dialect, above, first = _placed(path)
+    if not first:
+        raise DataError(f"{path}: holds no frames")
+    names, other = list[str](), "." if dialect.numerals.decimal == "," else ","
+    for name in padded(dialect.header.names, first):
+        count = sum(one == name or one.startswith(f"{name}.") for one in names) if name in names else 0
+        names.append(f"{name}.{count}" if count else name)
+    return dialect.opened(path), {
+        "sep": {" ": r"\s+", WIDE: _WIDE}.get(dialect.separator, dialect.separator),
+        "decimal": dialect.numerals.decimal,
+        "thousands": other if dialect.numerals.grouped else None,
+        "skiprows": above,
+        "names": names,
+    }
 
 
 def column_names(path: Path) -> list[str]:
@@ -160,36 +211,18 @@ def _flat(frames: pd.DataFrame) -> pd.DataFrame:
     return frames
 
 
-def _dialect(path: Path, export: Export | None) -> dict[str, Any]:
-    """Separator and decimal mark of a text, those of a spreadsheet where a semicolon or a tab parts the header.
-
-    Lines above the header are passed over; the frames of an export end with its first blank line.
-    """
+def _of_export(path: Path, export: Export) -> tuple[TextIO, dict[str, Any]]:
+    """The same of an export, whose frames end with its first blank line."""
     with opened_text(path, encoding="utf-8-sig", errors="replace") as file:
-        if export is not None:
-            frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
-            more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0
-            separator, own = export.separator, {"header": None, "names": export.names, "index_col": False}
-            own |= {"skiprows": export.above, "nrows": len(frames) + more}
-        else:
-            top = [*islice(file, _SNIFFED)]
-            above = top[: _above(top)]
-            file.seek(0)
-            header, *frames = [*islice(file, len(above), len(above) + _SNIFFED), "", ""]
-            if not header.strip():
-                raise DataError(f"{path}: holds no frames")
-            separator, own = next((mark for mark in ";\t," if mark in header), ","), {"skiprows": len(above)}
-            if separator not in header and len(header.split()) == len(frames[0].split()) > 1:
-                separator = r"\s+"
-            names = (
-                [name.strip() for name in above[-1].lstrip("".join(COMMENT) + " ").split(separator)] if above else []
-            )
-            if len(names) == len(header.split(separator)) > 1 and _NUMBERS.match(header):  # as rostopic echo -p writes
-                own |= {"header": None, "names": names, "index_col": False}
-    return {
-        "sep": separator,
-        "decimal": "," if separator != "," and any(re.search(r"\d,\d", line) for line in frames) else ".",
-        **own,
+        frames = [*islice(takewhile(str.strip, islice(file, export.above, None)), _SNIFFED)]
+        more = sum(1 for _ in takewhile(str.strip, file)) if len(frames) == _SNIFFED else 0
+    commas = export.separator != "," and any(re.search(r"\d,\d", line) for line in frames)
+    return opened_text(path, encoding="utf-8-sig"), {
+        "sep": export.separator,
+        "decimal": "," if commas else ".",
+        "skiprows": export.above,
+        "nrows": len(frames) + more,
+        "names": export.names,
     }
 
 
@@ -251,7 +284,27 @@ def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     return table.rename(columns=bodies[_chosen(str(path), [*bodies], layout, "in names of columns")])
 
 
-_NUMBERS = re.compile(r"[-+]?\d")
+def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """A table with the columns that settings make, those with a stated unit in SI.
+
+    Raises:
+        DataError: see `stated_column`; or a unit of a quaternion.
+    """
+    columns = dict[str, Array]()
+    for name, (field, like, entry) in layout.made.items():
+        setting = f"{path}: data.columns.{field}"
+        one = stated_column(setting, entry, like, [*map(str, table.columns)])
+        if field == "quaternion" and one.unit and len(layout.quaternion) != 3:
+            raise DataError(f"{setting}: a quaternion and a matrix have no unit, got {one.unit}; leave it out")
+        column = np.full(len(table), one.value) if one.column is None else _column(str(path), table, one.column)
+        column = one.factor * column
+        if one.unit:
+            column = column * Units({}, {like: unit_as_written(one.unit, like)}).factor(like)
+            column = turn(column) if field == "quaternion" else column
+        columns[name] = column
+    return table.assign(**columns) if columns else table
+
+
 _SECONDS = {"ns": 1e-9, "ms": 1e-3, "min": 60.0, "h": 3600.0, **dict.fromkeys(("us", "µs", "μs"), 1e-6)}
 
 
@@ -313,10 +366,19 @@ def bodies_in_rows(
 
 
 def nested_table(path: Path) -> pd.DataFrame | None:
-    """Return the frames of JSON, or of a text with a title above each recording; None of other files."""
-    if path.suffix.lower() in JSON:
+    """Return the frames of JSON, of a table that is no text, and of a text with titles or odd cells; None of others."""
+    suffix = path.suffix.lower()
+    if suffix in JSON:
         return json_table(path)
-    return titled(path) if path.suffix.lower() in (".csv", ".tsv", ".txt") else None
+    if suffix not in DELIMITED:
+        return unfolded(frame_of(raw_cells(path))) if suffix in TABLES else None
+    if (frames := titled(path)) is not None or export_of(path) is not None:
+        return frames
+    if _plain(path):
+        return None
+    with suppress(DataError):  # `_parts` says what is wrong
+        return unfolded(pd.concat(_parts(path, None))) if is_folded(next(_parts(path, None, _SNIFFED))) else None
+    return None
 
 
 def first_rows(path: Path) -> pd.DataFrame:

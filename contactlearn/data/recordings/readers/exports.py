@@ -80,7 +80,7 @@ class Export:
         Raises:
             DataError: it is not stated which of several bodies, or the stated one is not there.
         """
-        stated = replace(stated, rate=stated.rate or self.rate, unit=self.unit)
+        stated = replace(stated, rate=stated.rate or self.rate, unit=stated.unit or self.unit)
         stated = replace(stated, time=self.clock) if stated.time == "time" else stated
         if self.bodies:
             if stated.body not in self.bodies and (stated.body is not None or len(self.bodies) > 1):
@@ -88,7 +88,7 @@ class Export:
                 raise DataError(f"{path}: has the bodies {', '.join(self.bodies)}; state {choices}")
             position, turned = self.bodies[stated.body or next(iter(self.bodies))]
             return replace(stated, position=position, quaternion=turned, body=None)
-        if stated.markers or {*stated.position[:2]} <= {*self.names}:
+        if stated.markers or stated.made or {*stated.position[:2]} <= {*self.names}:
             return stated if stated.angle in self.names else replace(stated, angle=None)
         if stated.body is None and len(self.subjects) > 1:
             choices = " or ".join(f"data.body={name}" for name in self.subjects)
@@ -166,7 +166,7 @@ def _qualisys(rows: Rows) -> Export | None:
         points = {name: [f"{name} {axis}" for axis in _AXES] for name in markers}
         names = [column for columns in points.values() for column in columns]
         names = [*(("frame", "time")[: width - len(names)]), *names]
-        return Export(names=_padded(names, rows[first]), above=first, rate=rate, unit="mm", points=points)
+        return Export(names=padded(names, rows[first]), above=first, rate=rate, unit="mm", points=points)
     bodies, header = [*_trimmed(about.get("BODY_NAMES", []))], rows[first - 1]
     begins = [f"{body} X" for body in bodies]
     header = ["X" if cell in begins else cell for cell in header]
@@ -178,7 +178,7 @@ def _qualisys(rows: Rows) -> Export | None:
     for body, start in zip(bodies, starts, strict=True):
         matrix = named.index("Rot[0]", start)
         found[body] = (names[start : start + 3], [names[matrix + k] for k in _BY_ROWS])
-    return Export(names=_padded(names, rows[first]), above=first, rate=rate, unit="mm", bodies=found)
+    return Export(names=padded(names, rows[first]), above=first, rate=rate, unit="mm", bodies=found)
 
 
 def _vicon(rows: Rows) -> Export | None:
@@ -205,7 +205,7 @@ def _vicon(rows: Rows) -> Export | None:
     rate = next((float(row[0]) for row in rows[1:header] if _numeric(row[:1])), None)
     above = header + (1 if _numeric(units[:1]) else 2)
     unit = next((unit for unit in units if unit in ("mm", "m", "cm")), None)
-    names = _padded(names, rows[above])
+    names = padded(names, rows[above])
     return Export(names=names, above=above, rate=rate, unit=unit, points=points, bodies=bodies)
 
 
@@ -221,7 +221,7 @@ def _tracker(rows: Rows) -> Export | None:
         names.append("time" if cell == "t" and "time" not in names else f"{track} {cell}")
     axes = [axis for axis in ("x", "y", "z") if axis in rows[above]]
     return Export(
-        names=_padded(names, rows[above + 1]),
+        names=padded(names, rows[above + 1]),
         above=above + 1,
         points={name: [f"{name} {axis}" for axis in axes] for name in seen},
     )
@@ -267,7 +267,7 @@ def _logger_pro(rows: Rows) -> Export | None:
     if {*map(len, points.values())} != {2}:
         return None
     unit = next(iter(units)) if len(units) == 1 else None
-    return Export(names=_padded(rows[0], rows[1]), above=1, unit=unit or None, clock=clock, points=points)
+    return Export(names=padded(rows[0], rows[1]), above=1, unit=unit or None, clock=clock, points=points)
 
 
 def _ros_echo(rows: Rows) -> Export | None:
@@ -282,7 +282,7 @@ def _ros_echo(rows: Rows) -> Export | None:
     stamp, place = ["header.stamp.sec", "header.stamp.nanosec"], [f"pose.position.{axis}" for axis in _AXES]
     turned = [f"pose.orientation.{axis}" for axis in "xyzw"]
     header = [*stamp, *("header.frame_id", "child_frame_id")[:names], *place, *turned]
-    return Export(names=_padded(header, first), above=0, unit="m", clock=stamp[0], bodies={"pose": (place, turned)})
+    return Export(names=padded(header, first), above=0, unit="m", clock=stamp[0], bodies={"pose": (place, turned)})
 
 
 _LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (
@@ -307,6 +307,6 @@ def _trimmed(cells: Sequence[str]) -> list[str]:
     return [*cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]]
 
 
-def _padded(names: Sequence[str], row: Sequence[str]) -> list[str]:
+def padded(names: Sequence[str], row: Sequence[str]) -> list[str]:
     """Names of all cells of a row, of which the last ones may be empty."""
     return [*names, *(f"column {k}" for k in range(len(names), len(row)))]

@@ -1,24 +1,32 @@
-"""JSON, and text with a title above each recording: tables with a column `recording`, which `columns` reads.
+"""JSON, text with a title above each recording, and odd tables: frames which `columns` reads.
 
 frames       [{"time": 0, "x": 0.1, "position": [..], "pose": {"x": ..}}, ..], or such a line each (JSON Lines)
 columns      {"time": [..], "x": [..], "position": [[..], ..]}
 recordings   a list of these, or an object of these by name; beside them a rate ("fps")
 titles       run 1, # toss 3, [drop 4]: a line above the frames of each recording, with names of columns or without;
              or the same comment above each, as Kinovea writes it
+long         _time, _field, _value: a row a number, as databases and pandas' melt write it
+vectors      [0.1, 0.2], (1 2 3), Quaternion{Float64}(1.0, 0.0, 0.0, 0.0): several numbers in a cell
 """
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from statistics import mode
 from typing import Any
 
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.json_files import json_content
 from contactlearn.data.packed import opened_text, size_of
 from contactlearn.data.recordings.readers import COMMENT, RECORDED, TITLE, TUM_COLUMNS, has_titles
+from contactlearn.data.table.names import name_words
+from contactlearn.data.table.reshaped import VALUES, numbers_in
+from contactlearn.data.table.sheet import Sheet
 
 _LARGEST = 2**28  # bytes of a file that is in memory as a whole
 _MOST = 9  # numbers of a frame's list; a longer one holds a number a frame
@@ -27,6 +35,9 @@ _PLACES = ("position", "pos", "p", "xyz", "translation", "tvec", "location", "lo
 _PLACES = (*_PLACES, "pose_t", "trans", "origin")
 _RATES = ("fps", "rate", "frame_rate", "framerate", "frequency")
 _TIMES = ("time", "t", "timestamp", "stamp")
+_QUATERNION = ["qw", "qx", "qy", "qz"]  # of Julia's and Eigen's types, the scalar first
+_VARIABLES = [[word] for word in ("variable", "field", "quantity", "channel", "parameter", "signal", "metric", "axis",
+              "component", "coordinate", "key", "name", "größe", "messgröße", "grandeur")]  # fmt: skip
 _TUM = "time x y z qx qy qz qw"
 
 
@@ -88,6 +99,68 @@ def json_table(path: Path) -> pd.DataFrame:
             'or an object of such recordings; and a list of impacts [{"vx": 0.1, …, "vx_post": 0.2}, …]'
         )
     return parts[0][1] if len(parts) == 1 else pd.concat([table.assign(recording=name) for name, table in parts])
+
+
+def frame_of(cells: Sheet) -> pd.DataFrame:
+    """Return the rows of a table, with numbers where a column has nothing else."""
+    columns = dict[str, Any]()
+    for name, column in zip(cells.header, cells.columns, strict=True):
+        try:
+            columns[name] = replace(cells, gaps=True).numbers(name, "")
+        except DataError:
+            columns[name] = column
+    return pd.DataFrame(columns)
+
+
+def is_folded(frames: pd.DataFrame) -> bool:
+    """Return whether the first rows may have a number each, which is `unfolded`'s to decide, or several in a cell."""
+    valued = any(VALUES.intersection(name_words(str(name))) for name in frames)
+    worded = not all(map(is_numeric_dtype, frames.dtypes))
+    return (valued and worded) or any(_are_vectors(frames[name]) for name in frames)
+
+
+def unfolded(frames: pd.DataFrame) -> pd.DataFrame:
+    """Return a row a frame, and a column a number, of a table that has them otherwise."""
+    if found := _variable(frames):
+        variable, value = found
+        groups = [part for _, part in frames.groupby(variable, sort=False)]
+        once = [  # those that are the same for each quantity
+            name for name in frames.columns.difference([variable, value], sort=False)
+            if frames[name].notna().all() and len({frozenset(part[name]) for part in groups}) == 1
+        ]  # fmt: skip
+        if once and not frames.duplicated([*once, variable]).any():
+            wide = frames.pivot(index=once, columns=variable, values=value).reset_index()
+            frames = frames[once].drop_duplicates().merge(wide, on=once, sort=False)
+    for name in [name for name in frames if _are_vectors(frames[name])]:
+        parts = [numbers_in(cell, ".") or [] for cell in frames[name]]
+        size = mode(map(len, filter(None, parts)))
+        names = (
+            _QUATERNION
+            if size == 4 and str(frames[name].iloc[0]).startswith("Quat")
+            else [*_flat({name: [0.0] * size})]
+        )
+        numbers = pd.DataFrame([part if len(part) == size else [None] * size for part in parts], frames.index, names)
+        others = frames.drop(columns=name)
+        numbers = numbers.rename(columns={one: f"{one} of {name}" for one in numbers if one in others})
+        frames = pd.concat([others, numbers.apply(pd.to_numeric, errors="coerce")], axis=1)
+    return frames
+
+
+def _variable(frames: pd.DataFrame) -> tuple[str, str] | None:
+    """The column of names of quantities and that of their values, of a table that has a row a number."""
+    value = [name for name in frames if VALUES.intersection(name_words(str(name))) and frames[name].dtype.kind in "fi"]
+    for name in frames if len(value) == 1 else ():
+        if not is_numeric_dtype(frames[name]) and 1 < frames[name].nunique() <= len(frames) / 2:
+            known = {str(one).lower() for one in frames[name].unique()}
+            if name_words(str(name))[-1:] in _VARIABLES or len({"x", "y", "z"} & known) > 1:
+                return str(name), str(value[0])
+    return None
+
+
+def _are_vectors(column: pd.Series) -> bool:
+    """Whether the first cell that is not empty has several numbers."""
+    filled = column.dropna() if not is_numeric_dtype(column) else column[:0]
+    return len(numbers_in(filled.iloc[0], ".") or []) > 1 if len(filled) else False
 
 
 def _recordings(content: Any, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
