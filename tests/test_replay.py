@@ -100,7 +100,7 @@ def filmed(world, count, folder):
     generator = torch.Generator().manual_seed(11)
     q, v = random_throws(count, generator)
     body = BodyState(pose=q, velocity=v, shape=Ellipse(SEMI_AXES), mass=MASS, inertia=1.7e-5)
-    path, frames = world.roll_out(body, until=Until(bounces=6), samples=1, generator=generator), []
+    path, frames = world.roll_out(body, until=Until(bounces=4), samples=1, generator=generator), []
     for k, end in enumerate(path.end[0].tolist()):
         time = torch.arange(0, end, 1 / 500, dtype=torch.float64)
         seen = path.at(time)[0, k]

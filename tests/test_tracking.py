@@ -44,8 +44,8 @@ HELD_OUT = "Held-out error against the number of training impacts"
 COMMANDS = {
     "train": ("train.py", *TRAIN, "effect=[surface_tilt]"),
     "learned": ("train.py", *TRAIN, "model=x1_wrench"),
-    "evaluate": ("evaluate.py", *SMALL[:5], "model=[x1_wrench]", "curves.sizes=[10,20]", "curves.seeds=2",
-                 "workers=1"),
+    "evaluate": ("evaluate.py", *SMALL[:5], "model=[x1_wrench]", "curves.sizes=[10,20]", "curves.seeds=1",
+                 "laws=[wang_mason]", "workers=1"),
     "evaluate_with": ("evaluate.py", *SMALL, "effect=[side_drag]", "laws=[whittaker]"),
     "transfer": ("evaluate.py", "experiment=transfer", "model=[x1_wrench]", "data.size=60", "train.size=30",
                  "transfer.sizes=[4,8]", "transfer.seeds=2", "bootstrap=50", "~transfer.bodies.rod", "workers=1"),

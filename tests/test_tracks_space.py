@@ -196,7 +196,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize(("mistake", "settings", "message"), MISTAKES.values(), ids=MISTAKES)
 def test_mistakes_are_refused_in_one_line(tosses, tmp_path, mistake, settings, message):
-    mistake(tosses[2].query("recording < 20")).to_parquet(tmp_path / "tosses.parquet")
+    mistake(tosses[2].query("recording < 12")).to_parquet(tmp_path / "tosses.parquet")
     with pytest.raises(DataError, match=message) as refused:
         impacts_in(tmp_path, **settings)
     assert "\n" not in str(refused.value)
@@ -218,10 +218,10 @@ def test_left_handed_axes_are_asked_about(tosses, tmp_path, said):
 
 def test_exchanged_edges_of_a_box_are_refused(tmp_path, monkeypatch):
     """Not by few contacts: three points lie on a floor with the edges in some order by chance."""
-    right, wrong = Cuboid((0.07, 0.045, 0.03)), Cuboid((0.045, 0.07, 0.03))
+    right, wrong = Cuboid((0.07, 0.045, 0.045)), Cuboid((0.045, 0.07, 0.045))
     written(tmp_path, 12, 3, solid=right)
     contradicts = pytest.raises(
-        DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.03\]"
+        DataError, match=r"contradict data\.shape: .* with it as half: \[0\.07, 0\.045, 0\.045\]"
     )
     with contradicts:
         impacts_in(tmp_path, wrong)

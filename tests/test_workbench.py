@@ -248,8 +248,7 @@ def _floats(text):
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session):
-    models = Models()
+def test_without_a_shape_no_effect_that_needs_it_has_a_predicted_gain(session, models):
     shape = "data.shape={kind:ellipse,semi_axes:[0.04,0.02]}"
     shaped = {one.effect.name for one in models.predicted_gains(replace(session, data=(*session.data, shape)))}
     assert "shape_error" in shaped

@@ -131,7 +131,7 @@ def _impulse(W: Tensor, contact: Tensor, mu: Tensor, eps: Tensor) -> Tensor:
         size = -velocity[:, -1] / W[:, -1, -1] / STEPS if phase == 0 else eps * compression / STEPS
         for _ in range(8 * STEPS if phase == 0 else STEPS):
             dp = size.clamp_min(1e-300)[:, None]
-            for _ in range(PROJECTIONS):
+            for _ in range(PROJECTIONS if friction.shape[-1] > 1 else 1):  # in the plane the first is exact
                 slip = velocity[:, :-1] / dp + W[:, :-1, -1] + (tangent @ friction[..., None])[..., 0]
                 friction = friction - rate * slip
                 friction = friction * (mu[:, None] / friction.norm(dim=-1, keepdim=True).clamp_min(1e-300)).clamp_max(1)

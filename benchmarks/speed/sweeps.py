@@ -93,15 +93,16 @@ def survive(folder, kills, longest, seed=0, words=JOBS, start=started):
     before = {}
     begun = time.monotonic()
     while hits < kills and time.monotonic() - begun < 1500:
-        if len(before) == COUNT:  # start over: nothing is left to kill
-            before = {}
-            for path in Path(folder).iterdir():
-                subprocess.run(["rm", "-rf", str(path)], check=True)
-        hits += killed(start(folder, *words), moments.uniform(0.5, longest))
+        hit = killed(start(folder, *words), moments.uniform(0.5, longest))
+        hits += hit
         nothing_half_written(folder)
         now = finished(folder)
         lost += [name for name, when in before.items() if now.get(name) != when]
         before = now
+        if not hit:  # start over: nothing is left to kill
+            before = {}
+            for path in Path(folder).iterdir():
+                subprocess.run(["rm", "-rf", str(path)], check=True)
     return hits, lost
 
 

@@ -11,7 +11,6 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import ParamSpec, TypeVar
 
-import torch
 from threadpoolctl import threadpool_limits
 
 _Arguments = ParamSpec("_Arguments")
@@ -57,6 +56,8 @@ def without_interrupts() -> Generator[None]:
 
 
 def _begin(watched: Connection) -> None:
+    import torch  # takes two seconds to load; a process that only waits for its workers need not have it
+
     torch.set_num_threads(1)
     threadpool_limits(1)
     threading.Thread(target=_end_with, args=(watched,), daemon=True).start()
