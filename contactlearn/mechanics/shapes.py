@@ -528,13 +528,13 @@ def _spelled(kind: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]
     if kind not in ("cuboid", "rectangle") or (kind == "cuboid" and "half" in own):
         return kind, own
     name = next((name for name in ("half", *_SIDES) if name in own), "sides")
-    sides = own.pop(name) if name in own else [own.pop(edge) for edge in _EDGES if edge in own]
-    sides = [*sides] if isinstance(sides, Sequence) and not isinstance(sides, str) else [sides]
+    stated: Any = own.pop(name) if name in own else [own.pop(edge) for edge in _EDGES if edge in own]
+    sides: list[Any] = [*stated] if isinstance(stated, Sequence) and not isinstance(stated, str) else [stated]
     count = 2 if kind == "rectangle" or len(sides) == 2 else 3
     if not sides:
         raise DataError(f"a {kind} takes sides, its {count} lengths in m; got {', '.join(own) or 'nothing'}")
-    sides = _lengths(name, sides * count if regular and len(sides) == 1 else sides, count)
-    a, b, *c = (length if name == "half" else length / 2 for length in sides)
+    lengths = _lengths(name, sides * count if regular and len(sides) == 1 else sides, count)
+    a, b, *c = (length if name == "half" else length / 2 for length in lengths)
     if c:
         return kind, {**own, "half": [a, b, *c]}
     return "polygon", {**own, "vertices": [[a, b], [-a, b], [-a, -b], [a, -b]]}
