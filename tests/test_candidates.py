@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from commands import run
+from drops import seeded
 from observers import RecordingObserver
 
 from contactlearn.cli.config_files import with_diagnosed_model
@@ -21,6 +22,7 @@ from contactlearn.effects import Effect, EffectId, catalogue, find_effect, param
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
+from contactlearn.mechanics.shapes import Disc
 from contactlearn.mechanics.space import SPACE
 from contactlearn.results import folder as run_folder
 from contactlearn.simulation import synthetic
@@ -63,6 +65,16 @@ def test_the_whole_catalogue_is_usable():
     assert missing
     with pytest.raises(ContactLearnError, match="candidate oracle changes its predictions with the measured v_post"):
         usable({EffectId("oracle"): Oracle(100)}, synthetic.load(size=100))
+
+
+def test_the_lever_of_a_disc_is_noise():
+    """A patch that takes all of the lever would be a contact point that was seen 0.2 mm beside the lowest one."""
+    drops = synthetic.load(size=100, law="mirtich", mu=0.3, eps=0.5)
+    r = torch.stack((0.0002 * torch.randn(100, generator=seeded(), dtype=torch.float64), torch.full((100,), -0.03)), 1)
+    drops = drops.replace(shape=Disc(0.03), r=r.double(), validate=False)
+    usual = usable(all_candidates(), drops)
+    assert [key.form for key in usual if key.name == "contact_patch"] == ["slip"]
+    assert {"com_offset", "rolling_resistance"} <= {key.name for key in usual}
 
 
 def test_a_threshold_above_the_slowest_trials_is_usable():

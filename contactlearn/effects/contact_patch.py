@@ -27,6 +27,7 @@ class ContactPatch(Effect):
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
+    needs_lever = True
     like_shape = True
 
 
@@ -104,6 +105,7 @@ class ContactPatchBySlip(ContactPatch):
     source = "Cross 2002"
     citations = ("cross2002",)
     mirror_symmetric = True
+    needs_lever = False
     like_shape = False
     d: Tensor | float = parameter("d", "m", -0.01, 0.01)
     v_s: float = 0.1
