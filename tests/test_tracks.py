@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from contactlearn.data.recordings.flights import STEADY, Air, FlightOptions, fin
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.result import Reason
 from contactlearn.data.recordings.track import Recording, Track, continuous
+from contactlearn.mechanics.apparatus import Estimate
+from contactlearn.report.text import tracks as text
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import simulate
 
@@ -309,3 +312,42 @@ def test_a_flight_with_frames_of_the_next_one_is_too_short():
         accepted += len(found.contacts)
         assert all(len(contact.after.frames) >= width for contact in found.contacts)
     assert accepted <= 2
+
+
+def of_bounces(count: int, *, folded: float = math.inf, slowed: float = 1.0) -> list[Recording]:
+    """Recordings of a bounce, whose angles begin again after some rad, of a video that is shown slower."""
+    poses = [bounce(seed=k, theta=0.9 * k, noise=4.0) for k in range(count)]
+    return [
+        Recording(
+            name=f"{k}",
+            source="file",
+            time=np.arange(len(pose)) / RATE * slowed,
+            position=pose[:, :2],
+            angle=pose[:, 2] % folded if math.isfinite(folded) else pose[:, 2],
+        )
+        for k, pose in enumerate(poses)
+    ]
+
+
+@pytest.mark.parametrize(("period", "folds"), [(math.pi, 2), (math.pi / 2, 4), (2 * math.pi, 1), (math.inf, 1)])
+def test_angles_that_begin_again_are_followed(period, folds):
+    """A fitted ellipse shows its angle but for half a turn: every jump would end a flight."""
+    recordings = of_bounces(6, folded=period)
+    frame = find_frame(recordings, find_gravity(recordings))
+    assert frame.folds == folds
+    assert any(clue.convention == "period" for clue in frame.clues) == (folds > 1)
+    for recording in recordings:
+        assert len(find_contacts(frame.track(recording)).contacts) == 1
+
+
+def test_a_video_in_slow_motion_is_told_its_frame_rate():
+    with pytest.raises(DataError, match=r"0\.15\d.* m/s².* at 250 frames a second.*slowed 8 times.*data\.rate=250"):
+        find_gravity(of_bounces(4, slowed=8.0))
+
+
+@pytest.mark.parametrize("contacts", [1, 3, 4])
+def test_a_floor_through_few_contacts_has_no_error(contacts):
+    floor = SimpleNamespace(height=Estimate(value=-8.04e-3, error=0.0), rests=0, scatter=1e-9)
+    tracked = SimpleNamespace(floor=floor, survey=SimpleNamespace(contacts=[None] * contacts, rests=()))
+    ((_, said),) = text._floor(tracked)
+    assert ("too few contacts" in said, "±" in said) == ((contacts < 4), (contacts >= 4))

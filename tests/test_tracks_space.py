@@ -17,9 +17,12 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.recordings import angles, poses
 from contactlearn.data.recordings.angles import reading_residual
-from contactlearn.data.recordings.flights import Air, fit
+from contactlearn.data.recordings.contacts import _refused_gap
+from contactlearn.data.recordings.flights import Air, Flights, fit
 from contactlearn.data.recordings.floor import find_floor
 from contactlearn.data.recordings.result import Reason, RecordedContact
+from contactlearn.data.recordings.thresholds import TrackThresholds
+from contactlearn.data.recordings.track import Track
 from contactlearn.data.tracks import find_impacts, track_options
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
@@ -71,6 +74,32 @@ def test_a_flight_in_space_is_fitted_with_its_covariance(moments):
         error = np.append(poses.away(pose, exact[0]), velocity - np.append(v, spin))
         scores.append(error @ np.linalg.solve(covariance, error))
     assert np.mean(scores) == pytest.approx(12, abs=1.6)  # χ² with 12 degrees of freedom; 4 standard errors, and 3 %
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.3])
+@pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
+def test_a_body_that_turns_fast_is_followed_over_its_whole_flight(moments, seconds):
+    """Euler's equations over one and a half turns are far from linear in the spin."""
+    air = Air(gravity=(0.0, 0.0, -GRAVITY), prior=((0.0,) * 6,) * 2, moments=moments)
+    time, rng, sigma = np.arange(round(240 * seconds)) / 240, np.random.default_rng(2), np.repeat(NOISE, 3)
+    q, spin = np.array((0.5, 0.5, -0.5, 0.5)), np.array((-3.0, 30.0, -15.0))
+    exact = np.column_stack((0 * time, 0 * time, -GRAVITY * time**2 / 2, poses.free_turn(q, spin, time, moments)[0]))
+    flight = fit(
+        time, poses.displaced(exact, sigma * rng.standard_normal((len(time), 6))), np.arange(len(time)), sigma, air
+    )
+    assert len(flight.frames) == len(time)
+    assert np.sqrt(np.mean(flight.residual[:, 3:] ** 2)) < 1.2 * NOISE[1]
+    assert flight.velocities(0.0)[3:] == pytest.approx(spin, abs=0.15)
+
+
+@pytest.mark.parametrize(("rises", "reason"), [(0.05, Reason.IN_THE_AIR), (0.002, Reason.SLIDING)])
+def test_a_body_slides_only_where_its_lowest_point_stays_on_the_floor(rises, reason):
+    """Frames in no flight at the end of a recording, whose speed alone is that of a body that slides."""
+    time = np.arange(40) / RATE
+    pose = np.column_stack((1.5 * time, 0 * time, 0.05 + 0 * time, np.tile((1.0, 0, 0, 0), (40, 1))))
+    track = Track(name="one", time=time, pose=pose, low=np.append(0.0, np.full(39, rises)))
+    search = Flights(flights=(), sigma=np.repeat(NOISE, 3), width=12)
+    assert _refused_gap(track, 0, 39, search, TrackThresholds()).reason == reason
 
 
 def toss(rng, number, solid=BOX, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
@@ -269,7 +298,7 @@ def test_a_contact_on_an_edge_is_refused_with_the_height_of_its_other_corner(fou
     floor = find_floor(contacts, BOX)
     kept, refusals = off_the_floor(contacts, BOX, floor)
     assert len(kept) == len(contacts) - 1
-    assert [(one.reason, one.unit) for one in refusals] == [(Reason.DOUBLE_HIT, "mm")]
+    assert [(one.reason, one.unit) for one in refusals] == [(Reason.SECOND_CORNER, "mm")]
     assert "another corner" in refusals[0].quantity
 
 
@@ -300,7 +329,7 @@ def test_a_contact_in_the_plane_is_refused_as_another_corner_comes_down(tilt, al
         )
     kept, refusals = off_the_floor(contacts, shape, find_floor(contacts, shape), longest=3e-3)
     assert (contacts[-1] in kept) is alone
-    assert [one.reason for one in refusals] == [Reason.DOUBLE_HIT] * (not alone)
+    assert [one.reason for one in refusals] == [Reason.SECOND_CORNER] * (not alone)
 
 
 @pytest.mark.parametrize(("longest", "alone"), [(1e-4, True), (3e-3, False)])

@@ -411,8 +411,21 @@ def _refused_gap(track: Track, first: int, last: int, search: Flights, limits: T
     poses, weight = track.pose[seen][::stride], np.where(np.arange(track.k) < track.d, 1.0, 0.01)
     moves = away(poses[1:], poses[:-1]) * weight
     speed = float(np.median(np.linalg.norm(moves, axis=1) / np.diff(track.time[seen][::stride])))
-    reason = Reason.REST if speed < limits.rest_speed else Reason.SLIDING
-    return refuse(track, first, last, reason, "median speed", speed, "m/s")
+    if speed < limits.rest_speed:
+        return refuse(track, first, last, Reason.REST, "median speed", speed, "m/s")
+    if track.low is not None:
+        height = float(np.median(track.low[seen]) - np.nanmin(track.low))
+        if height > limits.lies_height:
+            return refuse(
+                track,
+                first,
+                last,
+                Reason.IN_THE_AIR,
+                "height of the lowest corner above its lowest",
+                1e3 * height,
+                "mm",
+            )
+    return refuse(track, first, last, Reason.SLIDING, "median speed", speed, "m/s")
 
 
 def refuse(track: Track, first: int, last: int, reason: Reason, quantity: str, value: float, unit: str) -> Refusal:

@@ -49,6 +49,9 @@ from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _DURATIONS = (0.06, 0.12, 0.24)  # s of a window; longer ones where noise hides the acceleration in short ones
+_SLOWED = (0.48, 0.96, 1.92, 3.84)  # s of a window of a video that is shown in slow motion
+_RATES = (48, 50, 60, 90, 100, 120, 125, 150, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000)  # of cameras, 1/s
+_NEAR_RATE = 0.03  # relative distance of such a rate
 _NARROWEST, _WIDEST = 7, 61  # frames
 _SMOOTH = 2.0  # mean squared residual in units of the noise up to which a window holds one motion
 # of a window, by which those before and after it hold one motion too: weak contacts hide in short flights
@@ -125,12 +128,31 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         if (found := _common(motions, drag)) is not None:
             return found
     step = mean_step(recordings[0].time)
+    for lasting in _SLOWED:
+        motions = _together([_motions(recording, k, lasting) for k, recording in enumerate(recordings)])
+        if (found := _common(motions, drag)) is not None:
+            raise DataError(f"{recordings[0].source}: {_slowed(found, step, recordings[0].unit)}")
     why = _few_frames(recordings, step) or (
         f"check that frames are {step:.4g} s apart (time stamps, data.rate), and that the body flies for "
         f"{_needed(step) * step:.2g} s or longer"
     )
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; {why}"
+    )
+
+
+def _slowed(gravity: Gravity, step: float, unit: str | None) -> str:
+    """The frame rate with which the gravity of a video in slow motion would be 9.81 m/s²."""
+    rates = {name: (GRAVITY * UNITS[name] / gravity.size) ** 0.5 / step for name in ([unit] if unit else UNITS)}
+    usual = {name: min(_RATES, key=lambda one, rate=rate: abs(one / rate - 1)) for name, rate in rates.items()}
+    near = [name for name in rates if abs(usual[name] / rates[name] - 1) <= _NEAR_RATE]
+    name = near[0] if near else next(iter(rates))
+    rate = usual[name] if near else round(rates[name])
+    return (
+        f"gravity is {measured(gravity.size, gravity.error)} {name}/s² with frames {step:.4g} s apart: at {rate} "
+        f"frames a second it would be {gravity.size / UNITS[name] * (rate * step) ** 2:.3g} m/s²; if the video was "
+        f"slowed {rate * step:.3g} times, state data.rate={rate} and time: null in data.columns; else the scale of "
+        "lengths is wrong (data.unit)"
     )
 
 
@@ -306,6 +328,7 @@ _CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _DRAG_SIGMAS = 3.0  # standard errors of a drag that is allowed for; 2 to 5 raise no false alarm
 _CENTRE_SIGMAS = 3.0  # standard errors of a centre of mass that is allowed for
 _LEAN_SIGMAS = 2.0  # cautious standard errors of a gravity that leans: its error would bias all velocities
+_FOLDS = (6, 4, 3, 2)  # sides of a regular polygon, and 2 of an ellipse or a rectangle
 _UPRIGHT = np.radians(2)  # angle of gravity from an axis of the file that is taken for up
 # spread across the plane over that along it, up to which positions show it; 0.01 to 0.5 decide alike
 _MAX_FLATNESS = 0.2
@@ -379,7 +402,8 @@ def find_frame(
         clues = (hand,)
     elif first.quaternion is None:
         axes = np.stack((_right(np.array((up[1], -up[0]))), up))
-        frame, clues = Frame(scale=scale, axes=axes), ()
+        folds, clues = _folds(recordings, ANGLES[stated.angle or "rad"], limits)
+        frame = Frame(scale=scale, axes=axes, folds=folds)
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
     return replace(
@@ -444,6 +468,32 @@ def _drag(gravity: Gravity, stated: float | None) -> tuple[Clue, ...]:
         unit="1/s",
     )
     return (clue,) if gravity.drag else ()
+
+
+def _folds(recordings: Sequence[Recording], unit: float, limits: TrackThresholds) -> tuple[int, tuple[Clue, ...]]:
+    """How often angles in such a unit begin again in a turn, and the jumps that show it.
+
+    Those of a fitted ellipse or rectangle are known but for half a turn or a quarter: they stay in that range, and from
+    frame to frame change by little, or by nearly the whole of it.
+    """
+    angles = [unit * one.angle[one.seen] for one in recordings if one.angle is not None]
+    extent = max((float(angle.max()) for angle in angles if len(angle)), default=0.0)
+    extent -= min((float(angle.min()) for angle in angles if len(angle)), default=0.0)
+    steps = np.abs(np.concatenate([np.diff(angle) for angle in angles]))
+    for folds in _FOLDS:
+        period = 2 * np.pi / folds
+        jumps = steps > period * (1 - limits.wrap)
+        if extent <= period * (1 + limits.wrap) and (jumps | (steps < limits.wrap * period)).all() and jumps.any():
+            clue = Clue(
+                convention="period",
+                value=f"angles begin again after {360 // folds}°",
+                stated=False,
+                quantity="jumps of that size, and none half as large",
+                number=float(jumps.sum()),
+                unit="–",
+            )
+            return folds, (clue,)
+    return 1, ()
 
 
 def _unit(

@@ -310,25 +310,18 @@ def fit(
 def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, reference: float) -> Flight:
     """Least squares with priors, in whose units own accelerations are; θ is brought to one turn.
 
-    In space the body turns freely but for a difference that is found and taken into it a few times.
+    In space it is the difference from free turning that is fitted.
     """
     tau, seen, d = time[frames] - reference, pose[frames], air.d
     slopes, units = air.slopes(tau), np.concatenate((np.ones((2, air.k)), air.prior)).T
     design = slopes * units
     across = design / sigma[:, None] ** 2
     inverse = np.linalg.inv(np.einsum("tki,tkj->kij", across, design) + np.diag((0.0, 0.0, 1.0, 1.0)))
-    turning, coefficients, y = None, np.zeros((air.k, 4)), _on_one_turn(seen, tau, air)
+    turning, y = None, _on_one_turn(seen, tau, air)
     if d == 3:
-        middle = int(np.abs(tau).argmin())
-        steps = rotation_vector(product(seen[1:, 3:], conjugate(seen[:-1, 3:]))) / np.diff(tau)[:, None]
-        turning = Turning(q=seen[middle, 3:], spin=np.median(steps, 0), moments=air.moments)
-    for _ in range(1 if turning is None else _TURNS):
-        if turning is not None:
-            if coefficients.any():
-                (q,), (spin,) = turning.placed(coefficients[None, d:, 0], coefficients[None, d:, 1], np.zeros(1))
-                turning = replace(turning, q=q, spin=spin)
-            y = np.concatenate((seen[:, :d], turning.counted(seen[:, d:], tau)), 1) - slopes[..., 2] * air.pull()
-        coefficients = np.einsum("kij,tkj,tk->ki", inverse, across, y)
+        turning = _free_turning(seen[:, 3:], tau, float(sigma[3:].max()), air.moments)
+        y = np.concatenate((seen[:, :d], turning.counted(seen[:, d:], tau)), 1) - slopes[..., 2] * air.pull()
+    coefficients = np.einsum("kij,tkj,tk->ki", inverse, across, y)
     return Flight(
         frames=frames,
         reference=reference,
@@ -339,6 +332,35 @@ def _flight(time: Array, pose: Array, frames: Indices, sigma: Array, air: Air, r
         air=air,
         turning=turning,
     )
+
+
+def _free_turning(
+    q: Float[Array, "n 4"], tau: Float[Array, " n"], sigma: float, moments: tuple[float, ...] | None
+) -> Turning:
+    """The free turning that is nearest to quaternions, by Gauss and Newton's method.
+
+    A body with unequal moments that turns fast is first followed over a part of a turn about the reference, and then
+    twice as far in each round: over several turns the nearest one is not found from a rough spin.
+    """
+    steps = rotation_vector(product(q[1:], conjugate(q[:-1]))) / np.diff(tau)[:, None]
+    turning = Turning(q=q[int(np.abs(tau).argmin())], spin=np.median(steps, 0), moments=moments)
+    reach = max(_FIRST_TURN / max(float(np.linalg.norm(turning.spin)), 1e-9), float(np.sort(np.abs(tau))[:3][-1]))
+    for _ in range(_TURNS):
+        near = np.abs(tau) <= reach
+        when, line = tau[near], turning.spin * tau[near, None]
+        moved = Turning(
+            q=product(quaternion(_TURNED * np.eye(6, 3)), turning.q),
+            spin=turning.spin + _TURNED * np.eye(6, 3, -3),
+            moments=moments,
+        ).after(when)[0]
+        slopes = ((turning.counted(moved, when) - line) / _TURNED).reshape(6, -1).T
+        step = np.linalg.lstsq(slopes, (turning.counted(q[near], when) - line).ravel())[0]
+        turning = replace(turning, q=product(quaternion(step[:3]), turning.q), spin=turning.spin + step[3:])
+        if (np.abs(step) <= _SETTLED * sigma * np.sqrt(np.linalg.pinv(slopes.T @ slopes).diagonal())).all():
+            if near.all():
+                break
+            reach *= 2
+    return turning
 
 
 def _on_one_turn(pose: Array, tau: Array, air: Air) -> Array:
@@ -450,7 +472,10 @@ def _rotations(when: Array, q: Array, seen: Mask, air: Air) -> Float[Array, "s w
     return Turning(q=q[:, seen.shape[1] // 2], spin=spin, moments=air.moments).counted(q, tau)
 
 
-_TURNS = 3  # of a flight in space, whose difference from free turning falls by orders of magnitude in each
+_TURNS = 20  # rounds of a fit of free turning; of slow bodies two
+_FIRST_TURN = 1.5  # rad, by which a body turns from the reference in the first one
+_TURNED = 1e-4  # rad and rad/s, of a difference in place of a derivative
+_SETTLED = 0.1  # standard errors by which the last round changes it, at most
 _WIDEST = 80  # frames
 # χ² that a body at rest makes in the shortest window of a flight, in plane and space; 300 to 750 decide alike
 _REST_POWER = {2: 300.0, 3: 100.0}

@@ -578,7 +578,7 @@ def off_the_floor(
             if holds:
                 refusal = Refusal(
                     recording=contact.recording,
-                    reason=Reason.HAND_OR_WALL if clearance > 0 else Reason.DOUBLE_HIT,
+                    reason=Reason.HAND_OR_WALL if clearance > 0 else Reason.SECOND_CORNER,
                     quantity=quantity,
                     value=value,
                     unit=unit,

@@ -148,6 +148,7 @@ class Frame:
         sense: 1, or −1 where rotations turn the other way than the axes say: quaternions turn the world's axes into
             the body's.
         body: of recordings in space, the body's own axes: the one that gives θ, and the one that it turns about.
+        folds: how often a file's angle begins again in a turn: twice that of a fitted ellipse.
         clues: of every convention.
     """
 
@@ -157,6 +158,7 @@ class Frame:
     angle: float = 1.0
     sense: int = 1
     body: Float[Array, "2 3"] | None = None
+    folds: int = 1
     clues: tuple[Clue, ...] = ()
 
     @property
@@ -188,7 +190,7 @@ class Frame:
             turned = 1 if self.axes[0, 0] * self.axes[1, 1] - self.axes[0, 1] * self.axes[1, 0] > 0 else -1
             angle = np.arctan2(up, right) + turned * self.angle * np.where(seen, recording.angle, np.nan)
             out_of_plane = tilted = None
-        pose = np.column_stack((planar, self.sense * continuous(angle, recording.time)))
+        pose = np.column_stack((planar, self.sense * continuous(angle, recording.time, self.folds)))
         return Track(name=recording.name, time=recording.time, pose=pose, out_of_plane=out_of_plane, tilted=tilted)
 
     def _turned(self, recording: Recording) -> Float[Array, "t 4"]:

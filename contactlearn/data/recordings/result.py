@@ -14,7 +14,9 @@ class Reason(StrEnum):
     """Why a recording, or a part of it, is no impact between two free flights."""
 
     DOUBLE_HIT = "double_hit"
+    SECOND_CORNER = "second_corner"
     SLIDING = "sliding"
+    IN_THE_AIR = "in_the_air"
     REST = "rest"
     TOO_FEW_FRAMES = "too_few_frames"
     LOST_FRAMES = "lost_frames"
@@ -25,7 +27,9 @@ class Reason(StrEnum):
 
 REASONS = {
     Reason.DOUBLE_HIT: "several hits",
+    Reason.SECOND_CORNER: "a second corner may have hit too",
     Reason.SLIDING: "sliding or rolling",
+    Reason.IN_THE_AIR: "off the floor, but in no free flight",
     Reason.REST: "at rest",
     Reason.TOO_FEW_FRAMES: "too few frames",
     Reason.LOST_FRAMES: "frames lost at the wrong moment",

@@ -30,6 +30,8 @@ class Sufficiency:
     """Contacts that compare readings of angles."""
     heights_of_slope: int = 3
     """Heights to which a slope is fitted, so that those off it can be refused."""
+    heights_of_error: int = 4
+    """Heights that scatter about a floor with a slope: its plane goes through three or fewer."""
     rests_of_scatter: int = 6
     """Bodies at rest whose heights show their own scatter; fewer are believed as contacts are."""
 

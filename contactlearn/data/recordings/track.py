@@ -208,10 +208,10 @@ def finite(values: Float[Array, "*batch d"]) -> Bool[Mask, "*batch"]:
     return np.logical_and.reduce(np.isfinite(values), axis=-1)
 
 
-def continuous(angle: Float[Array, " t"], time: Float[Array, " t"]) -> Float[Array, " t"]:
-    """The angle in rad without jumps of whole turns; over lost frames it goes on at the last rate."""
+def continuous(angle: Float[Array, " t"], time: Float[Array, " t"], folds: int = 1) -> Float[Array, " t"]:
+    """The angle in rad without jumps of a turn over `folds`; over lost frames it goes on at the last rate."""
     seen = np.isfinite(angle)
-    there, when = angle[seen], time[seen]
+    there, when = folds * angle[seen], time[seen]
     out = np.full_like(angle, np.nan)
     if len(there) == 0:
         return out
@@ -220,7 +220,7 @@ def continuous(angle: Float[Array, " t"], time: Float[Array, " t"]) -> Float[Arr
         rate = np.concatenate((step[:1] / gap[:1], step[:-1] / gap[:-1]))
         expected = np.where(gap > 1.5 * np.median(gap), rate * gap, 0.0)
         step = expected + turn(step - expected)
-    out[seen] = there[0] + np.concatenate(([0.0], np.cumsum(step)))
+    out[seen] = (there[0] + np.concatenate(([0.0], np.cumsum(step)))) / folds
     return out
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from contactlearn.core.numerics import number, readable
 from contactlearn.data.recordings.frame import Clue
 from contactlearn.data.recordings.result import REASONS, Reason, Refusal
+from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import Row
 from contactlearn.report.text.numbers import percent
@@ -119,8 +120,13 @@ def _hull(tracked: Tracked) -> list[tuple[str, str]]:
 
 def _floor(tracked: Tracked) -> list[tuple[str, str]]:
     floor, rests = tracked.floor, len(tracked.survey.rests)
-    height = f"at {readable(floor.height.value, floor.height.error, 'm')}"
-    facts = [("floor", f"{height}, contacts scatter about it by {number(1e3 * floor.scatter, 2)} mm")]
+    shown = len(tracked.survey.contacts) + floor.rests
+    if shown < NEEDED.heights_of_error:
+        said = f"at {number(1e3 * floor.height.value, 3)} mm, too few contacts ({shown}) for an error"
+    else:
+        height = f"at {readable(floor.height.value, floor.height.error, 'm')}"
+        said = f"{height}, contacts scatter about it by {number(1e3 * floor.scatter, 2)} mm"
+    facts = [("floor", said)]
     if rests:
         lie = f"{floor.rests} of {rests} bodies at rest lie flat on the floor, which is also fitted to them"
         facts.append(("rests", lie))
