@@ -27,7 +27,7 @@ from contactlearn.inference.evaluation.metrics import outside_admissible
 from contactlearn.inference.validation import ValidatedFit, held_out_interval
 from contactlearn.mechanics.impacts import Impacts
 
-COEFFICIENTS = (-2.75, 2.04, -0.28)
+COEFFICIENTS = (-1.15, 1.19, -0.99)
 """Coefficients of `regressors`, fitted by `benchmarks/blind/calibrate.py`."""
 SUREST = 0.99
 """Probability of a name beyond which the number of judged names tells no more."""
