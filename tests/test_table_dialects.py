@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+import yaml
 from commands import run
 from refusals import refused
 from scipy.spatial.transform import Rotation
@@ -1361,3 +1362,163 @@ def test_structures_of_matlab_are_impacts(tmp_path, frame):
     found = table.read(tmp_path / "signs.mat", **BODY)
     np.testing.assert_allclose(numbers(found.impacts), frame, rtol=ROUNDING, atol=0)
     assert propose(tmp_path / "signs.mat").source == "table"
+
+
+HEIGHTS = np.array([[0.9, 0.5, 0.3, 0.2], [1.0, 0.6, 0.4, np.nan]])
+
+
+@pytest.mark.parametrize("kind", ["heights", "cm", "bounces"])
+def test_a_running_number_makes_a_chain(tmp_path, kind):
+    """Each neighbouring pair of flights of a run is an impact; times of bounces are in between."""
+    times = np.sqrt(8 * HEIGHTS / GRAVITY)
+    values, names = {
+        "heights": (HEIGHTS, "Height {} (m)"),
+        "cm": (100 * HEIGHTS, "h{} [cm]"),
+        "bounces": (np.cumsum(np.column_stack([[0.4, 0.7], times]), 1), "Bounce {} (s)"),
+    }[kind]
+    frame = pd.DataFrame(values, columns=[names.format(k + 1) for k in range(values.shape[1])])
+    if kind == "bounces":
+        frame = frame.join(pd.DataFrame(HEIGHTS, columns=[f"Height {k + 1} (m)" for k in range(4)]))
+    frame.assign(drop=["a", "b"]).to_csv(tmp_path / "drops.csv", index=False)
+    found = table.read(tmp_path / "drops.csv", shape={"kind": "disc", "radius": 0.02}, mass=0.1)
+    speeds = np.sqrt(2 * GRAVITY * HEIGHTS)
+    np.testing.assert_allclose(found.impacts.v_pre[:, 1], -speeds[[0, 0, 0, 1, 1], [0, 1, 2, 0, 1]])
+    np.testing.assert_allclose(found.impacts.v_post[:, 1], speeds[[0, 0, 0, 1, 1], [1, 2, 3, 1, 2]])
+    first = 1 + (kind == "bounces")
+    assert found.impacts.trial == tuple(f"{drop}/{first + k}" for drop, n in (("a", 3), ("b", 2)) for k in range(n))
+    said = " ".join(found.read_as)
+    assert ("not used: 'Height 1 (m)' … 'Height 4 (m)'" in said) == (kind == "bounces")
+    assert propose(tmp_path / "drops.csv").source == "table"
+    frame.iloc[0, 2] = 0.1 * frame.iloc[0, 3]  # neither falls nor grows
+    frame.iloc[:, : values.shape[1]].to_csv(tmp_path / "drops.csv", index=False)
+    with refused(["drops.csv: "]):
+        table.read(tmp_path / "drops.csv", shape={"kind": "disc", "radius": 0.02}, mass=0.1)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("q_{}", "v_minus_{}", "v_plus_{}"),
+        ("pose({})", "v before({})", "v after({})"),
+        ("q{}", "v_pre.{}", "v_post.{}"),
+    ],
+)
+def test_numbered_components_before_and_after_are_impacts(tmp_path, frame, names):
+    """As writetable of MATLAB and DataFrames split matrices; a column trial makes them no recordings."""
+    header = [name.format(k + 1) for name in names for k in range(3)]
+    frame.set_axis(header, axis=1).assign(trial=range(30)).to_csv(tmp_path / "impacts.csv", index=False)
+    found = table.read(tmp_path / "impacts.csv", **BODY)
+    np.testing.assert_allclose(numbers(found.impacts), frame)
+    assert f"{header[3]!r}, {header[4]!r}, {header[5]!r} are vx, vy, omega" in found.read_as
+    contents = propose(tmp_path / "impacts.csv")
+    assert (contents.source, contents.unused) == ("table", ())
+
+
+def test_families_before_and_after_are_no_recordings(tmp_path, frame):
+    """Names that say nothing else: init and audit show the same table of probable meanings."""
+    names = ["k1", "k2", "k3", *(f"{name} {when}" for when in ("minus", "plus") for name in ("pp", "qq", "rr"))]
+    path = tmp_path / "impacts.csv"
+    frame.set_axis(names, axis=1).assign(trial=range(30)).to_csv(path, index=False)
+    told = list[list[str]]()
+    for use in (propose, lambda path: table.read(path, **BODY)):
+        with refused(["'qq minus'", "vy? turns its sign at contact: 'qq plus'"]) as caught:
+            use(path)
+        told.append(str(caught.value).splitlines()[1:])
+    assert told[0] == told[1]
+
+
+def vectors_in_space() -> tuple[pd.DataFrame, torch.Tensor]:
+    frame, q = in_space(last=True)
+    sets = {"pos": "xyz", "lin_vel_before": ("vx", "vy", "vz"), "ang_vel_before": ("wx", "wy", "wz"),
+            "lin_vel_after": ("vx_post", "vy_post", "vz_post"), "ang_vel_after": ("wx_post", "wy_post", "wz_post"),
+            "orn": ("q0", "q1", "q2", "q3")}  # fmt: skip
+    return pd.DataFrame({name: frame[[*columns]].to_numpy().tolist() for name, columns in sets.items()}), q
+
+
+@pytest.mark.parametrize("name", ["orn", "base_orn", "anything"])
+def test_vectors_of_length_1_are_the_quaternion(name):
+    frame, q = vectors_in_space()
+    found = table.read(frame.rename(columns={"orn": name}), shape=CUBOID, mass=0.1, validate=False)
+    torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+    assert f"{name!r} holds q0, q1, q2, q3" in found.read_as
+
+
+def test_a_setting_names_a_column_of_vectors():
+    frame, q = vectors_in_space()
+    frame = frame.rename(columns={"orn": "A", "lin_vel_after": "B [cm/s]"}).assign(C=1.0)
+    frame["B [cm/s]"] = [[100 * v for v in row] for row in frame["B [cm/s]"]]
+    body = {"shape": {"kind": "sphere", "radius": 0.03}, "mass": 0.1, "validate": False}
+    units = {"length": "m", "time": "s"}
+    found = table.read(frame, columns={"quaternion_xyzw": "A", "velocity_post": "B"}, units=units, **body)
+    torch.testing.assert_close(found.impacts.q[:, 3:], q, rtol=0, atol=1e-15)
+    there = table.read(vectors_in_space()[0], columns={"quaternion_xyzw": "orn"}, **body)
+    torch.testing.assert_close(found.impacts.v_post, there.impacts.v_post)
+    with refused(["data.columns.quaternion=C: that column has no vectors"]):
+        table.read(frame, columns={"quaternion": "C"}, **body)
+
+
+def test_what_is_in_space_lacks_a_quaternion(tmp_path):
+    frame, _ = in_space(last=False)
+    plain = frame.drop(columns=["q0", "q1", "q2", "q3"])
+    body = {"shape": CUBOID, "mass": 0.1, "validate": False}
+    for one in (plain, plain.drop(columns=["z", "vz", "vz_post"]), plain.drop(columns=["wx", "wy", "wz"])):
+        with refused(["missing quaternion, body to world", "data.columns={quaternion_xyzw: …}"]):
+            table.read(one, **body)
+    with refused(["four columns are {qx: a, qy: b, qz: c, qw: d}, whose length is 1"]):
+        table.read(frame.rename(columns={"q0": "a", "q1": "b", "q2": "c", "q3": "d"}), **body)
+    plain.to_csv(tmp_path / "a.csv", index=False)
+    opened = {one.name for one in propose(tmp_path / "a.csv").settings if one.value == "???"}
+    assert opened == {"mass", "shape", *(f"columns.q{letter}" for letter in "wxyz")}
+
+
+@pytest.mark.parametrize("unit", ["1/s", "s^-1", "s⁻¹", "Hz"])
+def test_a_spin_in_1_per_s_is_asked_for(tmp_path, frame, unit):
+    path = tmp_path / "drops.csv"
+    names = {"omega": f"ω vor dem Stoß [{unit}]", "omega_post": f"ω nach dem Stoß [{unit}]"}
+    frame.rename(columns=names).to_csv(path, index=False)
+    with refused(["may be in rad/s or in rev/s", "unit: rad/s}, omega_post: {column: "]) as caught:
+        table.read(path, **BODY)
+    columns = yaml.safe_load(str(caught.value).split("data.columns=")[1].split("' or unit")[0])
+    stated = {"length": "m", "time": "s", "angle": "rad"}
+    np.testing.assert_allclose(numbers(table.read(path, columns=columns, units=stated, **BODY).impacts), frame)
+    asked = {one.name: one.comment for one in propose(path).settings if one.value == "???"}
+    assert f'{{column: "{names["omega"]}", unit: rad/s}}' in asked["columns.omega"]
+
+
+def test_a_unit_of_cells_excludes_a_meaning(tmp_path, frame):
+    path = tmp_path / "drops.csv"
+    frame.assign(T=[f"{20 + k / 10} °C" for k in range(30)]).to_csv(path, index=False)
+    found = table.read(path, **BODY)
+    assert (found.impacts.time, found.unused) == (None, ("T [°C]",))
+    warm = table.read(path, covariates=["T"], **BODY).impacts.covariates["t"]
+    np.testing.assert_allclose(warm, 20 + np.arange(30) / 10)
+    assert "columns.time" not in {one.name for one in propose(path).settings}
+
+
+def test_init_writes_what_it_has_seen_and_asks_for_the_rest(tmp_path, frame, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    polar = frame[["omega", "omega_post"]].assign(ground=["clay", "grass", "carpet"] * 10)
+    for end, when in (("", "in"), ("_post", "out")):
+        polar[f"V {when} [km/h]"] = 3.6 * np.hypot(frame[f"vx{end}"], frame[f"vy{end}"])
+        polar[f"Angle {when} [°]"] = np.degrees(np.arctan2(frame[f"vy{end}"].abs(), frame[f"vx{end}"]))
+    polar.loc[[4, 6], "omega_post"] = np.nan
+    polar.to_csv("rig.csv", index=False)
+    said = run("contactlearn", "init", "rig.csv", "--name", "open", cwd=".")
+    assert "fill in  mass, shape, columns.direction_floor, columns.direction_floor_post: " in said
+    settings = yaml.safe_load(Path("open.yaml").read_text("utf-8"))
+    assert (settings["covariates"], settings["correct"]) == (["ground"], ["drop_incomplete"])
+    assert "a number is missing in row 5, 7" in Path("open.yaml").read_text("utf-8")
+    words = [
+        "data.columns={direction_floor: Angle in, direction_floor_post: Angle out}", "data.mass=0.05",
+        "data.shape={kind: disc, radius: 0.03}", "data.units={angle: rad}",
+    ]  # fmt: skip
+    run("contactlearn", "init", "rig.csv", *words, "--name", "filled", cwd=".")
+    assert "???" not in Path("filled.yaml").read_text("utf-8").split("\n", 2)[2]
+    filled = yaml.safe_load(Path("filled.yaml").read_text("utf-8"))
+    del filled["_target_"], filled["correct"]
+    found = table.load(**filled, validate=False, drop_incomplete=True)
+    whole = frame.drop(index=[4, 6])
+    np.testing.assert_allclose(found.v_post, whole[["vx_post", "vy_post", "omega_post"]], atol=1e-12)
+    assert found.covariates["ground"][:3] == ("clay", "grass", "carpet")
+    with pytest.raises(AssertionError, match=r"init only takes data.KEY=…"):
+        run("contactlearn", "init", "rig.csv", "model=all", "--name", "other", cwd=".")

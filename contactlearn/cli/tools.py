@@ -9,7 +9,7 @@ Raises:
 import argparse
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from contactlearn.core.errors import ContactLearnError
 
@@ -43,6 +43,9 @@ def _add_data_tools(add: Callable[..., argparse.ArgumentParser]) -> None:
     )
     init.add_argument("path", metavar="FILE", help="a table of impacts, a recording, or a folder with recordings")
     init.add_argument("--name", help="NAME (default: that of the file)")
+    init.add_argument(
+        "overrides", nargs="*", metavar="data.KEY=value", help="settings that are known already, data.columns={…}"
+    )
     init.set_defaults(run=run_init)
     audit = add(
         "audit",
@@ -240,9 +243,19 @@ def run_init(options: argparse.Namespace) -> str:
     """Write the settings of measurements to a file; return a summary."""
     from pathlib import Path
 
+    from contactlearn.cli.command_line import parse_override, quoted
     from contactlearn.cli.commands.init import write_settings
 
-    return write_settings(Path(options.path), options.name)
+    stated = dict[str, Any]()
+    for word in quoted(options.overrides):
+        override = parse_override(word)
+        group, _, key = str(override.key_or_group).partition(".")
+        if group != "data" or not key or "." in key:
+            raise ContactLearnError(
+                f"init only takes data.KEY=…, such as data.columns={{…}} or data.mass=…, got {word}"
+            )
+        stated[key] = override.value()
+    return write_settings(Path(options.path), options.name, stated)
 
 
 def run_audit(options: argparse.Namespace) -> tuple[str, int]:
@@ -251,7 +264,7 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     The exit status is 1 where the data are wrong.
     """
     from contactlearn.cli.commands.loading import load_data
-    from contactlearn.data.audit.findings import audit
+    from contactlearn.data.audit.findings import CLOSING, audit
     from contactlearn.report.text.names import sentence
     from contactlearn.report.text.sentences import correct_setting
 
@@ -260,9 +273,13 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     impacts = load_data(source, validate=False).impacts
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
-    lines += [f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}" for finding in findings]
+    closing = [one for one in findings if one.name in CLOSING and not one.mistake]
+    for finding in (*(one for one in findings if one not in closing), *closing):
+        lines.append(f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}")
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
+    if findings.mistakes and not setting:
+        lines.append("no setting corrects this: change the table, or what data.columns, data.units and data.shape say")
     return "\n".join(lines).replace("\u00a0", " "), int(bool(findings.mistakes))
 
 

@@ -5,6 +5,7 @@ required setting that the names do not state is left open.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownLayout
 from contactlearn.data import table
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.packed import files_in, is_archive, is_single, several
-from contactlearn.data.probable import probable_columns
 from contactlearn.data.recordings.conventions import ANGLES, UNITS
 from contactlearn.data.recordings.readers import (
     SUFFIXES as RECORDING_SUFFIXES,
@@ -47,10 +47,22 @@ from contactlearn.data.table.columns import (
     recognised_columns,
     refusal_of_unmeasured,
     required_in,
+    setting_text,
     trial_column,
 )
+from contactlearn.data.table.descriptions import direction_in
+from contactlearn.data.table.dialect import is_missing
 from contactlearn.data.table.files import sheet_of
-from contactlearn.data.table.names import Recognised, Stated, Vocabulary, name_words, recognise
+from contactlearn.data.table.names import (
+    Recognised,
+    Stated,
+    Vocabulary,
+    name_words,
+    recognise,
+    spins_per_second,
+    times_in,
+)
+from contactlearn.data.table.probable import probable_columns
 from contactlearn.data.table.several import refusal_of_several, refusal_side_by_side
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -139,11 +151,12 @@ class FileContents:
     page: str = ""
 
 
-def propose(path: Path) -> FileContents:
+def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContents:
     """Return the settings with which a file or a folder is read.
 
     Args:
         path: a table of impacts, a recording, or a folder with recordings.
+        columns: names in a table by ours, as settings state them; they are not among those returned.
 
     Raises:
         DataError: it cannot be read, or is neither.
@@ -154,9 +167,9 @@ def propose(path: Path) -> FileContents:
     else:
         first = path if path.suffix.lower() in table.SUFFIXES and is_single(path) else recording_files(path)[0]
     of_text = first.suffix.lower() in table.DELIMITED
-    cells = None if of_text else _impacts_of(first)
+    cells = None if of_text else _impacts_of(first, columns)
     nested = nested_table(first) if cells is None else None
-    if of_text and nested is not None and (cells := _impacts_of(first)) is not None:
+    if of_text and nested is not None and (cells := _impacts_of(first, columns)) is not None:
         nested = None
     if cells is None and nested is None and (first.suffix.lower() not in table.SUFFIXES or _is_recording(first)):
         bodies = bodies_of(first) if first.suffix.lower() == ".csv" else []
@@ -166,12 +179,14 @@ def propose(path: Path) -> FileContents:
     if nested is None and first.suffix.lower() in (".csv", ".tsv", ".txt") and (export := export_of(first)):
         return FileContents(source="tracks", settings=(*_of_export(path, export),))
     cells = cells or (
-        table.preview(first) if nested is None else replace(sheet_of(nested.head(_PREVIEWED)), path=first)
+        table.preview(first, columns) if nested is None else replace(sheet_of(nested.head(_PREVIEWED)), path=first)
     )
     header = cells.header
     if why := refusal_side_by_side(header):
         raise DataError(f"{first}: {why}")
     space, impacts = recognised_columns(header)
+    absent = [ours for ours, name in (columns or {}).items() if name is None]
+    impacts = impacts.without(absent)
     frames, markers = recognise(header, _frame_units()), _markers(header)
     _refuse_sensors(first, header, frames)
     bodies = {} if markers or "x" in frames.names else bodies_in_names(header, _POSE)
@@ -179,7 +194,7 @@ def propose(path: Path) -> FileContents:
     if bodies:
         ours = {name: column for names in bodies.values() for name, column in names.items()}
         frames = recognise([*dict.fromkeys(ours.get(name, name) for name in header)], _frame_units())
-    if any(column in impacts.names for column in space.components["v_post"]):
+    if any(column in impacts.names for column in ("speed_post", *space.components["v_post"])):
         if path.is_dir() or len(packed) > 1:
             every = packed or [file for file in sorted(path.rglob("*")) if file.suffix.lower() in table.SUFFIXES]
             raise DataError(f"{path}: {several(path, every, 'table')}")
@@ -189,7 +204,7 @@ def propose(path: Path) -> FileContents:
         for column, name in impacts.names.items():
             if column in columns_of(space) and column not in table.NAMES:
                 replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
-        return _contents("table", _table(path, space, impacts), cells, unused=impacts.others)
+        return _contents("table", _table(path, space, impacts, cells), cells, unused=impacts.others)
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
     posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
@@ -203,7 +218,10 @@ def propose(path: Path) -> FileContents:
         body = _body(path, markers, bodies or named, where)
         return _contents("tracks", (*body, *_layout(first, frames, markers)), cells)
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    timed = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
+    times = [times_in(name, opposite=False) for name in header]
+    paired = times.count("pre") == times.count("post") > 0  # as families of numbers before and after contact
+    clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
+    timed = clock and not paired
     if timed and frames.others:
         return _contents("tracks", (*_body(path), *_open_layout(first, frames, names)), cells)
     if why := refusal_of_several(header):
@@ -239,12 +257,12 @@ def _repeats(cells: Sheet, name: str | None) -> bool:
     return name in cells.header and 2 * len({*cells.names(name)}) <= len(cells)
 
 
-def _impacts_of(first: Path) -> Sheet | None:
+def _impacts_of(first: Path, columns: Mapping[str, Any] | None) -> Sheet | None:
     """The cells of a file that is a table of impacts; None of a recording, and of what is no table."""
     if first.suffix.lower() not in table.READ:
         return None
     try:
-        cells = table.preview(first)
+        cells = table.preview(first, columns)
     except DataError:
         return None
     space, impacts = recognised_columns(cells.header)
@@ -366,10 +384,13 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
     return markers if len(markers) > 1 and {*map(len, markers)} in ({2}, {3}) else []
 
 
-def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
+def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> Iterator[Setting]:
     """The settings of a table of impacts."""
+    angles = {end: direction_in(known, end) for end in ("", "_post") if f"speed{end}" in known.names}
+    known = known.without([ours for ours, name in known.names.items() if name in angles.values()])
     names = {column: name for column, name in known.names.items() if column in columns_of(space)}
     lacking = [column for column in required_in(space) if column not in names]
+    lacking = [column for column in lacking if not angles or column.removesuffix("_post") not in ("vx", "vy")]
     if "inertia" in known.others:  # one for all axes
         lacking = [column for column in lacking if column not in SPACE.inertia]
     fields = computed_fields(space, lacking, known.others)
@@ -387,6 +408,10 @@ def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
     for column, name in names.items():
         if name != column:
             yield Setting(name=f"columns.{column}", value=name, comment=units.text(column) or "a name")
+    for end, name in angles.items():
+        about = f"{name!r} if it is from the floor; if it is from the normal, write direction_normal{end} for this key"
+        yield Setting(name=f"columns.direction_floor{end}", value=OPEN, comment=about)
+    spins = spins_per_second(known.others)
     for column in lacking:
         if column not in ("mass", *computed):
             near = suggest(column, known.others).replace(", did you mean", "; is it")
@@ -395,14 +420,31 @@ def _table(path: Path, space: Space, known: Recognised) -> Iterator[Setting]:
                 column.removesuffix("_post"), "of the body"
             )
             about = ", ".join(part for part in (units.text(column), meaning, f"{when}{near}") if part)
+            if column in spins:
+                about = f"{{column: {setting_text(spins[column])}, unit: rad/s}}, or rev/s: its 1/s may be either"
             yield Setting(name=f"columns.{column}", value=OPEN, comment=about)
     for quantity, choices in UNIT_FACTORS.items():
         if quantity != "rotation" or space is PLANE:
             value, source = _unit(quantity, names, known)
             yield Setting(name=f"units.{quantity}", value=value, comment=f"{' or '.join(choices)}; {source}")
     own = f", such as those of {', '.join(map(repr, known.others))}" if known.others else ""
-    yield Setting(name="covariates", value=[], comment=f"columns that outcomes may depend on{own}")
-    yield Setting(name="correct", value=[], comment="corrections that the audit names, in this order")
+    groups = [] if cells is None else [name for name in known.others if _is_of_groups(cells, name)]
+    yield Setting(name="covariates", value=groups, comment=f"columns that outcomes may depend on{own}")
+    measured = [name for column, name in names.items() if column not in table.NAMES]
+    bad = [] if cells is None else cells.missing(measured)
+    rows = f"; a number is missing in row {', '.join(map(str, bad[:_SHOWN_ROWS]))}{' …' * (len(bad) > _SHOWN_ROWS)}"
+    about = f"corrections that the audit names, in this order{rows if bad else ''}"
+    yield Setting(name="correct", value=["drop_incomplete"] if bad else [], comment=about)
+
+
+_MOST_GROUPS, _SHOWN_ROWS = 12, 10
+
+
+def _is_of_groups(cells: Sheet, name: str) -> bool:
+    """Whether a column has a few names, each in several rows."""
+    counts = Counter(cells.names(name))
+    few = 1 < len(counts) <= _MOST_GROUPS and min(counts.values()) > 1
+    return few and not cells.is_numeric(name) and not any(map(is_missing, counts))
 
 
 def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[str | None, str]:

@@ -1,7 +1,10 @@
 """The command init: the settings of a user's measurements in a YAML file, for `data=NAME` on every command."""
 
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -9,7 +12,7 @@ import yaml
 from contactlearn.cli.config_files import DATA_NAME, choices, own_data
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.numerics import atomic_write
-from contactlearn.data.headers import OPEN, FileContents, propose
+from contactlearn.data.headers import OPEN, FileContents, Setting, propose
 
 _SECTIONS = {
     "columns": "our name: that in the file; others have our names, or are not used",
@@ -18,12 +21,13 @@ _SECTIONS = {
 _KINDS = {"table": "a table of impacts, docs/tables.md", "tracks": "recordings of tracked poses, docs/tracks.md"}
 
 
-def write_settings(path: Path, name: str | None) -> str:
+def write_settings(path: Path, name: str | None, stated: Mapping[str, Any] = MappingProxyType({})) -> str:
     """Write NAME.yaml in the working directory; return a summary of it, line by line.
 
     Args:
         path: a table of impacts, a recording, or a folder with recordings.
         name: NAME; None for that of the file.
+        stated: settings by name, without `data.`, that are known already; `columns` say how a table is read.
 
     Raises:
         ContactLearnError: a name that `data=` cannot choose, or of another file; or the file cannot be written.
@@ -38,7 +42,15 @@ def write_settings(path: Path, name: str | None) -> str:
         raise ContactLearnError(f"data={word} is a source of this package; choose another name, --name my{word}")
     if file.exists():
         raise ContactLearnError(f"{file} exists already and is not replaced; edit it, or choose another --name")
-    contents = propose(path)
+    flat = {
+        f"{key}.{inner}" if key in _SECTIONS else key: value
+        for key, whole in stated.items()
+        for inner, value in (whole.items() if key in _SECTIONS else [(key, whole)])
+    }
+    columns = stated.get("columns", {})
+    of_frames = any(isinstance(value, list) for value in columns.values())  # position: [x, y]
+    contents = propose(path, None if of_frames else columns)
+    contents = replace(contents, settings=tuple(_with_stated(contents.settings, flat)))
     try:
         with atomic_write(file) as part:
             part.write_text(_text(path, word, contents), encoding="utf-8")
@@ -59,6 +71,20 @@ def write_settings(path: Path, name: str | None) -> str:
     lines.append(f"then     {first}contactlearn audit data={word}, and data={word} on every command in this folder")
     lines += ["or       name its columns in one command", contents.page] if contents.page else []
     return "\n".join(lines)
+
+
+def _with_stated(settings: Sequence[Setting], stated: Mapping[str, Any]) -> list[Setting]:
+    """Settings with the values that are stated, and those that are stated only, each section in one piece."""
+    found = {one.name: one for one in settings}
+    for name, value in stated.items():
+        comment = found[name].comment if name in found else "as stated"
+        found[name] = Setting(name=name, value=value, comment=comment)
+    sections = [*dict.fromkeys(name.rpartition(".")[0] for name in found)]
+    places = {name: k for k, name in enumerate(found)}
+    first = {section: min(places[name] for name in found if name.rpartition(".")[0] == section) for section in sections}
+    return sorted(
+        found.values(), key=lambda one: first[group] if (group := one.name.rpartition(".")[0]) else places[one.name]
+    )
 
 
 def _text(path: Path, name: str, contents: FileContents) -> str:

@@ -30,7 +30,9 @@ from contactlearn.data.audit.moments import BALANCE, Balance, Columns, balance, 
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
+from contactlearn.mechanics.bodies import shapes_among
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.shapes import Disc
 from contactlearn.mechanics.space import PLANE, SPACE
 
 _TURNS = ("quarter_turn", "quarter_turn_back", "half_turn")
@@ -308,9 +310,15 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
 
 
 def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, list[int]]:
-    """The order among equal hypotheses: without a fitted number, shorter, earlier in the list of corrections."""
-    names = hypothesis.names
-    return bool(FITTED.intersection(names)), len(names), [*map([*CORRECTIONS].index, names)]
+    """The order among equal hypotheses: without a fitted number, shorter, earlier in the list of corrections.
+
+    Of balls, whose topspin is clockwise for one that flies to the right, the sense of the spin goes first.
+    """
+    names, shape = hypothesis.names, hypothesis.impacts.shape
+    balls = shape is not None and all(isinstance(one, Disc) for one in shapes_among(shape).values())
+    order = [*CORRECTIONS]
+    places = [-1 if balls and name == "mirrored_omega" else order.index(name) for name in names]
+    return bool(FITTED.intersection(names)), len(names), places
 
 
 def _margin(unit: Hypothesis, least: Hypothesis) -> float:

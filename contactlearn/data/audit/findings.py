@@ -81,6 +81,8 @@ from contactlearn.data.audit.trials import (
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
 
+CLOSING = ("consistent", "too_few_trials", "moment_balance_open", "contradictions")
+"""Findings that close an audit: what the whole of the data is, if it has no mistake."""
 _MIN_TRIALS = 10  # trials below which nothing is said about units and axes: five standard errors need them
 _QUICK = 500  # trials of a quick audit
 _COMPARED = 20_000  # trials on which hypotheses about units and axes are compared, at most; the rest is of all trials
@@ -108,7 +110,8 @@ def audit(
     notes, plane = rig_notes(impacts), impacts.space is PLANE
     if len(sound) < _MIN_TRIALS:
         findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
-        return Audit((*(findings or [_few_note(sound)]), *notes))
+        few = [] if Audit(findings).mistakes else [_few_note(sound)]
+        return Audit((*findings, *few, *notes))
     notes = [*sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
@@ -142,7 +145,7 @@ def audit(
         corrected = [_not_recommended(finding) for finding in corrected]
     found = [*first, *corrected, closing, *findings, *of_trials]
     outlines = outline_notes(sound) if plane else []
-    shown = (one for one in found if one.name != "consistent" or len(found) == 1)
+    shown = (one for one in found if one.name != "consistent" or not Audit(found).mistakes)
     return Audit((*shown, *outlines, *notes))
 
 

@@ -29,7 +29,7 @@ memory; a large one of text or Parquet is read in blocks of rows, once for every
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from contactlearn.core.errors import DataError
+from contactlearn.core.errors import DataError, UnknownLayoutError
 from contactlearn.core.numerics import atomic_write, finite_number
 from contactlearn.data.array_files import HDF5
 from contactlearn.data.blocks import BLOCK, LARGE, Blocks
@@ -49,13 +49,16 @@ from contactlearn.data.table.columns import (
     REQUIRED,
     NamedColumns,
     apparatus_of,
+    chains_in,
+    checked_names,
+    columns_of,
     covariate_columns,
-    flights_in,
     name_columns,
 )
 from contactlearn.data.table.descriptions import by_settings, phase_column, restated
 from contactlearn.data.table.mapped import with_made_columns
 from contactlearn.data.table.names import NAMES, name_words
+from contactlearn.data.table.probable import probable_columns
 from contactlearn.data.table.reshaped import is_long
 from contactlearn.data.table.rows import filled_down, is_merged
 from contactlearn.data.table.sheet import Sheet
@@ -235,7 +238,11 @@ def read_blocks(
         )
         shaped = known_shape is not None
         turning = not (shaped and all(isinstance(each, (Disc, Sphere)) for each in shapes_among(known_shape).values()))
-        named = name_columns(cells, mapped, known_units, shaped=shaped, turning=turning, stated=[*stated])
+        try:
+            named = name_columns(cells, mapped, known_units, shaped=shaped, turning=turning, stated=[*stated])
+        except UnknownLayoutError as error:
+            page = probable_columns(Path(cells.path), cells, source="table")
+            raise UnknownLayoutError(f"{error}; its columns are\n{page}") from None
         if isinstance(known_shape, Mapping):
             bodies |= dict.fromkeys(_body_names(named.cells, known_shape))
         kept, values = _complete(named.cells) if drop_incomplete else (named.cells, _numbered(named.cells))
@@ -315,15 +322,24 @@ def raw_cells(path: Path) -> Sheet:
     return next(_sheets(path, None))
 
 
-def preview(path: Path) -> Sheet:
+def preview(path: Path, columns: Mapping[str, Any] | None = None) -> Sheet:
     """Return the first rows of a table file as raw cells, a row an impact, under its own names.
 
-    What only the body's shape can tell is left open.
+    What only the body's shape can tell, or a setting, is left open.
+
+    Args:
+        path: the table.
+        columns: names in the table by ours, as in `read`; these columns are under our names.
 
     Raises:
         DataError: see `read`.
+        UnknownNameError: a column that does not exist.
     """
-    return restated(next(_sheets(path, _PREVIEWED)), Units(STATED), asked=False, gaps=True)
+    cells, mapped = by_settings(*with_made_columns(next(_sheets(path, _PREVIEWED)), columns, gaps=True))
+    cells = restated(cells, Units(STATED), mapped, asked=False, gaps=True)
+    names = checked_names(cells, mapped, [*columns_of(PLANE), *columns_of(SPACE)])
+    ours = {name: column for column, name in names.items() if name is not None}
+    return replace(cells, header=[ours.get(name, name) for name in cells.header])
 
 
 def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
@@ -360,7 +376,7 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
 
 def _is_of_several_rows(cells: Sheet) -> bool:
     """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
-    several = bool(phase_column(cells)) or is_long(cells) or bool(flights_in(cells.header))
+    several = bool(phase_column(cells)) or is_long(cells) or any(chains_in(cells.header).values())
     return several or any(map(is_merged, cells.header, cells.columns))
 
 

@@ -19,17 +19,21 @@ from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from itertools import product
 
-from contactlearn.core.errors import DataError, UnknownNameError, suggest
+import numpy as np
+
+from contactlearn.core.errors import DataError, UnknownLayoutError, UnknownNameError, suggest
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
     COEFFICIENTS,
     NAMES,
     OTHERS,
+    VECTORS,
     Recognised,
     impact_vocabulary,
     is_unit,
     name_words,
     recognise,
+    spins_per_second,
     unit_in,
 )
 from contactlearn.data.table.several import refusal_of_several
@@ -173,16 +177,22 @@ class NamedColumns:
 
 
 def recognised_columns(header: Sequence[str], mapped: Collection[str] = ()) -> tuple[Space, Recognised]:
-    """Return the space of a table, and which of its columns are which; quaternions make it one of bodies in space.
+    """Return the space of a table, and which of its columns are which.
+
+    Quaternions make it one of bodies in space, and so do three components of velocities or spins, or three moments of
+    inertia, if there is no angle and no spin as in a plane.
 
     Args:
         header: names of columns.
         mapped: our columns for which a setting says which they are.
     """
-    known = recognise(header, impact_vocabulary(SPACE))
-    if {*SPACE.pose[3:]} & {*known.names, *mapped}:
+    known, planar = recognise(header, impact_vocabulary(SPACE)), recognise(header, impact_vocabulary(PLANE))
+    named, spatial = {*known.names, *mapped}, SPACE.components
+    triples = (SPACE.velocity[:3], SPACE.velocity[3:], spatial["v_post"][:3], spatial["v_post"][3:], SPACE.inertia)
+    flat = {"theta", "omega", "theta_post", "omega_post"} & {*planar.names, *mapped}
+    if {*SPACE.pose[3:]} & named or (not flat and any({*triple} <= named for triple in triples)):
         return SPACE, known
-    return PLANE, recognise(header, impact_vocabulary(PLANE))
+    return PLANE, planar
 
 
 def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str]) -> tuple[str, ...]:
@@ -229,7 +239,7 @@ def name_columns(
     space, known = recognised_columns(cells.header, [*(mapped or ())])
     every = columns_of(space)
     every = (*every, *(one for one in (*cells.header, *(mapped or ())) if one.startswith(COVARIATE)))
-    names = _checked(cells, mapped, every)
+    names = checked_names(cells, mapped, every)
     taken = {name for name in names.values() if name is not None}
     if names:
         known = recognise([name for name in cells.header if name not in taken], impact_vocabulary(space))
@@ -244,6 +254,14 @@ def name_columns(
         ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
         of_all_axes = SPACE.inertia
     unused = tuple(name for name in cells.header if name not in ours.values())
+    spins = spins_per_second(cells.header)
+    spins = {column: name for column, name in spins.items() if column in every and ours.get(column, name) == name}
+    if spins:
+        forms = (f"{column}: {{column: {setting_text(name)}, unit: rad/s}}" for column, name in spins.items())
+        raise DataError(
+            f"{cells.path}: {' and '.join(map(repr, spins.values()))} may be in rad/s or in rev/s: say which, "
+            f"'data.columns={{{', '.join(forms)}}}' or unit: rev/s"
+        )
     known_elsewhere = {*ours, *stated, *of_all_axes}
     lacking = [column for column in required_in(space) if column not in known_elsewhere]
     computed = computed_fields(space, lacking, unused)
@@ -259,9 +277,10 @@ def name_columns(
         why = (
             why
             or (unmeasured and refusal_of_unmeasured(cells.header))
-            or _missing(space, slips, needed, unused, computed)
+            or _missing(space, slips, needed, unused, computed, _of_length_1(cells, unused))
         )
-        raise DataError(f"{cells.path}: {why}")
+        unknown = len(needed) > max(_MAX_LISTED, len(cells.header) - len(unused))
+        raise (UnknownLayoutError if unknown else DataError)(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
     place = cells.header.index
     columns = [cells.columns[place(name)] for name in ours.values()]
@@ -314,21 +333,28 @@ def _with_columns(cells: Sheet, units: Units, space: Space, ours: Mapping[str, s
 
 _FLIGHTS = {"interval", "intervals", "flight", "zeitintervall", "intervall", "flugzeit", "vol", "intervalle", "vuelo"}
 _FLIGHTS |= {"intervalo", "intervallo", "volo"}
-_TIMES = {"time", "times", "t", "dt", "δt", "zeit", "temps", "tiempo", "tempo"}
-_BESIDE_FLIGHTS = {"of", "between", "de", "di", "bounce", "bounces", "hop", "bouncing", "s", "ms"}
+_TIMES = {"time", "times", "t", "dt", "δt", "zeit", "temps", "tiempo", "tempo", "s", "ms"}
+_BESIDE_FLIGHTS = {"of", "between", "de", "di", "bounce", "bounces", "hop", "bouncing", "impact", "hit", "aufprall"}
 _BEFORE = {"vx", "vy", "vz", "speed", "height", "px", "py", "momentum"}
 
 
-def flights_in(header: Sequence[str], words: Collection[str] = _FLIGHTS) -> list[str]:
-    """Return the numbered names that are times between bounces, in their order, such as "Time interval 1 (s)"."""
-    numbers = dict[str, int]()
+def chains_in(header: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Return the names with a running number that say of each flight or bounce of a run what it is, and the numbers.
+
+    By `flight` are times such as "Time interval 1 (s)", by `bounce` such as "Bounce 1 (s)", and by `height` such as
+    "Height 1 (m)", each in the order of its numbers.
+    """
+    chains: dict[str, dict[str, int]] = {"flight": {}, "bounce": {}, "height": {}}
     for name in header:
-        said = name_words(name)
-        digits = [word for word in said if word.isdigit()]
-        known = {*_FLIGHTS, *_TIMES, *_BESIDE_FLIGHTS, *digits}
-        if len(digits) == 1 and {*said} & {*words} and {*said} <= known:
-            numbers[name] = int(digits[0])
-    return sorted(numbers, key=lambda name: numbers[name])
+        words = name_words(name)
+        digits = [word for word in words if word.isdigit()]
+        if len(digits) != 1:
+            continue
+        if {*words} <= {*_FLIGHTS, *_TIMES, *_BESIDE_FLIGHTS, *digits} and {*words} & (_FLIGHTS | _TIMES):
+            chains["flight" if {*words} & _FLIGHTS else "bounce"][name] = int(digits[0])
+        elif "height" in recognise([re.sub(r"[\W_]*\d+", "", name, count=1)], impact_vocabulary(PLANE)).names:
+            chains["height"][name] = int(digits[0])
+    return {kind: dict(sorted(names.items(), key=lambda one: one[1])) for kind, names in chains.items()}
 
 
 def refusal_of_unmeasured(header: Sequence[str]) -> str:
@@ -337,7 +363,8 @@ def refusal_of_unmeasured(header: Sequence[str]) -> str:
     Empty where some are, and where nothing is known of an impact.
     """
     split = {name: name_words(name) for name in header}
-    flights = flights_in(header, _FLIGHTS | _TIMES)
+    chains = chains_in(header)
+    flights = [*chains["flight"], *chains["bounce"]]
     if len(flights) > 1:
         return (
             f"has no velocities before and after contact; are {', '.join(map(repr, flights))} times between bounces? A "
@@ -372,8 +399,13 @@ def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
     return None
 
 
-def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Sequence[str]) -> dict[str, str | None]:
-    """The mapping of names, with the file's as text."""
+def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Sequence[str]) -> dict[str, str | None]:
+    """Return the mapping of names, with the file's as text.
+
+    Raises:
+        DataError: no mapping, or no such column in the file.
+        UnknownNameError: no column of ours.
+    """
     if mapped is None:
         return {}
     if not isinstance(mapped, Mapping):
@@ -386,7 +418,8 @@ def _checked(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Seque
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
             own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
             own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
-            raise UnknownNameError(f"column in data.columns{turned}:", column, own)
+            own += VECTORS
+            raise UnknownNameError(f"column in data.columns{turned}:", column, [*dict.fromkeys(own)])
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
@@ -422,17 +455,33 @@ def _slips(unused: Sequence[str], needed: Sequence[str], free: Sequence[str]) ->
 
 
 def _missing(
-    space: Space, slips: Mapping[str, str], needed: Sequence[str], unused: Sequence[str], computed: Sequence[str]
+    space: Space,
+    slips: Mapping[str, str],
+    needed: Sequence[str],
+    unused: Sequence[str],
+    computed: Sequence[str],
+    four: str,
 ) -> str:
-    """Describe which columns are missing, which look like them, and how to map their names."""
+    """Describe which columns are missing, which look like them, and how to map their names.
+
+    Args:
+        four: settings of columns that may be a quaternion; empty if there are none.
+    """
     lacking = [column for column in needed if column not in slips.values()]
     parts = [f"unknown column {name!r}, did you mean {near!r}?" for name, near in slips.items()]
     few = len(lacking) <= _MAX_LISTED or not unused
     other = f"{len(lacking)} columns are missing, or have other names than ours"
+    if turned := {*(turns := SPACE.pose[3:])} <= {*lacking}:
+        lacking = [column for column in lacking if column not in turns]
+        parts.append(
+            "missing quaternion, body to world, for v_z, three spins or three moments of inertia are of bodies in "
+            "space: 'data.columns={quaternion_xyzw: …}' says its column of vectors, quaternion_wxyz with the scalar "
+            f"first; four columns are {four or '{qw: …, qx: …, qy: …, qz: …}'}{', whose length is 1' * bool(four)}"
+        )
     parts += [f"missing column {', '.join(lacking)}" if few else other] if lacking else []
     others = [repr(name) for name in unused if name not in slips]
-    parts += [f"not used: {', '.join(others)}"] if lacking and others else []
-    if unused:
+    parts += [f"not used: {', '.join(others)}"] if others and (lacking or turned) else []
+    if unused and (slips or lacking):
         mapped = [f"{near}: {setting_text(name)}" for name, near in slips.items()] + [
             f"{column}: …" for column in lacking
         ]
@@ -449,8 +498,24 @@ def _missing(
         parts.append("or state the mass of every body in kg, data.mass=…")
     plain = [column for column in columns_of(space) if not column.startswith(("cov_", "apparatus_"))]
     every = f"needed: {', '.join(required_in(space))}; known: {', '.join(plain)}, cov_…, apparatus_… (docs/tables.md)"
-    parts.append(every if few else "optional columns: docs/tables.md")
+    parts.append(every if few and not turned else "optional columns: docs/tables.md")
     return "; ".join(parts)
+
+
+def _of_length_1(cells: Sheet, unused: Sequence[str]) -> str:
+    """Settings of four columns beside each other that may be a quaternion, for their length is 1, the scalar last."""
+    numeric = [name for name in unused if cells.is_numeric(name)]
+    for names in zip(*(numeric[k:] for k in range(4)), strict=False):
+        try:
+            lengths = np.stack([replace(cells, gaps=True).numbers(name, "1") ** 2 for name in names]).sum(0)
+        except DataError:
+            continue
+        if abs(lengths[lengths == lengths] - 1).max(initial=0) < _LENGTH_SHARE:
+            return f"{{{', '.join(f'{q}: {setting_text(name)}' for q, name in zip(_SCALAR_LAST, names, strict=True))}}}"
+    return ""
+
+
+_SCALAR_LAST, _LENGTH_SHARE = ("qx", "qy", "qz", "qw"), 0.01
 
 
 def setting_text(name: str) -> str:

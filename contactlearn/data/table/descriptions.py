@@ -21,8 +21,8 @@ import numpy as np
 import torch
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import columns_of, recognised_columns, setting_text
-from contactlearn.data.table.dialect import with_one_unit
+from contactlearn.data.table.columns import columns_of, recognised_columns, setting_text, without_unit
+from contactlearn.data.table.dialect import is_missing, with_one_unit, written_in
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
     COEFFICIENTS,
@@ -30,15 +30,16 @@ from contactlearn.data.table.names import (
     NAMES,
     OTHERS,
     SURFACES,
+    VECTORS,
     Recognised,
     impact_vocabulary,
     name_words,
     time_of,
     unit_in,
 )
-from contactlearn.data.table.reshaped import by_component, by_flight, by_trial
+from contactlearn.data.table.reshaped import are_vectors, by_component, by_flight, by_trial
 from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
-from contactlearn.data.table.units import Units
+from contactlearn.data.table.units import Units, powers_of
 from contactlearn.mechanics.bodies import AnyShape, contact_points
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import require_dimension
@@ -64,6 +65,7 @@ _DIRECTED = {
 }
 """Words between a velocity of the body and the surface that says its direction: v along the wall."""
 _ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
+_OTHERS = tuple(f"{other}{end}" for other in OTHERS for end in ("", "_post"))
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -93,6 +95,7 @@ def restated(
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
     cells = by_flight(by_trial(replace(cells, gaps=gaps)))
+    cells = _with_other_units(cells, chosen)
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
     cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
@@ -101,7 +104,7 @@ def restated(
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     mapped = mapped if isinstance(mapped, Mapping) else {}
     cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
-    cells = _by_components(_with_changes(cells, units, mapped), units, chosen)
+    cells = _by_components(_with_changes(cells, units, mapped), units, chosen, asked=asked)
     cells = _relative_to_surface(cells, units, mapped)
     return replace(level(cells, units, mapped), gaps=False)
 
@@ -110,19 +113,40 @@ def by_settings(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[
     """Return the table with names of other descriptions that settings map, such as height, and the other mappings."""
     if not isinstance(mapped, Mapping):
         return cells, mapped
+    whole = {without_unit(name): name for name in cells.header} | {name: name for name in cells.header}
+    mapped = {
+        ours: whole.get(str(name), name) if ours in (*VECTORS, *_OTHERS) else name for ours, name in mapped.items()
+    }
     named = {
         str(name): ours
         for ours, name in mapped.items()
-        if str(ours).removesuffix("_post") in OTHERS and str(name) in {*cells.header} - {*columns_of(PLANE)}
+        if ours in (*VECTORS, *_OTHERS) and str(name) in {*cells.header} - {*columns_of(PLANE)}
     }
+    for name, ours in named.items():
+        if ours in VECTORS and not are_vectors(cells, name):
+            raise DataError(f"{cells.path}: data.columns.{ours}={name}: that column has no vectors in its cells")
     vocabulary = impact_vocabulary(PLANE)
     renamed = {
-        name: ours.replace("_", " ") + (f" [{Units(stated).text(ours)}]" if stated else "")
+        name: ours.replace("_", " ") + (f" [{Units(stated).text(ours)}]" if stated else name[len(without_unit(name)) :])
         for name, ours in named.items()
         for stated in [unit_in(name, ours, vocabulary)]
     }
     others = {ours: name for ours, name in mapped.items() if ours not in named.values()}
     return replace(cells, header=[renamed.get(name, name) for name in cells.header]), others
+
+
+def _with_other_units(cells: Sheet, chosen: set[str]) -> Sheet:
+    """The table with units of cells in the names of columns that these exclude: T in °C is no time."""
+    known = {name: ours for ours, name in recognised_columns(cells.header)[1].names.items() if powers_of(ours)}
+    header = [*cells.header]
+    for place, name in enumerate(cells.header):
+        column = cells.columns[place]
+        if name not in known or name in chosen or not isinstance(column, list):
+            continue
+        first = next((cell for cell in column if not is_missing(cell)), None)
+        if isinstance(first, str) and written_in(first) is None and (found := with_one_unit(column)):
+            header[place] = f"{name} [{found[1]}]"
+    return replace(cells, header=header)
 
 
 def phase_column(cells: Sheet) -> str | None:
@@ -403,19 +427,21 @@ _CHANGE = re.compile(
 )
 
 
-def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
+def _by_components(cells: Sheet, units: Units, chosen: set[str], *, asked: bool) -> Sheet:
     """The table with vx and vy in place of speeds and directions."""
     known = recognised_columns([name for name in cells.header if name not in chosen])[1]
     if {"vx", "vy", "vx_post", "vy_post"} & {*known.names} or not {"speed", "height"} & {*known.names}:
         return cells
-    if "speed" not in known.names or "speed_post" not in known.names or not _directed(known):
-        return _along_normal(cells, known, units)
+    if "speed" not in known.names or "speed_post" not in known.names or not direction_in(known):
+        return _along_normal(cells, known, units, asked=asked)
     header, columns = [*cells.header], [*cells.columns]
     sheet_units = Units(units.stated, known.units)
     for end, sign in (("", -1.0), ("_post", 1.0)):
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
-            names = {one: _directed(known, one) or next(iter(known.others), "…") for one in ("", "_post")}
+            if not asked:
+                return cells
+            names = {one: direction_in(known, one) or next(iter(known.others), "…") for one in ("", "_post")}
             mapped = ", ".join(f"direction_floor{one}: {setting_text(name)}" for one, name in names.items())
             raise DataError(
                 f"{cells.path}: the angle {names[end]!r} may be from the floor or from its normal: say which, "
@@ -435,7 +461,7 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str]) -> Sheet:
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, "velocities by speed and angle"))
 
 
-def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
+def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool) -> Sheet:
     """The table with vy in place of speeds, or heights from which bodies fall and to which they rebound in vacuum."""
     ends = {
         end: next((f"{one}{end}" for one in ("speed", "height") if f"{one}{end}" in known.names), None)
@@ -446,6 +472,8 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units) -> Sheet:
         return cells
     speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
     angles = [name for name in known.others if _ANGLES.intersection(name_words(name))]
+    if speeds and angles and not asked:
+        return cells
     if speeds and angles:
         raise DataError(
             f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
@@ -528,8 +556,8 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
 
 
-def _directed(known: Recognised, end: str = "") -> str | None:
-    """The column that is the direction of a speed, if only by its name "angle", which else is that of the body."""
+def direction_in(known: Recognised, end: str = "") -> str | None:
+    """Return the column that is the direction of a speed, if only by the name "angle", else that of the body."""
     for column in (*OTHERS[2:], "theta"):
         name = known.names.get(f"{column}{end}")
         if name is not None and (column != "theta" or "angle" in name_words(name)):

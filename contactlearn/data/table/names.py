@@ -5,8 +5,8 @@ column is taken for ours if no other has the same words, and its unit is one tha
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain, product
 from unicodedata import normalize
@@ -19,6 +19,12 @@ NAMES = ("trial", "object")
 """Columns of names, not numbers."""
 OTHERS = ("speed", "height", "direction", "direction_normal", "direction_floor")
 """Other descriptions of a velocity, each also with _post: `descriptions` turns them into components or refuses them."""
+VECTORS = tuple(
+    f"{vector}{end}"
+    for end in ("", "_post")
+    for vector in ("position", "quaternion", "quaternion_wxyz", "quaternion_xyzw", "velocity", "spin", "pose", "twist")
+)
+"""Columns of vectors that settings may name, whose components are ours."""
 MOMENTA = {"px": "vx", "py": "vy", "pz": "vz", "momentum": "speed", "angular_momentum": "omega"}
 """Momenta, each also with _post, and the velocities that follow of them and the mass or the moment of inertia."""
 
@@ -105,7 +111,17 @@ _ANGULAR = ("omega", "ω", "w", "spin", "angular", "angularvelocity", "angvel", 
             "velocityangular", "drehgeschwindigkeit", "winkelgeschwindigkeit", "drehrate")  # fmt: skip
 _PLACES = ("position", "pos", "p", "x", "com", "cm", "centre", "center", "centreofmass", "centerofmass", "location",
            "translation", "ort", "lage", "posición", "posicion", "posizione")  # fmt: skip
-_ROTATIONS = ("orientation", "quaternion", "quat", "q", "rotation", "attitude", "rot", "orientationquaternion")
+_ROTATIONS = (
+    "orientation",
+    "quaternion",
+    "quat",
+    "q",
+    "rotation",
+    "attitude",
+    "rot",
+    "orientationquaternion",
+    "orn",
+)  # the last of PyBullet
 _VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
     **{(name, 2): ("vx", "vy") for name in _LINEAR}, **{(name, 3): ("vx", "vy", "vz") for name in _LINEAR},
     **{(name, 1): ("omega",) for name in _ANGULAR}, **{(name, 3): ("wx", "wy", "wz") for name in _ANGULAR},
@@ -166,6 +182,13 @@ class Recognised:
     units: Mapping[str, Stated]
     others: tuple[str, ...]
     doubtful: Mapping[str, tuple[str, ...]]
+
+    def without(self, columns: Collection[str]) -> "Recognised":
+        """Return the same but for some of our columns."""
+        names, units = (
+            {ours: said for ours, said in one.items() if ours not in columns} for one in (self.names, self.units)
+        )
+        return replace(self, names=names, units=units)
 
     def stated(self, quantity: str) -> dict[str, list[str]]:
         """Return the units of a quantity that names state, each with the names."""
@@ -284,7 +307,7 @@ def _components(name: str, size: int, *, opposite: bool) -> tuple[str, ...]:
     order = next((word for word in words if word in _ORDERED), None) if size == len("wxyz") else None
     passed_over = {*_BEFORE, *_AFTER, *_IMPACT, *(("in", "out") if opposite else ()), "xy", "xyz", order}
     words = [word for word in words if word not in passed_over]
-    while len(words) > 1 and words[0] in (*_BODIES, "pose", "twist", "state", "com", "cm"):
+    while len(words) > 1 and words[0] in (*_BODIES, "base", "pose", "twist", "state", "com", "cm"):
         words = words[1:]
     end = "_post" if time == "post" else ""
     for split in range(len(words), 0, -1):
@@ -341,6 +364,7 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
     """Words of names that an index tells apart, 1, i or 0 before and 2, f or 1 after, with words for these times.
 
     Both stand for the same velocities, and no other name says a time: v1 and v2 beside m1 and m2 are of two bodies.
+    Where a third has the same words, they are a chain.
     """
     if "vx_post" not in vocabulary or any(times_in(name, opposite=opposite) for name in header):
         return {}
@@ -357,7 +381,10 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
                     break
         both = ours[indices[0]] & ours[indices[1]]
         velocities = {column for each in ours.values() for column in each if column in _INDEXED}
-        if velocities and velocities <= both and "mass" not in both:
+        again = {
+            _match(words, vocabulary, opposite=opposite)[0] for name in header for _, words in _without_index(name, "3")
+        }
+        if velocities and velocities <= both and "mass" not in both and not velocities & again:
             return {name: words for each in found.values() for name, words in each.items()}
     return {}
 
@@ -372,6 +399,17 @@ def _without_index(name: str, indices: str) -> Iterator[tuple[str, list[str]]]:
         letters = _LETTERED.fullmatch("".join(words[:k]))
         if letters and letters[3] in indices:
             yield letters[3], [letters[1] + letters[2] + letters[4], *words[k:]]
+
+
+def spins_per_second(names: Sequence[str]) -> dict[str, str]:
+    """Return names of spins in 1/s, which are radians or revolutions a second, by our column."""
+    bare = {_PER_SECOND.sub("[rad/s]", name): name for name in names if _PER_SECOND.search(name)}
+    return {
+        ours: bare[name] for space in BOTH for ours, name in recognise([*bare], impact_vocabulary(space)).names.items()
+    }
+
+
+_PER_SECOND = re.compile(r"[\[(]\s*(?:1\s*/\s*s(?:ec)?|s(?:ec)?\s*\^?\s*[-−⁻]\s*[1¹]|Hz)\s*[\])]\s*$", re.IGNORECASE)
 
 
 def unit_in(name: str, column: str, vocabulary: Vocabulary) -> Stated:

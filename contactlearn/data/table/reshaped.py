@@ -1,23 +1,27 @@
 """Tables with a number in a row, or several in a cell, as a table with a column for each number.
 
 trial, phase, variable, value, unit      a row a number, as tidyr's pivot_longer and pandas' melt make
-run, Time interval 1 (s), 2 …            a row a run, with the times of flight between bounces
+run, Time interval 1 (s), 2 …            a row a run, with times of flight between bounces, or those of bounces
+run, Height 1 (m), Height 2 (m), 3 …     or heights of flights
+v_minus_1 … 3, v_plus_1 … 3              vectors whose components are numbered, as MATLAB writes matrices
 "[ 2.88 -1.13]", "(1.2, 3.4)", [1, 2]    a vector in a cell, as pandas writes arrays, and JSON has them
 """
 
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from statistics import mode
 from typing import Any
 
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import flights_in, recognised_columns, trial_column
+from contactlearn.data.table.columns import chains_in, recognised_columns, trial_column
 from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
 from contactlearn.data.table.names import components_of, is_unit, name_words, time_of, times_in
 from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.data.table.units import Units
 from contactlearn.mechanics.rigid_body import GRAVITY
 
 _MOST_VARIABLES = 60  # names of quantities of a long table
@@ -47,36 +51,68 @@ class _Long:
 
 
 def by_flight(cells: Sheet) -> Sheet:
-    """Return a table with a row a run, and times of flight between its bounces, with a row a bounce; others as it is.
+    """Return a table with a row a run, and its flights or bounces in columns, with a row a bounce; others as it is.
 
     A body that bounces is shorter in flight each time.
     """
-    names = flights_in(cells.header)
-    kept = [name for name in cells.header if name not in names]
-    if len(names) < _MIN_FLIGHTS or {"speed", "vy", "height"} & {*recognised_columns(kept)[1].names}:
+    chains = chains_in(cells.header)
+    kept = [name for name in cells.header if not any(name in names for names in chains.values())]
+    if {"speed", "vy", "height"} & {*recognised_columns(kept)[1].names}:
         return cells
-    table = replace(cells, gaps=True)
-    times = np.stack([table.numbers(name, "s", 1e-3 if "ms" in name_words(name) else 1.0) for name in names], 1)
-    both = np.isfinite(times[:, 1:]) & np.isfinite(times[:, :-1])
-    if not both.any() or (times[:, 1:] >= times[:, :-1])[both].any():
+    found = next((one for kind, names in chains.items() if (one := _bounces(cells, kind, names))), None)
+    if found is None:
         return cells
-    runs, flights = both.nonzero()
+    (runs, bounces), before, after, numbers, said = found
+    others = [one for names in chains.values() if (one := " … ".join(map(repr, [*names][:: max(len(names) - 1, 1)])))]
+    others = [one for one in others if one not in said]
+    said += f"; not used: {', '.join(others)}" if others else ""
     of_trials = recognised_columns(kept)[1].names.get("trial") or trial_column(cells, kept)
     named = cells.names(of_trials) if of_trials else [str(row + 1) for row in range(len(cells))]
     kept = [name for name in kept if name != of_trials]
-    columns: list[Cells] = [[f"{named[run]}/{flight + 2}" for run, flight in zip(runs, flights, strict=True)]]
+    columns: list[Cells] = [[f"{named[run]}/{numbers[bounce]}" for run, bounce in zip(runs, bounces, strict=True)]]
     columns += [[cells.columns[cells.header.index(name)][run] for run in runs] for name in kept]
-    columns += [GRAVITY / 2 * times[runs, flights], GRAVITY / 2 * times[runs, flights + 1]]
-    said = (
-        f"a bounce between two of {names[0]!r} … {names[-1]!r}, which fall as times of flight t do: v = g t/2 in vacuum"
-    )
     return replace(
         cells,
         header=["trial", *kept, "speed before [m/s]", "speed after [m/s]"],
-        columns=columns,
+        columns=[*columns, before[runs, bounces], after[runs, bounces]],
         lines=None if cells.lines is None else [cells.lines[run] for run in runs],
         read_as=(*cells.read_as, said),
     )
+
+
+def _bounces(
+    cells: Sheet, kind: str, names: Mapping[str, int]
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, list[int], str] | None:
+    """The bounces between the flights of a chain, if these become shorter.
+
+    Returns:
+        Rows and columns of the bounces, speeds before and after them by row and column, their numbers, and words.
+    """
+    table, numbers = replace(cells, gaps=True), [*names.values()]
+    if len(names) < _MIN_FLIGHTS + (kind == "bounce") or numbers != [*range(numbers[0], numbers[-1] + 1)]:
+        return None
+    if kind == "height":
+        units = recognised_columns([re.sub(r"[\W_]*\d+", "", name, count=1) for name in names])[1].units
+        unit = Units({}, units)
+        heights = [table.numbers(name, unit.text("height"), unit.factor("height")) for name in names]
+        speeds = np.sqrt(2 * GRAVITY * np.stack(heights, 1).clip(min=0))
+    else:
+        times = np.stack([table.numbers(name, "s", 1e-3 if "ms" in name_words(name) else 1.0) for name in names], 1)
+        speeds = GRAVITY / 2 * (np.diff(times) if kind == "bounce" else times)
+    both = np.isfinite(speeds[:, 1:]) & np.isfinite(speeds[:, :-1])
+    if not both.any() or (speeds[:, 1:] >= speeds[:, :-1])[both].any() or (speeds <= 0).any():
+        return None
+    first, *_, last = names
+    said = {
+        "flight": f"a bounce between two of {first!r} … {last!r}, which fall as times of flight t do: v = g t/2 in "
+        "vacuum",
+        "bounce": f"a bounce at each of {first!r} … {last!r} but the first and the last, for which the times t between "
+        "them fall: v = g t/2 in vacuum",
+        "height": f"a bounce between two of {first!r} … {last!r}, which fall as heights h of flights do: v² = 2 g h in "
+        "vacuum",
+    }[kind]
+    later = numbers[0 if kind == "height" else 1 :]  # a flight k ends at bounce k + 1, or height k at bounce k
+    return both.nonzero(), speeds[:, :-1], speeds[:, 1:], later, said
 
 
 def is_long(cells: Sheet) -> bool:
@@ -219,6 +255,7 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     Raises:
         DataError: a column after contact holds vectors, and its name does not say of what.
     """
+    cells = _by_number(cells, chosen)
     vectors = {
         name: parts for name, column in zip(cells.header, cells.columns, strict=True)
         if name not in chosen and (parts := _parts(column, cells.numerals.decimal))
@@ -229,6 +266,10 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     opposite = any(times_in(name, opposite=True) == "post" for name in cells.header)
     plain = components_of({name: sizes.get(name, 1) for name in cells.header}, opposite=opposite)
     names = {name: plain[name] for name in vectors if plain.get(name)}
+    turns = [name for name in vectors if name not in names and _is_unit(vectors[name])]
+    known = recognised_columns([*cells.header, *chain.from_iterable(names.values())])[1].names
+    if len(turns) == 1 and "wx" in known and not {"q0", "qw"} & {*known, *chain.from_iterable(names.values())}:
+        names[turns[0]] = ("q0", "q1", "q2", "q3")
     header, columns, said = list[str](), list[Cells](), list[str]()
     for name, column in zip(cells.header, cells.columns, strict=True):
         if name not in names:
@@ -252,6 +293,45 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
                 "omega_post (docs/tables.md), or call it velocity_after, spin_after or twist_after"
             )
     return cells
+
+
+def are_vectors(cells: Sheet, name: str) -> bool:
+    """Return whether a column has vectors in its cells."""
+    return _parts(cells.columns[cells.header.index(name)], cells.numerals.decimal) is not None
+
+
+def _by_number(cells: Sheet, chosen: Collection[str]) -> Sheet:
+    """The table with names for the numbered components of vectors that stand in it before and after contact."""
+    families = dict[str, list[str]]()
+    for name in cells.header:
+        if name not in chosen and (match := _COMPONENT.fullmatch(name)):
+            families.setdefault(f"{match['vector']}{match['unit'] or ''}", []).append(name)
+    families = {vector: names for vector, names in families.items() if 1 < len(names) < len("wxyz")}
+    sizes = {vector: len(names) for vector, names in families.items()}
+    opposite = any(times_in(name, opposite=True) == "post" for name in sizes)
+    plain = components_of(sizes | dict.fromkeys(cells.header, 1), opposite=opposite)
+    plain = {vector: plain[vector] for vector in families if plain.get(vector)}
+    if not {"pre", "post"} <= {times_in(vector, opposite=opposite) for vector in plain}:
+        return cells
+    ours = {name: one for vector in plain for name, one in zip(families[vector], plain[vector], strict=True)}
+    said = [f"{', '.join(map(repr, families[vector]))} are {', '.join(plain[vector])}" for vector in plain]
+    return replace(cells, header=[ours.get(name, name) for name in cells.header], read_as=(*cells.read_as, *said))
+
+
+_COMPONENT = re.compile(r"(?P<vector>.*[^\W\d])[_ .]?[(\[]?[0-3][)\]]?(?P<unit>\s*[\[(][^\])\d]+[\])])?")
+
+
+def _is_unit(parts: list[list[Any] | None]) -> bool:
+    """Whether vectors have four components and length 1, as quaternions."""
+    whole = [part for part in parts if part and len(part) == len("wxyz") and not any(map(is_missing, part))]
+    try:
+        lengths = np.linalg.norm(np.array(whole, float), axis=-1)
+    except ValueError:  # decimal commas
+        return False
+    return len(whole) > len(parts) / 2 and bool(np.allclose(lengths, 1, atol=_OF_LENGTH_1))
+
+
+_OF_LENGTH_1 = 1e-3  # of a quaternion with four decimals
 
 
 def _parts(column: Cells, decimal: str) -> list[list[Any] | None] | None:

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -62,14 +63,19 @@ Guesses = dict[str, _Guess]
 
 
 def probable_columns(
-    path: Path, cells: Sheet, frame_units: Vocabulary, stated: Mapping[str, Any], *, source: str | None = None
+    path: Path,
+    cells: Sheet,
+    frame_units: Vocabulary = MappingProxyType({}),
+    stated: Mapping[str, Any] = MappingProxyType({}),
+    *,
+    source: str | None = None,
 ) -> str:
     """Return a line for each column, with its range and probable meaning, and the command that names them.
 
     Args:
         path: of the file, for the command.
         cells: its first rows.
-        frame_units: our columns of frames, and their units.
+        frame_units: our columns of frames, and their units; none of what is a table.
         stated: what is known of `rate` in frames a second, and of `unit`, such as the size of a pixel in m.
         source: `table` of impacts, or `tracks` of frames; None as the numbers show.
     """
