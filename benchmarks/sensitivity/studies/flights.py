@@ -120,6 +120,20 @@ SLIDING = Study(
     name="sliding", null=each(10, "falls", "stands"), planted=each(20, "slides"), prepare=_crafted,
     alarm=_called(Reason.SLIDING),
 )  # fmt: skip
+
+
+def _low(kind: str, seed: int) -> Track:
+    """A body in space that slides on its corners, or is carried along over the floor."""
+    track = _crafted("slides", seed)
+    low, high = (0.0005, 0.008) if kind == "slides" else (0.005, 0.05)
+    after = track.time > 2 * between(1.5, 3, seed + 1) / GRAVITY  # the flight of `_crafted`
+    return replace(track, low=np.where(after, between(low, high, seed + 3), 0.0))
+
+
+LYING = Study(
+    name="sliding in space", null=each(16, "carried"), planted=each(16, "slides"), prepare=_low,
+    alarm=_called(Reason.SLIDING),
+)  # fmt: skip
 HAND = Study(
     name="hands", null=each(10, "stands", "lies"), planted=each(20, "caught"), prepare=_crafted,
     alarm=_called(Reason.HAND_OR_WALL),

@@ -72,6 +72,27 @@ LEANING = Study(
 )  # fmt: skip
 
 
+def _wrapped(kind: str, seed: int) -> list[Recording]:
+    """Angles of an ellipse that begin again after half a turn, as those of a fit to its image, or after a turn."""
+    camera = Camera(noise=between(5e-5, 5e-4, seed), angle_noise=math.radians(between(0.1, 2, seed + 1)))
+    period = math.pi if kind == "half turns" else 2 * math.pi
+    return [replace(one, angle=one.angle % period) for one in simulate(6, camera, seed=seed)[0]]
+
+
+def _begin_again(recordings: list[Recording], thresholds: AllThresholds) -> bool:
+    """Whether angles are found to begin again within a turn."""
+    try:
+        return find_frame(recordings, find_gravity(recordings), Conventions(), thresholds.tracks).folds > 1
+    except DataError:
+        return False
+
+
+WRAPPED = Study(
+    name="angles modulo half a turn", null=each(16, "turns"), planted=each(16, "half turns"), prepare=_wrapped,
+    alarm=_begin_again,
+)  # fmt: skip
+
+
 def _in_space(kind: str, seed: int) -> list[Recording]:
     """Recordings in space: of bodies that fly about a plane, or leave it, or tilt."""
     noise = math.radians(between(0.1, 1, seed))

@@ -30,13 +30,14 @@ class TrackThresholds:
     (row tracks.rest_speed)."""
     lies_height: float = 0.006
     """Median height in m of the lowest point of a body in space above that of its lowest frame, up to which the body
-    slides: round corners and the axes of a marker set leave some mm."""
+    slides: round corners and the axes of a marker set leave some mm (row tracks.lies_height)."""
     hand_height: float = 0.3
     """Height above the lowest frame over the range of heights, from which on a hand or a wall was touched
     (row tracks.hand_height)."""
     wrap: float = 0.3
     """Share of the period of an angle: from frame to frame it turns by less, or jumps by a period less that; its range
-    exceeds the period by less as well.  A body that turns by more is too fast to follow modulo that period."""
+    exceeds the period by less as well.  A body that turns by more is too fast to follow modulo that period
+    (row tracks.wrap)."""
     scale: float = 0.03
     """Relative distance of a measured gravity from 9.81 m/s² (row tracks.scale)."""
     leaning: float = math.radians(10)
