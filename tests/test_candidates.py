@@ -73,7 +73,7 @@ def test_the_lever_of_a_disc_is_noise():
     r = torch.stack((0.0002 * torch.randn(100, generator=seeded(), dtype=torch.float64), torch.full((100,), -0.03)), 1)
     drops = drops.replace(shape=Disc(0.03), r=r.double(), validate=False)
     usual = usable(all_candidates(), drops)
-    assert [key.form for key in usual if key.name == "contact_patch"] == ["slip"]
+    assert [key.form for key in usual if key.name == "contact_patch"] == ["linear", "curve", "after", "slip"]
     assert {"com_offset", "rolling_resistance"} <= {key.name for key in usual}
 
 
