@@ -148,7 +148,7 @@ class Effect(Frozen, ABC):
     needs_shape: ClassVar[bool] = False
     """Whether the body's shape must be known; `State.contact_points` uses the shape of each trial's own body."""
     needs_lever: ClassVar[bool] = False
-    """Whether it reads how far beside the mass centre the contact point is: of a disc that is noise."""
+    """Whether it reads how far the contact point is beside the mass centre: noise, where those of a disc are seen."""
     of_recording: ClassVar[bool] = False
     """Whether it is of the recording alone, as a late frame is: roll-outs and simulators leave it out."""
     like_shape: ClassVar[bool] = False

@@ -27,6 +27,7 @@ class ContactPatch(Effect):
     source = "finite contact area"
     mirror_symmetric = False
     adds_energy = True
+    needs_lever = True
     like_shape = True
 
 
@@ -80,7 +81,6 @@ class ContactPatchAtPoint(ContactPatch):
     """
 
     place = "state"
-    needs_lever = True
     form = "point"
     formula = "r_x ← r_x + c − k r_x, where the law acts"
     in_words = "the law acts at an arm of {c} plus {k:-%} of r_x"
@@ -105,6 +105,7 @@ class ContactPatchBySlip(ContactPatch):
     source = "Cross 2002"
     citations = ("cross2002",)
     mirror_symmetric = True
+    needs_lever = False
     like_shape = False
     d: Tensor | float = parameter("d", "m", -0.01, 0.01)
     v_s: float = 0.1

@@ -76,8 +76,8 @@ def usable(
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
     What reads a place, an orientation or a spin that is the same in all trials, or makes a coefficient that is, is left
-    out, and of a disc what reads the lever of its contact point, which is noise.  What the rig card has corrected is
-    offered within the errors of the card.
+    out, and of a disc what reads the lever of a contact point that was seen, which is noise.  What the rig card has
+    corrected is offered within the errors of the card.
 
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
@@ -85,7 +85,8 @@ def usable(
     share = thresholds.trials_per_parameter
     able = {key: effect for key, effect in candidates.items() if impacts.space in effect.spaces}
     able = {key: effect for key, effect in able.items() if impacts.shape is not None or not effect.needs_shape}
-    able = {key: effect for key, effect in able.items() if not (effect.needs_lever and isinstance(impacts.shape, Disc))}
+    noise = isinstance(impacts.shape, Disc) and bool((impacts.r[:, 0] != impacts.r[0, 0]).any())
+    able = {key: effect for key, effect in able.items() if not (effect.needs_lever and noise)}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     varied = _varied(impacts)
     able = {key: effect for key, effect in able.items() if not _unvaried(effect, impacts, varied)}
