@@ -200,8 +200,9 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
     if len(impacts) < _MIN_SORTED or most is None or abs(agreement[most]) < _SORTED:
         return []
     sentence = (
-        f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
-        "order cannot be distinguished from a dependence on it, and none is looked for; measure in random order"
+        f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a dependence "
+        "on it holds if nothing drifted meanwhile, since a drift would look the same and none is looked for; measure "
+        "in random order"
     )
     evidence = evidence_of(("variable", most), ("rank_correlation", agreement[most]))
     return [Finding(name="sorted_trials", sentence=sentence, evidence=evidence, mistake=False)]
