@@ -61,6 +61,7 @@ def test_corrections_are_pure_and_complete(drops):
         "ordered_by_time",
     }
     others |= {
+        "named_by_mass",
         "contact_from_shape",
         "averaged_vx",
         "averaged_vy",

@@ -25,6 +25,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import number
 from contactlearn.data.audit.incline import floor_angle, levelled
 from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
@@ -515,6 +516,10 @@ CORRECTIONS = {
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
         needs_all_trials=True,
         spaces=(PLANE,),
+    ),
+    "named_by_mass": Correction(
+        "bodies have no names, but a few masses: trials of one mass are of one body",
+        lambda impacts, _: impacts.replace(object=tuple(f"{number(1e3 * m, 4)} g" for m in impacts.mass.tolist())),
     ),
     "contact_from_shape": Correction(
         "contact points are known better from the shape than they are measured: those of the shape are used",
