@@ -370,7 +370,8 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     drift = dependence(residual, impacts.order)
     generator = torch.Generator().manual_seed(0)
     assert drift is not None
-    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], Thresholds().gain_level, generator) == (c > 0)
+    alone, level = pool.models[Spec("wang_mason")], Thresholds().gain_level
+    assert lasts_beside(drift, pool, whole, alone, level, generator) == (c > 0)
 
 
 SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
