@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, median
 from contactlearn.data.recordings.poses import (
     Array,
     away,
@@ -305,7 +305,7 @@ def fit(
     flight = _flight(time, pose, frames, sigma, air, reference)
     for _ in range(_ROUNDS):
         off = away(pose[frames], flight.poses(time[frames]))
-        scale = np.maximum(sigma, MAD_SCALE * np.median(np.abs(flight.residual), axis=0))
+        scale = np.maximum(sigma, MAD_SCALE * median(np.abs(flight.residual)))
         kept = frames[np.max(np.abs(off) / scale, 1) <= _REJECTED]
         if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
@@ -349,7 +349,7 @@ def _free_turning(
     twice as far in each round: over several turns the nearest one is not found from a rough spin.
     """
     steps = rotation_vector(product(q[1:], conjugate(q[:-1]))) / np.diff(tau)[:, None]
-    turning = Turning(q=q[int(np.abs(tau).argmin())], spin=np.median(steps, 0), moments=moments)
+    turning = Turning(q=q[int(np.abs(tau).argmin())], spin=median(steps), moments=moments)
     reach = max(_FIRST_TURN / max(float(np.linalg.norm(turning.spin)), 1e-9), float(np.sort(np.abs(tau))[:3][-1]))
     for _ in range(_TURNS):
         near = np.abs(tau) <= reach
@@ -374,7 +374,7 @@ def _on_one_turn(pose: Array, tau: Array, air: Air) -> Array:
     if air.d == 3:
         return pose
     y = pose - air.slopes(tau)[..., 2] * air.pull()
-    rough, middle = np.median(np.diff(y[:, 2]) / np.diff(tau)), len(tau) // 2
+    rough, middle = median(np.diff(y[:, 2]) / np.diff(tau)), len(tau) // 2
     line = y[middle, 2] + rough * (tau - tau[middle])
     y[:, 2] = line + turn(y[:, 2] - line)
     return y
