@@ -415,7 +415,7 @@ def decompose_error(
         try:
             component = remainder.components[0]
             described = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
-        except ContactLearnError as error:  # the library that finds formulas is not installed
+        except ContactLearnError as error:  # such as an effect that has their name
             question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
         impacts,
