@@ -108,7 +108,7 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
         file.write_text("\n".join(["t,x [m],z [m],th", *lines[1:]]))
     told = run("contactlearn", "init", "takes", cwd=".")
     assert "fill in  mass, shape" in told
-    assert "then     contactlearn impacts data=takes -o impacts.parquet, contactlearn audit data=takes, and" in told
+    assert "next: contactlearn impacts data=takes -o impacts.parquet, contactlearn audit data=takes, and" in told
     filled_in("takes", mass=str(recordings.MASS), shape=SHAPE)
     with patch("contactlearn.cli.commands.impacts.write_impacts", return_value="") as written:
         run("contactlearn", "impacts", "data=takes", "-o", "impacts.csv", cwd=".")

@@ -468,6 +468,6 @@ def test_a_surface_that_another_velocity_has_after_contact():
 def test_a_column_that_may_be_the_surface_is_pointed_out(tmp_path):
     frame = synthetic.load(size=30).to_frame().assign(racket_speed=0.5)
     frame.to_csv(tmp_path / "a.csv", index=False)
-    assert "look at  'racket_speed': if it is the velocity of the surface" in run(
+    assert "look at 'racket_speed': if it is the velocity of the surface" in run(
         "contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE
     )

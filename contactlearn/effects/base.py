@@ -134,7 +134,8 @@ class Effect(Frozen, ABC):
 
     What stands in brackets is of space alone.
     A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
-    the factor e^κ, `{c:-}` or `{c:-%}` the opposite of a value.  Without words values are listed by their symbols."""
+    the factor e^κ, `{p:doubled}` the change of x^p where x doubles, and `{c:-}`, `{c:-%}` or `{p:-doubled}` what the
+    opposite value has.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""

@@ -416,11 +416,11 @@ const written = x => {
   return Math.abs(x) >= 1e-4 ? digits(x, 2) : `${digits(Number(figure), 2)}e−${-power}`;
 };
 const compared = (x, y) => {
-  const [word, ratio] = x <= y ? ["less", y / x] : ["more", x / y];
-  if (!(Math.min(x, y) > 0)) return x === y ? "no less" : word;
+  const [word, ratio] = x <= y ? ["smaller", y / x] : ["larger", x / y];
+  if (!(Math.min(x, y) > 0)) return x === y ? "no smaller" : word;
   const times = ratio < 10 ? ratio.toFixed(1) : ratio.toFixed(0);
   const percent = 100 * Math.abs(x - y) / y;
-  return ratio >= 2 ? `${times} times ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
+  return ratio >= 2 ? `${times}× ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
 };
 const interval = one => `${written(one.mean)} (${written(one.low)}${one.low < 0 ? " to " : "–"}${written(one.high)})`;
 
