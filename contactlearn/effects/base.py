@@ -256,6 +256,19 @@ class Effect(Frozen, ABC):
         del name
         return None
 
+    def in_shown_unit(self, name: str, value: float, error: float, unit: str) -> tuple[float, float, str]:
+        """Return a value of a parameter and its standard error as people read them, and their unit: lengths in m."""
+        metres = self.in_metres(name)
+        if metres is None:
+            return value, error, unit
+        scale, zero = metres
+        return scale * value + zero, scale * error, "m"
+
+    @property
+    def shown_equation(self) -> str:
+        """The equation of parameters in their shown units."""
+        return self.formula if any(self.in_metres(p.name) for p in self.parameters) else self.equation
+
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with the constants that were left open taken from measurements.
 
