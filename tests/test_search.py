@@ -16,6 +16,7 @@ from contactlearn.diagnosis.search.ladder import calibrated, coefficient_ends
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
+from contactlearn.diagnosis.sign_flips import chance_of_gain
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, columns, find_effect
 from contactlearn.effects.formula.effect import formula
@@ -369,7 +370,7 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     drift = dependence(residual, impacts.order)
     generator = torch.Generator().manual_seed(0)
     assert drift is not None
-    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)
+    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], Thresholds().gain_level, generator) == (c > 0)
 
 
 SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
@@ -408,3 +409,11 @@ def test_laws_that_do_as_well_are_taken_in_the_order_of_the_question(laws):
     for worse in (-1e-9, 1e-9):
         pool.models[Spec(laws[0])] = replace(first, score=second.score + worse)
         assert pool.best().spec.law == laws[0]
+
+
+@pytest.mark.parametrize(("rest", "counts"), [(0.2, True), (-0.5, False)])
+def test_a_gain_counts_where_few_trials_carry_it(rest, counts):
+    """Four of 60 trials gain much, as where few slip: 2.3 standard errors of the mean."""
+    gain = torch.tensor([5.0, 11.0, 17.0, 20.0, *[rest] * 56], dtype=torch.float64)
+    assert (chance_of_gain(gain) < Thresholds().gain_level) == counts
+    assert chance_of_gain(-gain) > 0.5

@@ -24,12 +24,13 @@ from torch import Tensor
 from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
+from contactlearn.diagnosis.sign_flips import chance_of_gain
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.contact_scatter import weighed
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.robust import robust_distance
-from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, paired_gain, robust_covariance
+from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, robust_covariance
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
@@ -339,8 +340,8 @@ def _improves_enough(
     without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: Thresholds, effects: int = 1
 ) -> bool:
     """Return whether effects reduce the error significantly, and by enough for each of them."""
-    gain, error = paired_gain(without, whole)
+    gain = without.loss - whole.loss
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
     enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)
     each = max(enough, thresholds.least_gain * without.mean_error)
-    return fall > effects * each and gain > thresholds.gain_sigmas * error
+    return fall > effects * each and chance_of_gain(gain[gain.isfinite()]) < thresholds.gain_level
