@@ -176,6 +176,7 @@ def test_commands_printed_after_hydra_changed_the_folder_work(several, here):
     assert Path(folder).is_dir()
     assert os.getcwd() == str(here)
     judged = re.search(r"^next: contactlearn evaluate (checkpoint=.*?) data=.*$", printed, re.MULTILINE)[1]
+    assert "data.path=drops.csv" in printed.rpartition("next: ")[2]
     model = compose("evaluate", [*shlex.split(judged), "data=synthetic"]).checkpoint
     assert Path(model) == Path(folder) / "model.pt"
     assert Path(model).is_file()

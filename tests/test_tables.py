@@ -360,6 +360,8 @@ def test_the_audit_alone(tmp_path):
         printed = run("contactlearn", "audit", ELLIPSE, str(path), mended)
         assert "note: The measurements are consistent" in printed
         assert "wrong" not in printed
+        words = ("contactlearn", "diagnose", "data=table", ELLIPSE, mended, f"data.path={path}")
+        assert printed.endswith(f"\nnext: {shlex.join(words)}\n")
     twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
     printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]", status=1)
     assert "to correct it: data.correct=[grams,mirrored_theta,traced_shape] on any command" in printed
