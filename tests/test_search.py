@@ -1,5 +1,6 @@
 """The search over laws and effects: its linearisation, its exchanges, its set of models, and its clock."""
 
+import itertools
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import torch
 from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search import selection
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.ladder import calibrated, coefficient_ends
@@ -166,6 +168,23 @@ def test_what_is_left_without_an_effect_is_the_best_of_its_size():
     wrong = pool.fitted(spec(INERTIA, PATCH, DRAG))
     folds = Folds.draw(300, torch.Generator().manual_seed(0))
     assert _pruned(pool, folds, wrong, Thresholds()).spec == spec(SPIN)
+
+
+def test_a_smaller_model_is_named_where_a_larger_one_is_not_worth_its_names(monkeypatch):
+    """The strong effect, not the law alone, if three effects are no better than none."""
+    impacts, third = planted(400, spin_damping={"c": 0.6}), EffectId("adhesion", "impulse")
+    pool = pooled(impacts, SPIN, INERTIA, third)
+    for size in (1, 2, 3):
+        pool.all_fitted({spec(*some): None for some in itertools.combinations((SPIN, INERTIA, third), size)})
+
+    def improves(without, whole, *_):
+        sizes = len(without.fit.model.effects), len(whole.fit.model.effects)
+        return sizes in ((2, 3), (1, 3), (0, 1))
+
+    monkeypatch.setattr(selection, "_improves_enough", improves)
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
+    whole = pool.models[spec(SPIN, INERTIA, third)]
+    assert _pruned(pool, folds, whole, Thresholds()).spec.effects == {SPIN}
 
 
 def test_effects_that_together_stand_for_one_are_not_named():
@@ -370,7 +389,8 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     drift = dependence(residual, impacts.order)
     generator = torch.Generator().manual_seed(0)
     assert drift is not None
-    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], Thresholds().gain_level, generator) == (c > 0)
+    alone, level = pool.models[Spec("wang_mason")], Thresholds().gain_level
+    assert lasts_beside(drift, pool, whole, alone, level, generator) == (c > 0)
 
 
 SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
