@@ -119,6 +119,7 @@ def test_ones_own_candidate_is_found_from_the_command_line(tmp_path):
     assert "missing: mine" in (tmp_path / "found" / "diagnose.log").read_text()
     assert f"next: contactlearn train model={tmp_path / 'found'}\n" in printed
     assert f"report: {tmp_path / 'found' / 'report.html'}\n" in printed
+    assert printed.endswith(f"  or: contactlearn export {tmp_path / 'found'} --to c\n")
     assert (tmp_path / "found" / "figures" / "ladder.png").exists()
     command = shlex.split(result.use)
     assert '+effect.mine.tau="c*Pn*sin(3*theta)"' in command

@@ -81,7 +81,7 @@ def test_paths_are_swept_over_unless_a_file_has_a_comma(here):
 def test_a_run_of_any_name_is_a_model_and_a_checkpoint(here):
     folder = "out, [é] (1)"
     printed = run("train.py", *SMALL, f"hydra.run.dir={folder}", cwd=here)
-    judged = re.search(r"^next     contactlearn evaluate (.*) data=…$", printed, re.MULTILINE)
+    judged = re.search(r"^next: contactlearn evaluate (checkpoint=.*?) data=.*$", printed, re.MULTILINE)
     words = [*shlex.split(judged[1]), "data=synthetic", "data.size=40", "bootstrap=20", "train.repetitions=2"]
     words += ["train.size=10", "laws=[whittaker]", "figures.repetitions=1", "hydra.run.dir=judged"]
     run("evaluate.py", *words, cwd=here)
@@ -172,16 +172,17 @@ def test_commands_printed_after_hydra_changed_the_folder_work(several, here):
     table.save(synthetic.load(size=60), "drops.csv")
     words = [*SMALL[1:], "data=table", "data.path=drops.csv", SHAPE, "hydra.job.chdir=true", *["-m"] * several]
     printed = run("train.py", *words, cwd=here)
-    folder = re.search(r"^results +(.*)$", printed, re.MULTILINE)[1]
+    folder = re.search(r"^results: (.*)$", printed, re.MULTILINE)[1]
     assert Path(folder).is_dir()
     assert os.getcwd() == str(here)
-    judged = re.search(r"^next     contactlearn evaluate (.*) data=…$", printed, re.MULTILINE)[1]
+    judged = re.search(r"^next: contactlearn evaluate (checkpoint=.*?) data=.*$", printed, re.MULTILINE)[1]
+    assert "data.path=drops.csv" in printed.rpartition("next: ")[2]
     model = compose("evaluate", [*shlex.split(judged), "data=synthetic"]).checkpoint
     assert Path(model) == Path(folder) / "model.pt"
     assert Path(model).is_file()
     if several:
-        shown = re.search(r"^compare  contactlearn report (.*)$", printed, re.MULTILINE)[1]
-        assert "open " in run("contactlearn", "report", *shlex.split(shown), cwd=here)
+        shown = re.search(r"^compare: contactlearn report (.*)$", printed, re.MULTILINE)[1]
+        assert "report: " in run("contactlearn", "report", *shlex.split(shown), cwd=here)
 
 
 def test_an_error_after_hydra_changed_the_folder_is_that_of_the_settings(here):

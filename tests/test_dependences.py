@@ -239,7 +239,7 @@ def test_a_diagnosis_reports_an_unknown_dependence(of, change, message, capsys):
     drops, _ = fitted(200, 1, friction=change)
     among = few("spin_damping", "side_drag", "parameter_drift")
     found = diagnose(drops, "wang_mason", options=DiagnoseOptions(candidates=among, laws=[laws.find("wang_mason")]))
-    show_verdict(found, "", verbose=True)
+    show_verdict(found, verbose=True)
     assert found.remainder is not None
     assert found.verdict is (Verdict.UNKNOWN if change else Verdict.NONE)
     assert (getattr(found.remainder, of) is not None) == bool(change)

@@ -79,8 +79,8 @@ def filled_in(name: str, **values: str) -> None:
 def test_a_table_is_read_as_its_columns_say(drops):
     told = run("contactlearn", "init", "drops.csv", "--name", "mydata", cwd=".")
     assert "mydata.yaml written: drops.csv is a table of impacts" in told
-    assert "fill in  mass, shape: each has a comment" in told
-    assert "not used 'remark'" in told
+    assert "fill in: mass, shape: each has a comment" in told
+    assert "not used: 'remark'" in told
     lacking = run("contactlearn", "audit", "data=mydata", cwd=".", status=2)
     assert "error: data.mass, data.shape must be given: data.mass=…, or in mydata.yaml" in lacking
     filled_in("mydata", mass=str(drops.mass[0].item()), shape=SHAPE)
@@ -107,8 +107,8 @@ def test_recordings_are_read_as_their_columns_say(tmp_path, monkeypatch):
         assert lines[0] == "time,x,y,theta"
         file.write_text("\n".join(["t,x [m],z [m],th", *lines[1:]]))
     told = run("contactlearn", "init", "takes", cwd=".")
-    assert "fill in  mass, shape" in told
-    assert "then     contactlearn impacts data=takes -o impacts.parquet, contactlearn audit data=takes, and" in told
+    assert "fill in: mass, shape" in told
+    assert "next: contactlearn impacts data=takes -o impacts.parquet, contactlearn audit data=takes, and" in told
     filled_in("takes", mass=str(recordings.MASS), shape=SHAPE)
     with patch("contactlearn.cli.commands.impacts.write_impacts", return_value="") as written:
         run("contactlearn", "impacts", "data=takes", "-o", "impacts.csv", cwd=".")
@@ -292,7 +292,7 @@ def test_positions_of_recordings_may_be_called_px(tmp_path):
 def test_one_setting_that_is_left_and_a_source_that_is_not_there(drops):
     header(Path("a.csv"), "mass", "vx_post", "vx", "vy", "vy_post", "omega", "omega_post", "x", "y", "theta")
     told = run("contactlearn", "init", "a.csv", cwd=".")
-    assert "fill in  shape: its line has a comment" in told
+    assert "fill in: shape: its line has a comment" in told
     recordings.write_recordings(recordings.simulate(1, seed=3)[0], Path("takes"))
     assert "written: takes holds recordings of tracked poses" in run("contactlearn", "init", "takes", cwd=".")
     told = run("contactlearn", "audit", "data=cube", cwd=".", status=2)

@@ -105,7 +105,15 @@ def test_a_stretch_of_a_planar_floor_is_found():
     assert values["a"] == pytest.approx(-0.2, abs=0.02)
     assert values["d"] * 0.285 == pytest.approx(0.12, abs=0.01)  # nine tenths of 0.6 m are the span
     (stretch,) = (kind for kind in catalogue()[found.name] if kind.form == "stretch")
-    assert stretch(span=(-0.2, 0.4)).equation.endswith(", in 0.3 m about 0.1 m")
+    assert stretch(span=(-0.2, 0.4)).equation.endswith(", lengths in 0.3 m about 0.1 m")
+
+
+def test_a_model_prints_places_in_metres():
+    """Half a span is 0.3 m here, its middle at 0.1 m."""
+    (stretch,) = (kind for kind in catalogue()[FLOOR.format("restitution")] if kind.form == "stretch")
+    effect = stretch(span=(-0.2, 0.4), a=-0.2, d=0.5, b=0.2)
+    printed = str(ContactModel(find("wang_mason"), {effect.name: effect}))
+    assert "ε ← ε + a exp(−((x − d)/b)²ⁿ), a = −0.2, d = 0.25 m, b = 0.06 m, n = 3" in printed
 
 
 def test_a_strip_is_found():

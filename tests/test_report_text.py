@@ -45,14 +45,14 @@ NOTED = Finding(name="grams", sentence="grams", evidence=(), correction="grams")
 BARE = replace(FOUND, missing=(), physics=result.Verdict.NONE)
 
 
-def printed(*events, found=None, use="", verbose=False) -> str:
+def printed(*events, found=None, verbose=False) -> str:
     """What the terminal prints of events, or of a verdict."""
     with redirect_stdout(io.StringIO()) as out:
         observer = TerminalObserver(verbose=verbose)
         for event in events:
             observer(event)
         if found is not None:
-            show_verdict(found, use, verbose=verbose)
+            show_verdict(found, verbose=verbose)
     return out.getvalue()
 
 
@@ -293,7 +293,7 @@ def terminal() -> Iterator[tuple[str, str]]:
     events = (AuditFindings(findings=(finding,)), RegionsFound(regions=()))
     effects = EffectsFound(effects=FOUND.missing, regions=())
     left = replace(FOUND, remainder=LEFT, formulas=(BEST,))
-    yield "verbose", printed(*events, effects, found=left, use="contactlearn train", verbose=True)
+    yield "verbose", printed(*events, effects, found=left, verbose=True)
     rival = result.Rival(effect=DRAG, similarity=0.9, loss_difference=0.0, standard_error=0.1)
     _, damping = FOUND.missing
     sure = replace(fitted(TILT, 0.0398), rivals=(rival,), confidence=0.97)
@@ -315,7 +315,7 @@ def terminal() -> Iterator[tuple[str, str]]:
         models=tuple(result.PlausibleModel(law=law, effects=(one,), share=share) for law, one, share in laws),
         equation="mirtich", remainder=LEFT, formulas=(BEST,) * 3,
     )  # fmt: skip
-    yield "all levels", printed(found=shown, use="contactlearn train model=RUN")
+    yield "all levels", printed(found=shown)
     yield "all levels, verbose", printed(found=shown, verbose=True)
     yield from text.names_by_level(shown)
 

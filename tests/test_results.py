@@ -162,7 +162,7 @@ def test_the_page_of_an_evaluation_is_drawn_again_without_its_data(tmp_path, cap
     (tmp_path / "drops.csv").rename(tmp_path / "elsewhere.csv")
     assert has_page(tmp_path / "run")
     assert main(["report", str(tmp_path / "run")]) == 0
-    assert capsys.readouterr().out == f"open     {page}\n"
+    assert capsys.readouterr().out == f"report: {page}\n"
     assert page.read_bytes() == drawn
 
 

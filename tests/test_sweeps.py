@@ -232,7 +232,7 @@ def test_two_processes_on_one_sweep(undisturbed, tmp_path):
         assert status == 0, text
         printed.append(text)
     assert content(tmp_path) == content(undisturbed)
-    assert sum(text.count("look at  tensorboard") for text in printed) == COUNT
+    assert sum(text.count("plots: tensorboard") for text in printed) == COUNT
     assert all(len(list(folder.glob("events.*"))) == 1 for folder in tmp_path.glob("*-*"))
 
 

@@ -956,7 +956,7 @@ def test_init_to_verdict_in_three_commands(tmp_path, frame, monkeypatch):
     rpm = frame.assign(omega=30 / math.pi * frame.omega, omega_post=30 / math.pi * frame.omega_post)
     Path("drops.txt").write_text(text(rpm, ";", ",", names), "utf-8")
     said = run("contactlearn", "init", "drops.txt", "--name", "mydata", cwd=".")
-    assert "read as  semicolons, decimal commas" in said
+    assert "read as: semicolons, decimal commas" in said
     shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"
     printed = run("contactlearn", "audit", "data=mydata", "data.mass=0.0364", shape, cwd=".")
     assert "30 impacts" in printed
@@ -1504,7 +1504,7 @@ def test_init_writes_what_it_has_seen_and_asks_for_the_rest(tmp_path, frame, mon
     polar.loc[[4, 6], "omega_post"] = np.nan
     polar.to_csv("rig.csv", index=False)
     said = run("contactlearn", "init", "rig.csv", "--name", "open", cwd=".")
-    assert "fill in  mass, shape, columns.direction_floor, columns.direction_floor_post: " in said
+    assert "fill in: mass, shape, columns.direction_floor, columns.direction_floor_post: " in said
     settings = yaml.safe_load(Path("open.yaml").read_text("utf-8"))
     assert (settings["covariates"], settings["correct"]) == (["ground"], ["drop_incomplete"])
     assert "a number is missing in row 5, 7" in Path("open.yaml").read_text("utf-8")

@@ -360,6 +360,8 @@ def test_the_audit_alone(tmp_path):
         printed = run("contactlearn", "audit", ELLIPSE, str(path), mended)
         assert "note: The measurements are consistent" in printed
         assert "wrong" not in printed
+        words = ("contactlearn", "diagnose", "data=table", ELLIPSE, mended, f"data.path={path}")
+        assert printed.endswith(f"\nnext: {shlex.join(words)}\n")
     twice = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
     printed = run("contactlearn", "audit", str(twice), "data.correct=[grams]", status=1)
     assert "to correct it: data.correct=[grams,mirrored_theta,traced_shape] on any command" in printed
@@ -468,6 +470,6 @@ def test_a_surface_that_another_velocity_has_after_contact():
 def test_a_column_that_may_be_the_surface_is_pointed_out(tmp_path):
     frame = synthetic.load(size=30).to_frame().assign(racket_speed=0.5)
     frame.to_csv(tmp_path / "a.csv", index=False)
-    assert "look at  'racket_speed': if it is the velocity of the surface" in run(
+    assert "look at 'racket_speed': if it is the velocity of the surface" in run(
         "contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE
     )

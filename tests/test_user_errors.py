@@ -167,7 +167,7 @@ def test_a_finished_sweep_shows_its_runs(tmp_path):
     first = run("train.py", *words)
     assert "Held-out errors of the sweep" in first
     assert re.search(r"train.size +mass error +95 %(.|\n)*\n *10 +0\.\d+ +0\.\d+–.*\n *20 +0\.\d+ ", first), first
-    assert f"compare  contactlearn report {tmp_path}" in first
+    assert f"compare: contactlearn report {tmp_path}" in first
     assert "Held-out errors of the sweep" in run("train.py", *words)
 
 

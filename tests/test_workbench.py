@@ -3,6 +3,7 @@
 import base64
 import gzip
 import io
+import re
 import sys
 import threading
 import time
@@ -425,8 +426,26 @@ def test_a_diagnosis_runs_in_the_background_and_its_model_is_taken_over(drops, m
     assert all(text in shown for level, name in names_by_level(result.diagnosis) for text in (level, name))
     for file in ("report.html", "diagnosis.json", "metrics.jsonl"):
         assert (tmp_path / "outputs" / listed.name / file).exists()
+    words = content.rig_words(models.split(session).impacts)
+    assert re.fullmatch(r"rig\.x=\[.*\] rig\.theta=\[.*\] rig\.omega=\[.*\] rig\.height=\[.*\]", words)
+    (text, link) = FileCallbacks(models, saved).plan(1, words, name)
+    assert "20 drops for" in text.children
+    assert (tmp_path / "outputs" / "plans" / name / "plan.csv").exists()
+    assert link.children.href == f"/runs/plans/{name}/plan.html"
     saved.compare([listed.name])
     assert (tmp_path / "outputs" / "runs.html").exists()
+
+
+def test_the_model_is_exported_and_a_plan_needs_a_search(session, models, tmp_path):
+    files = FileCallbacks(models, SavedRuns(tmp_path))
+    for target, name, start in (("c", "impact.c", b"/*"), ("json", "impact.json", b"{")):
+        sent, trouble = files.export(1, target, session.address)
+        assert (sent["filename"], trouble) == (name, "")
+        assert base64.b64decode(sent["content"]).startswith(start)
+    archive, _ = files.export(1, "mujoco", session.with_effect(DRAG).address)
+    assert archive["filename"] == "impact.xml"  # a loss of speed is no coefficient, so no hook is needed
+    (refusal,) = files.plan(1, "", None)
+    assert refusal.children.startswith("search laws and effects first")
 
 
 def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(session, tmp_path):

@@ -71,6 +71,13 @@ class Run:
     folder: Path
     partial: Path
 
+    @property
+    def data_words(self) -> list[str]:
+        """The settings that choose the same data for another command; none where an experiment chose them."""
+        if any(word.startswith("experiment=") for word in self.overrides):
+            return []
+        return [word for word in self.overrides if word.startswith("data")] or ["data=synthetic"]
+
     def provenance(self, data: Blocks, device: torch.device, train_size: int | None = None) -> Provenance:
         """Return the data, code, configuration and command that give the result.
 

@@ -8,6 +8,7 @@ Raises:
 
 import argparse
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -269,7 +270,8 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     from contactlearn.report.text.sentences import correct_setting
 
     path, words = _path_and_words("audit", options)
-    source = _source("audit", words if path is None else ["data=table", *words], path)
+    words = words if path is None else ["data=table", *words]
+    source = _source("audit", words, path)
     impacts = load_data(source, validate=False).impacts
     findings = audit(impacts)
     lines = [f"{impacts.source}: {len(impacts)} impacts"]
@@ -278,6 +280,9 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
         lines.append(f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}")
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
+    if not findings.mistakes:
+        chosen = [f"data.path={path}"] if path else []
+        lines.append(f"next: {shlex.join(['contactlearn', 'diagnose', *words, *chosen])}")
     if findings.mistakes and not setting:
         lines.append("no setting corrects this: change the table, or what data.columns, data.units and data.shape say")
     return "\n".join(lines).replace("\u00a0", " "), int(bool(findings.mistakes))
@@ -370,14 +375,14 @@ def run_report(options: argparse.Namespace) -> str:
     from contactlearn.results.runs import printable, repeated_jobs
 
     if options.out is None and len(options.folders) == 1 and has_page(Path(options.folders[0])):
-        return f"open     {printable(str(redraw(Path(options.folders[0]))))}"
+        return f"report: {printable(str(redraw(Path(options.folders[0]))))}"
     with progress() as on_event:
         page, runs, skipped = write_runs(options.folders, options.out, on_event)
     lines = [f"left out {name}: {reason}" for name, reason in skipped]
     lines += filter(None, [repeated_jobs(run.path.parent for run in runs)])
     counted = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}"
     counted += f", {len(skipped)} left out" if skipped else ""
-    return "\n".join([*lines, counted, f"open     {printable(str(page))}"])
+    return "\n".join([*lines, counted, f"report: {printable(str(page))}"])
 
 
 def run_results(options: argparse.Namespace) -> str:

@@ -72,7 +72,6 @@ from contactlearn.diagnosis.search.ladder import (
     Ladder,
     calibrated,
     coefficient_ends,
-    equation_in_metres,
     fitted_parameters,
     ladder,
 )
@@ -199,7 +198,7 @@ class SearchResult:
         candidates = tuple(
             Candidate(
                 effect=effect,
-                equation=equation_in_metres(larger.present.fit.model.effects[effect.name]),
+                equation=larger.present.fit.model.effects[effect.name].shown_equation,
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_after=larger.present.mean_error,
                 error_reduction=less.mean_error - larger.present.mean_error,

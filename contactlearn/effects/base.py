@@ -134,7 +134,8 @@ class Effect(Frozen, ABC):
 
     What stands in brackets is of space alone.
     A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
-    the factor e^κ, `{c:-}` or `{c:-%}` the opposite of a value.  Without words values are listed by their symbols."""
+    the factor e^κ, `{p:doubled}` the change of x^p where x doubles, and `{c:-}`, `{c:-%}` or `{p:-doubled}` what the
+    opposite value has.  Without words values are listed by their symbols."""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""
@@ -254,6 +255,19 @@ class Effect(Frozen, ABC):
         """Return what a parameter of 1 is in m, and where its zero lies; None of a parameter that is no length so."""
         del name
         return None
+
+    def in_shown_unit(self, name: str, value: float, error: float, unit: str) -> tuple[float, float, str]:
+        """Return a value of a parameter and its standard error as people read them, and their unit: lengths in m."""
+        metres = self.in_metres(name)
+        if metres is None:
+            return value, error, unit
+        scale, zero = metres
+        return scale * value + zero, scale * error, "m"
+
+    @property
+    def shown_equation(self) -> str:
+        """The equation of parameters in their shown units."""
+        return self.formula if any(self.in_metres(p.name) for p in self.parameters) else self.equation
 
     def prepare(self, impacts: Impacts) -> Self:
         """Return the effect with the constants that were left open taken from measurements.

@@ -311,6 +311,14 @@ class AlongFloor(_OnSpan):
     c4: Tensor | float = usual_parameter("c₄")
     c5: Tensor | float = usual_parameter("c₅")
 
+    @property
+    def equation(self) -> str:
+        """The formula, with the span once it is known."""
+        if self.span is None:
+            return self.formula
+        low, high = self.span
+        return self.formula.replace("its span", f"{low:g} … {high:g} m")
+
     def over(self, u: Float[Tensor, "... n"]) -> Float[Tensor, "... n"]:
         u = u.clamp(-1, 1)
         before, now = torch.ones_like(u), u
@@ -346,7 +354,7 @@ class StretchOfFloor(_OnSpan):
         if self.span is None:
             return self.formula
         low, high = self.span
-        return f"{self.formula}, in {(high - low) / 2:g} m about {(low + high) / 2:g} m"
+        return f"{self.formula}, lengths in {(high - low) / 2:g} m about {(low + high) / 2:g} m"
 
     def in_metres(self, name: str) -> tuple[float, float] | None:
         """Return half the span, and for a place where its zero lies, both in m; None of what is no length."""

@@ -29,7 +29,7 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
 
     form = "power"
     formula = "μ ← μ (|v_n|/v_ref)^p"
-    in_words = "μ goes with the approach speed to the power {p}"
+    in_words = "μ changes by {p:doubled} when the approach speed doubles"
     p: Tensor | float = parameter("p", "–", -2.0, 2.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

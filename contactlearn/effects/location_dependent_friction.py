@@ -36,7 +36,7 @@ class FrictionOfStretch(StretchOfFloor, LocationDependentFriction):
 
     spaces = (PLANE,)
     form = "stretch"
-    formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
+    formula = "μ ← μ + a exp(−((x − d)/b)²ⁿ)"
     in_words = "μ changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
     refines = ("location_dependent_friction",)
 

@@ -36,7 +36,7 @@ class RestitutionOfStretch(StretchOfFloor, LocationDependentRestitution):
 
     spaces = (PLANE,)
     form = "stretch"
-    formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = u − d, u = x on its span"
+    formula = "ε ← ε + a exp(−((x − d)/b)²ⁿ)"
     in_words = "ε changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
     refines = ("location_dependent_restitution",)
 

@@ -35,7 +35,7 @@ class PowerLawRestitution(SpeedReference, VelocityDependentRestitution):
 
     form = "power"
     formula = "ε ← ε (|v_n|/v_ref)^(−p)"
-    in_words = "ε goes with the approach speed to the power {p:-}"
+    in_words = "ε changes by {p:-doubled} when the approach speed doubles"
     p: Tensor | float = parameter("p", "–", -1.0, 1.0)
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

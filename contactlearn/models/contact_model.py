@@ -351,16 +351,19 @@ class ContactModel:
         """
         lines = [] if self.base is None else [str(self.base)]
         if isinstance(self.base, Law) and self.parameter_covariance is not None:
-            values = zip(("μ", "ε"), (self.base.mu, self.base.eps), ("", ""), self.standard_errors()[:2], strict=True)
+            both = _mean(self.base.mu), _mean(self.base.eps)
+            values = zip("με", both, self.standard_errors()[:2], ("", ""), strict=True)
             lines = [f"{self.base.name} ({self.base.variant}): {_listed(values)}"]
         if self.parameters is not None:
             lines = [f"{self.law.name} ({self.law.variant}): (μ, ε)({self.parameters.space})"]
         errors = iter(self.standard_errors()[2:])
         for name, effect in self.effects.items():
+            known = (math.nan if error is None else error for error in errors)
             values = (
-                (p.symbol, v, p.unit, next(errors)) for p, v in zip(effect.parameters, effect.values, strict=True)
+                (p.symbol, *effect.in_shown_unit(p.name, _mean(v), next(known), p.unit))
+                for p, v in zip(effect.parameters, effect.values, strict=True)
             )
-            lines.append(f"{name}: {effect.equation}, {_listed(values)}")
+            lines.append(f"{name}: {effect.shown_equation}, {_listed(values)}")
         if self.scatter:
             lines.append(f"scatter: {', '.join(map(str, self.scatter.values()))}")
         if self.residual is not None:
@@ -567,10 +570,11 @@ def _sobol_normals(size: int) -> Float[Tensor, "draws {size}"]:
     return torch.special.ndtri(uniform)
 
 
-def _listed(values: Iterable[tuple[str, Tensor | float, str, float | None]]) -> str:
-    """Write symbols, values, units and standard errors as `c = 0.1051 ± 0.0041 m, …`; values are means over batches."""
-    parts: list[str] = []
-    for symbol, value, unit, error in values:
-        mean = torch.as_tensor(value, dtype=torch.float64).mean().item()
-        parts.append(f"{symbol} = {measured(mean, error, unit)}")
-    return ", ".join(parts)
+def _mean(value: Tensor | float) -> float:
+    """The mean over a batch."""
+    return torch.as_tensor(value, dtype=torch.float64).mean().item()
+
+
+def _listed(values: Iterable[tuple[str, float, float | None, str]]) -> str:
+    """Write symbols, values, standard errors and units as `c = 0.1051 ± 0.0041 m, …`."""
+    return ", ".join(f"{symbol} = {measured(value, error, unit)}" for symbol, value, error, unit in values)

@@ -119,20 +119,17 @@ def _finding_line(kind: str, finding: Finding) -> str:
     return f"{kind}: {sentence(finding.sentence)} {phrase('correction_note', finding)}".rstrip()
 
 
-def show_verdict(diagnosis: Diagnosis, command: str, *, verbose: bool = False) -> None:
+def show_verdict(diagnosis: Diagnosis, *, verbose: bool = False) -> None:
     """Print the verdict, its size, names and parameters, what is undecided, and the next experiment.
 
     Args:
         diagnosis: the diagnosis.
-        command: that trains the model with the missing effects.
         verbose: whether the search, the residual and the model as an equation are printed before, or only logged.
     """
     for line in _detail_lines(diagnosis):
         print_line(line, shown=verbose)
     for line in _verdict_lines(diagnosis):
         print_line(line)
-    if diagnosis.missing:
-        print_line(f"next: {command}", copied=True)
 
 
 def _verdict_lines(diagnosis: Diagnosis) -> list[str]:

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from contactlearn.core.errors import ContactLearnError, terminal_safe
-from contactlearn.core.numerics import measured
+from contactlearn.core.numerics import READABLE_UNITS, measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
 from contactlearn.data.table.names import SURFACES, name_words
@@ -82,30 +82,31 @@ def show_models(result: Training | Evaluation) -> None:
     The spread over the subsets stands beside a shared fit, the standard error beside a joint fit.
     """
     shown = {name: METRICS[name] for name in (*bounded_metrics(result.norm), "velocity_error")}
-    units = [f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values()]
-    title = "Errors on the held-out trials: means, and the 95 % interval of the first"
     reach = result.reach if isinstance(result, Evaluation) else {}
-    labels, rows = model_labels(result), list[Sequence[str]]()
-    headings = ("model", units[0], "μ", "ε", *units[1:], "outside", "back-spin", *["reach"] * bool(reach))
+    labels, errors, rows = model_labels(result), list[Sequence[str]](), list[Sequence[str]]()
     found = {fit.law: ((fit.mu, fit.mu_std), (fit.eps, fit.eps_std)) for fit in result.fits}
     found |= {
         name: tuple((p.value, p.standard_error) for p in fit.parameters[:2]) for name, fit in result.joint.items()
     }
     for model, entry in result.errors.items():
-        mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
         cells = [f"{entry.intervals[name].mean:.4f}" if name in entry.intervals else "" for name in shown]
         low, high = entry.of(result.metric).low, entry.of(result.metric).high
-        cells[0] += f"  {NO_INTERVAL}" if math.isnan(low) else f"  {low:.4f}–{high:.4f}"
+        cells[0] += f" ({NO_INTERVAL})" if math.isnan(low) else f" ({low:.4f}–{high:.4f})"
+        errors.append((labels[model], *cells))
+        mu, eps = (_spread(*pair) for pair in found[model]) if model in found else ("", "")
         shares = entry.outside_admissible, entry.back_spin, *([reach[model]] if model in reach else [])
-        rows.append((labels[model], cells[0], mu, eps, *cells[1:], *(f"{100 * share:.1f} %" for share in shares)))
-    print_table(title, headings, rows)
-    print_line("outside: share of predictions that gain energy, pull or penetrate")
+        rows.append((labels[model], mu, eps, *(f"{100 * share:.1f} %" for share in shares)))
+    units = [f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values()]
+    print_table("Errors on the held-out trials: means, and the 95 % interval of the first", ("model", *units), errors)
+    print_line(phrase("bounds", result.norm))
+    headings = ("model", "μ", "ε", "impossible", "back-spin", *["reach"] * bool(reach))
+    print_table("Coefficients of the laws, and shares of the predictions", headings, rows)
+    print_line("impossible: share of predictions that gain energy, pull or penetrate")
     print_line(phrase("back_spin", result.back_spin))
     if reach:
         print_line(phrase("reach"))
     if note := phrase("joint_row", result.fits, result.joint):
         print_line(note)
-    print_line(f"the bounds minimise the {result.norm} norm of velocity and spin, and bound no other error")
     for fit in result.fits:
         if fit.mu_undetermined > 0.05:
             print_line(
@@ -155,14 +156,16 @@ def show_reference(fits: Sequence[LawEstimate], reference: Mapping[str, Sequence
 def show_processes(processes: Sequence[ProcessEstimate], kind: str) -> None:
     """Print hyperparameters of a learned model, a row an output; `kind` is that of its processes."""
     features = list(processes[0].length_scales)
-    title = "Length scales in standard deviations of each feature; –: longer than the data span"
+    title = "Gaussian processes: length scales in standard deviations of each feature; –: longer than the data span"
     rows = list[Sequence[str]]()
     for entry in processes:
+        unit, factor = READABLE_UNITS.get(entry.unit, (entry.unit, 1.0))
         scales = [f"{x:.2f}" if x < 20 else "–" for x in entry.length_scales.values()]
-        sizes = [f"{x:.2g} {entry.unit}".removesuffix(" –") for x in (entry.spread, entry.noise)]
-        count = f"{entry.evaluations}" + ("" if entry.converged else " (not converged)")
-        rows.append((entry.output, *scales, *sizes, count))
-    print_table(title, ("output", *features, "spread", "noise", "evaluations"), rows)
+        sizes = [f"{factor * x:.2g}" for x in (entry.spread, entry.noise)]
+        rows.append((f"{entry.output} ({unit})".removesuffix(" (–)"), *scales, *sizes))
+        if not entry.converged:
+            print_line(f"note: the process of {entry.output} has not converged after {entry.evaluations} evaluations")
+    print_table(title, ("output", *features, "spread", "noise"), rows)
     print_line(f"Gaussian processes: {kind}")
 
 
@@ -185,24 +188,27 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
     below = [f"< {model_label(level)}" for level in first.below[metric]]
     title = f"{METRICS[metric].label} on the held-out trials against the number of training trials"
     settled = ["settled", *["published"] * bool(published)]
-    headings = ("model", *map(str, first.sizes), *below, *settled, "coverage", "−log density")
-    rows = list[Sequence[str]]()
+    means, needed, calibration = list[Sequence[str]](), list[Sequence[str]](), list[Sequence[str]]()
     for model, curve in curves.items():
-        means = [f"{interval.mean:.3f}" for interval in curve.of(metric)]
+        means.append((model_label(model), *(f"{interval.mean:.3f}" for interval in curve.of(metric))))
         reached = [str(size or "never") for size in curve.below[metric].values()]
-        calibration = ("", "")  # a law with effects predicts no covariance
-        if curve.calibration is not None:
-            calibration = (
-                f"{100 * curve.calibration.coverage[-1]:.1f} %",
-                f"{curve.calibration.negative_log_density[-1]:.2f}",
-            )
         ours = [str(curve.settled[metric] or "not yet"), *[str(published.get(model, ""))] * bool(published)]
-        rows.append((model_label(model), *means, *reached, *ours, *calibration))
-    print_table(title, headings, rows)
-    print_line(
-        "<: number of trials at which the mean first falls below; "
-        "settled: number from which it stays within 5 % of its best"
+        needed.append((model_label(model), *reached, *ours))
+        if curve.calibration is not None:  # a law with effects predicts no covariance
+            coverage, density = curve.calibration.coverage[-1], curve.calibration.negative_log_density[-1]
+            calibration.append((model_label(model), f"{100 * coverage:.1f} %", f"{density:.2f}"))
+    print_table(title, ("model", *map(str, first.sizes)), means)
+    if {*curves} & {"state_velocity", "x1_impulse", "x2_impulse", "x1_wrench"}:
+        print_line(phrase("features"))
+    below = [f"< {model_label(level)}" for level in first.below[metric]]
+    print_table("Training trials from which the mean error is below a bound", ("model", *below, *settled), needed)
+    print_line("settled: from here on it stays within 5 % of its best")
+    if not calibration:
+        return
+    print_table(
+        f"Predicted 95 % ellipsoids at {first.sizes[-1]} trials", ("model", "coverage", "−log density"), calibration
     )
+    print_line("coverage: share of the measured velocities and spins inside")
     described = defaultdict[str, list[str]](list)  # models by the description of their processes
     for model, curve in curves.items():
         if curve.calibration is None:
@@ -216,10 +222,8 @@ def show_curves(curves: Mapping[str, LearningCurve], metric: str, published: Map
                 parts.append(f"{100 * (1 - share):.0f} % did not converge at {size} trials")
         described["; ".join(parts)].append(model_label(model))
     for description, models in described.items():
-        print_line(f"note: the Gaussian processes of {join_words(models)} are {description}")
-    print_line(
-        "coverage: share of velocities with spins inside the predicted 95 % ellipsoid, and density, at the largest size"
-    )
+        which = f" of {join_words(models)}" if len(described) > 1 else ""
+        print_line(f"Gaussian processes{which}: {description}")
 
 
 def show_transfer(model: str, bodies: Mapping[str, BodyTransfer], sizes: Sequence[int], metric: str) -> None:
@@ -237,11 +241,11 @@ def show_end(folder: Path, learnt: str) -> None:
     """Print what was learnt in a sentence, the run's folder, and the commands that show it."""
     shown = relative(folder)
     if learnt:
-        print_line(f"learnt   {learnt}")
-    print_line(f"results  {shown}", copied=True)
+        print_line(f"learned: {learnt}")
+    print_line(f"results: {shown}", copied=True)
     if (folder / "report.html").exists():
-        print_line(f"open     {shlex.quote(str(shown / 'report.html'))}", copied=True)
-    print_line(f"look at  tensorboard --logdir {shlex.quote(str(shown))}", copied=True)
+        show_report(folder)
+    print_line(f"plots: tensorboard --logdir {shlex.quote(str(shown))}", copied=True)
 
 
 def show_report(folder: Path) -> None:
@@ -249,9 +253,10 @@ def show_report(folder: Path) -> None:
     print_line(f"report: {shlex.quote(str(relative(folder / 'report.html')))}", copied=True)
 
 
-def show_next(command: Sequence[str], ending: str = "") -> None:
-    """Print the next command by its words."""
-    print_line(f"next     {shlex.join(command)}{ending}", copied=True)
+def show_next(*commands: str) -> None:
+    """Print the next command, and what may be done in its place."""
+    for word, command in zip(("next", "  or"), commands, strict=False):
+        print_line(f"{word}: {command}", copied=True)
 
 
 def relative(path: Path) -> Path:
@@ -259,15 +264,17 @@ def relative(path: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def next_command(use: str, folder: Path) -> str:
-    """Return the command that trains the model of a diagnosis from the folder of its run.
+def next_commands(use: str, folder: Path) -> tuple[str, str]:
+    """Return the commands that train, and that export, the model of a diagnosis from the folder of its run.
 
     Args:
         use: the command that evaluates it without that folder; classes of other packages are taken from it.
         folder: of the run.
     """
     classes = [word for word in shlex.split(use) if "_target_=" in word and "=contactlearn.effects." not in word]
-    return shlex.join(["contactlearn", "train", f"model={relative(folder)}", *classes])
+    shown = str(relative(folder))
+    train, export = ["train", f"model={shown}", *classes], ["export", shown, "--to", "c"]
+    return shlex.join(["contactlearn", *train]), shlex.join(["contactlearn", *export])
 
 
 def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequence[str] = ()) -> None:
@@ -282,7 +289,7 @@ def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequen
         words = {*name_words(name)}
         if words & SURFACES and words & {"v", "velocity", "speed"}:
             print_line(
-                f"look at  {name!r}: if it is the velocity of the surface, subtract it from those of the body before "
+                f"look at {name!r}: if it is the velocity of the surface, subtract it from those of the body before "
                 "and after contact, for tables are of a surface at rest"
             )
     if computed:
@@ -331,7 +338,7 @@ def show_sweep(folders: Sequence[Path], place: Path) -> None:
         cells.append((*(values[k] or "" for values in settings.values()), *names, *shown))
     print_table(f"Held-out errors of the sweep{few}", (*settings, *found, METRICS[metric].name, "95 %"), cells)
     for word, ending in (("report", ""), ("results", " -o results.parquet")):
-        print_line(f"compare  contactlearn {word} {shlex.quote(str(place))}{ending}", copied=True)
+        print_line(f"compare: contactlearn {word} {shlex.quote(str(place))}{ending}", copied=True)
 
 
 def _spread(mean: float, std: float | None) -> str:

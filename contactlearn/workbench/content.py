@@ -16,6 +16,8 @@ from contactlearn.diagnosis.result import Diagnosis, FrontierModel, PlausibleMod
 from contactlearn.effects import Effect, Parameter, catalogue
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.mechanics.apparatus import Row
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.planning.rig import HEIGHT, settings_of
 from contactlearn.report.text.names import (
     NOISE_SOURCES,
     capitalize_first,
@@ -74,7 +76,7 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
 
 def rig_card(rows: Sequence[Row]) -> Component:
     """Return the rig card as a table; bold values differ by more than three errors from what is stated."""
-    head = html.Tr([html.Th(name, scope="col") for name in ("Rig card", "Measured", "Stated", "Known from")])
+    head = html.Tr([html.Th(name, scope="col") for name in ("Set-up", "Measured", "Stated", "Known from")])
     cells = [
         (
             html.Th(row.quantity, scope="row"),
@@ -86,6 +88,16 @@ def rig_card(rows: Sequence[Row]) -> Component:
     ]
     body = [html.Tr([name, *(html.Td(one) for one in others)]) for name, *others in cells]
     return html.Table([html.Thead(head), html.Tbody(body)])
+
+
+def rig_words(impacts: Impacts) -> str:
+    """Write what a rig sets, as on a command line, within the middle nine tenths of the measured values."""
+    words = list[str]()
+    for name, values in settings_of(impacts).items():
+        low, high = values.quantile(values.new_tensor([0.05, 0.95])).tolist()
+        if name in (HEIGHT, "x", "y", "theta", "omega", "w_x", "w_y", "w_z") and high > low:
+            words.append(f"rig.{name}=[{low:.3g},{high:.3g}]")
+    return " ".join(words)
 
 
 def model_title(session: Session) -> str:
@@ -132,9 +144,10 @@ def law_options(errors: Mapping[str, Interval], largest: float) -> list[dict[str
 
 
 def bounds(errors: Mapping[str, Interval], session: Session, error: Interval, largest: float) -> Component:
-    """Return the errors of the bounds and of the model."""
+    """Return the errors of the bounds, and of the model if it is more than the law."""
     rows = [(model_label(name), error) for name, error in errors.items() if name not in laws.names()]
-    return bars([*rows, (model_title(session), error)], largest)
+    own = [(model_title(session), error)] if session.effects or session.lines or session.manual else []
+    return html.Div([bars([*rows, *own], largest), note(phrase("bounds", "mass"))])
 
 
 def learned_bars(errors: Mapping[str, Interval], session: Session, trials: int, largest: float) -> list[Component]:
@@ -277,7 +290,15 @@ def parts(session: Session, fitted: FittedModel, manual: ManualModel) -> list[Co
 
     def part(prefix: str, *head: Component) -> Component:
         sliders = [
-            _slider(p, best[p.name], errors[p.name], values[p.name], p.name in by_hand, warnings.get(p.name, ""))
+            _slider(
+                p,
+                best[p.name],
+                errors[p.name],
+                values[p.name],
+                p.name in by_hand,
+                warnings.get(p.name, ""),
+                fitted.effects.get(prefix),
+            )
             for p in fitted.fit.parameters
             if p.name.rpartition(".")[0] == prefix
         ]
@@ -287,27 +308,32 @@ def parts(session: Session, fitted: FittedModel, manual: ManualModel) -> list[Co
     for one in session.effects:
         effect, title = fitted.effects[one.name], effect_label(one)
         head = html.H3([title, " ", action_button("drop", "Remove", of=one.name, label=f"Remove {title}")])
-        found.append(part(one.name, head, *_forms(effect), *_options(effect), note(effect.equation)))
+        found.append(part(one.name, head, *_forms(effect), *_options(effect), note(effect.shown_equation)))
     for place, line in enumerate(session.lines):
         remove = action_button("unline", "Remove", of=str(place), label=f"Remove {line}")
         found.append(part(line_name(place), html.H3([html.Code(line), " ", remove])))
     return found
 
 
-def _slider(p: Parameter, best: float, error: float, value: float, by_hand: bool, warning: str) -> Component:
+def _slider(
+    p: Parameter, best: float, error: float, value: float, by_hand: bool, warning: str, effect: Effect | None
+) -> Component:
     """Return a parameter with its fitted value, and a slider around it within the plausible range."""
     half = max(_SIGMAS * error if math.isfinite(error) else 0.0, _LEAST * (p.high - p.low))
     low, high = max(p.low, best - half), min(p.high, best + half)
-    head: list[Child] = [html.Span(f"{p.symbol} = {measured(best, error, p.unit)}")]
+    own = p.name.rpartition(".")[2]
+    in_unit = lambda x: (x, error, p.unit) if effect is None else effect.in_shown_unit(own, x, error, p.unit)  # noqa: E731
+    text = f"{p.symbol} = {measured(*in_unit(best))}"
+    head: list[Child] = [html.Span(text)]
     if by_hand:
-        head = [html.Span(f"{p.symbol} = {measured(best, error, p.unit)}; by hand {value:.4g}")]
+        head = [html.Span(f"{text}; by hand {in_unit(value)[0]:.4g}")]
         head.append(action_button("fit", "Fitted value", of=p.name, label=f"Fitted value of {p.symbol}"))
     slider = dcc.Slider(
         id={"set": "slider", "of": p.name}, min=low, max=high, step=(high - low) / _STEPS,
         value=min(max(value, low), high), marks=None, updatemode="mouseup", allow_direct_input=False,
     )  # fmt: skip
-    shown = [html.Label(head, className="parameter-value"), slider, *([note(warning)] if warning else [])]
-    return html.Div(shown, className="parameter")
+    parts = [html.Label(head, className="parameter-value"), slider, *([note(warning)] if warning else [])]
+    return html.Div(parts, className="parameter")
 
 
 def _forms(effect: Effect) -> list[Component]:

@@ -7,21 +7,27 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import make_archive
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from dash import ALL, Dash, Input, Output, State, ctx, dcc, html, no_update
 from dash.development.base_component import Component
 from flask import Flask, Response, abort
 
+from contactlearn.cli.commands.export import TARGETS, export_model
+from contactlearn.cli.commands.plan import write_plan
 from contactlearn.cli.commands.replay import write_replay
 from contactlearn.cli.hydra_main import compose
-from contactlearn.cli.settings import EvaluateSettings
+from contactlearn.cli.settings import EvaluateSettings, PlanSettings
 from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.core.numerics import atomic_write
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.packed import ARCHIVES
+from contactlearn.models import checkpoint
 from contactlearn.report.page.page import FILE, RECORDINGS, REPLAY, has_recordings
+from contactlearn.report.page.plan import PLAN
 from contactlearn.report.page.runs import write_runs
 from contactlearn.report.text.sentences import headline
 from contactlearn.results.folder import Result, find_results, read_result
@@ -36,7 +42,7 @@ from contactlearn.workbench.session import Session
 
 COMPARED = "runs.html"
 """Name of the page over several runs, in the folder of the runs."""
-_PAGES = (FILE, RECORDINGS, REPLAY, COMPARED)
+_PAGES = (FILE, RECORDINGS, REPLAY, COMPARED, PLAN)
 _CACHED, _LISTED = 200, 20
 
 
@@ -202,6 +208,14 @@ class FileCallbacks:
             Output("download", "data"), Input("experiment", "n_clicks"), address, prevent_initial_call=True
         )(self.experiment)  # fmt: skip
         app.callback(
+            Output("download", "data", allow_duplicate=True), Output("trouble", "children", allow_duplicate=True),
+            Input("export", "n_clicks"), State("export-to", "value"), address, prevent_initial_call=True,
+        )(self.export)  # fmt: skip
+        app.callback(
+            Output("planned", "children"), Input("plan-drops", "n_clicks"), State("rig", "value"),
+            State("diagnosis-run", "data"), prevent_initial_call=True,
+        )(self.plan)  # fmt: skip
+        app.callback(
             Output("runs", "children"), Output("runs-status", "children"),
             Input("list-runs", "n_clicks"), Input("compare-runs", "n_clicks"), Input({"replay": ALL}, "n_clicks"),
             prevent_initial_call=True,
@@ -274,6 +288,39 @@ class FileCallbacks:
     def experiment(self, _: int, address: str | None) -> Any:
         """Return the experiment file of the session."""
         return dcc.send_string(experiment(Session.read(address or "")), "session.yaml")
+
+    def export(self, _: int, to: str, address: str | None) -> tuple[Any, str]:
+        """Return the model of the session as a file for use elsewhere, or several as an archive."""
+        try:
+            session = Session.read(address or "")
+            model, impacts = self.models.manual(session).model, self.models.split(session).impacts
+            with TemporaryDirectory() as folder:
+                saved, out = Path(folder, "model.pt"), Path(folder, "impact")
+                checkpoint.save(model, saved)
+                export_model(
+                    str(saved), to, str(out.with_suffix(TARGETS[to])), impacts, without_residual=False, force=True
+                )
+                saved.unlink()
+                files = sorted(Path(folder).iterdir())
+                if len(files) > 1:
+                    files = [Path(make_archive(str(out), "zip", folder))]
+                return dcc.send_bytes(files[0].read_bytes(), files[0].name), ""
+        except ContactLearnError as error:
+            return no_update, str(error)
+
+    def plan(self, _: int, words: str | None, run: str | None) -> list[Component]:
+        """Plan the next drops for what the last search left open, within what the rig can set."""
+        try:
+            if not run:
+                raise ContactLearnError("search laws and effects first: the plan is for what the search leaves open")
+            self.saved.diagnosis(f"diagnose/{run}")
+            folder, out = self.saved.inside(f"diagnose/{run}"), self.saved.inside(f"plans/{run}")
+            settings = PlanSettings.from_config(compose("plan", shlex.split(words or "")))
+            lines = write_plan(settings, folder, out, force=True)
+        except (ContactLearnError, ValueError) as error:
+            return [html.P(str(error), role="alert")]
+        page = html.A("the whole plan", href=f"/runs/plans/{run}/{PLAN}", target="_blank")
+        return [html.Pre(lines), html.P(page)]
 
     def runs(self, _: int, __: int, clicks: Sequence[int | None]) -> tuple[Any, Any]:
         """Show the saved runs; write one page over all of them, or the replay of one, if its button was pressed."""

@@ -12,6 +12,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from contactlearn import laws
+from contactlearn.cli.commands.export import TARGETS
 from contactlearn.data.packed import ARCHIVES
 from contactlearn.data.table import READ
 from contactlearn.effects import catalogue
@@ -72,14 +73,15 @@ def page_layout(largest: int) -> Component:
         dcc.Interval(id="diagnosis-clock", interval=1000, disabled=True),
         dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
-    panes = html.Main([_compare(), _fails(), _missing(), _model(), _keep()], id="main", tabIndex="-1")
+    panes = html.Main([_compare(), _fails(), _missing(), _model(), _plan(), _keep()], id="main", tabIndex="-1")
     buttons = (action_button(*pair) for pair in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone")))
+    estimated = note("The noise floor is being estimated …")
     bar: list[Component] = [
         html.Span("…", id="summary", role="status"),
         html.Span(id="summary-moving"),
         html.Span(list(buttons), className="controls"),
         html.Span(id="trouble", role="alert"),
-        html.Div([html.Div(id="ladder"), html.Div(id="floor")], className="pinned"),
+        html.Div([html.Div(id="ladder"), html.Div(estimated, id="floor")], className="pinned"),
     ]
     reveal = button("reveal", "Reveal the truth", hidden=True)
     hints = [
@@ -87,7 +89,7 @@ def page_layout(largest: int) -> Component:
         controls(button("hint-next", "Next hint"), reveal, button("hint-end", "No more hints")),
         html.Pre(id="truth", hidden=True),
     ]
-    top = [_header(largest), html.Div(bar, id="bar", className="bar"), html.Aside(hints, id="hints", hidden=True)]
+    top = [_header(largest), html.Div(bar, id="bar"), html.Aside(hints, id="hints", hidden=True)]
     return html.Div([*hidden, *top, panes])
 
 
@@ -156,6 +158,7 @@ def _fails() -> Component:
         controls(*(action_button(action, text) for action, text in steps)),
         html.P(id="trial-status", role="status"),
         html.Div(figures, className="pair"),
+        html.Div(id="curves", className="cards"),
     )  # fmt: skip
 
 
@@ -189,8 +192,19 @@ def _model() -> Component:
         html.Datalist(id="completions"),
         html.P(id="line-status", role="status"),
         html.Div(id="parts"),
-        html.Div(id="curves", className="cards"),
     )
+
+
+def _plan() -> Component:
+    rig = dcc.Input(id="rig", type="text", autoComplete="off", spellCheck=False)
+    return _section(
+        "plan",
+        "Plan the next drops",
+        note("What your rig can set, as on a command line: at first the ranges of these data, in m, rad and rad/s. "
+             "The plan is for what the last search of this page left open."),
+        html.P([rig, button("plan-drops", "Plan 20 drops")], className="controls line"),
+        dcc.Loading(html.Div(id="planned"), type="dot"),
+    )  # fmt: skip
 
 
 def _keep() -> Component:
@@ -198,10 +212,14 @@ def _keep() -> Component:
         "keep",
         "Keep it",
         controls(
+            button("export", "Export the model"),
+            dcc.RadioItems(id="export-to", options=[*TARGETS], value="c", inline=True, className="forms"),
+        ),
+        controls(
             button("diagnosis-save", "Save run"),
-            button("experiment", "Experiment file"),
             button("list-runs", "Saved runs"),
             button("compare-runs", "Compare them"),
+            button("experiment", "Experiment file"),
         ),
         note("The address of this page is the session. Save run diagnoses the model as it is and writes a run folder."),
         html.H3("The same model from the shell"),

@@ -141,7 +141,7 @@ def serve(words: Sequence[str], host: str, port: int | None, browser: bool) -> N
     models.fitted(session)  # the first fit of a process is slow, and data that cannot be read are an error here
     server, bound = listen(host, port, models)
     address = bound.url + session.address.replace("?", "&", 1)
-    print(f"open     {address}", flush=True)
+    print(f"open: {address}", flush=True)
     if browser:
         webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt):

@@ -201,7 +201,7 @@ class SessionCallbacks:
         for outputs, inputs, function in followers:
             app.callback(outputs, inputs, prevent_initial_call=True)(function)
         app.callback(
-            Output("findings", "children"), Output("mistakes", "children"),
+            Output("findings", "children"), Output("mistakes", "children"), Output("rig", "value"),
             Input("data-drawn", "children"), State("address", "search"),
         )(self.findings)  # fmt: skip
         app.callback(
@@ -343,15 +343,15 @@ class SessionCallbacks:
                 return no_update
             return make(Session.read(address))
 
-    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any]:
-        """Show the findings of the audit, and the corrections of the data."""
+    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any, Any]:
+        """Show the findings of the audit, the corrections of the data, and their ranges as limits of a rig."""
         if not drawn:
-            return no_update, no_update
+            return (no_update,) * 3
         session = Session.read(address or "")
         impacts = self.models.split(session).impacts
         found = audit(impacts) if impacts.space is PLANE else ()
         notes = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
-        return [html.Ul(notes)] if notes else [], content.mistakes(found, session)
+        return [html.Ul(notes)] if notes else [], content.mistakes(found, session), content.rig_words(impacts)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Show completions of a line, and its equation or its error."""

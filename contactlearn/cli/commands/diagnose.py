@@ -2,7 +2,7 @@
 
 import shlex
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from matplotlib.figure import Figure
@@ -46,12 +46,14 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
         "Ladder of a diagnosis": {"Mass error by step: 0 the law, 1 the first effect, …; named under Text": _LADDER}
     }
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
-        _diagnose(settings, run, impacts, tracker)
+        coming = _diagnose(settings, run, impacts, tracker)
     run.remove_partial_results()
     terminal.show_report(run.folder)
+    terminal.show_next(*coming)
 
 
-def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: Tracker) -> None:
+def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: Tracker) -> tuple[str, ...]:
+    """Diagnose, write everything, and return the commands that go on from there."""
     with progress(run.folder, tracker, verbose=settings.verbose) as on_event:
         own = {EffectId(name, effect.form): effect for name, effect in settings.candidates.items()}
         kinds = {type(effect) for effect in own.values()}  # a class that is imported is also in the catalogue
@@ -80,20 +82,23 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     if diagnosis.record is not None:
         diagnosis.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)
-    coming = terminal.next_command(command, run.folder) if diagnosis.missing else ""
-    show_verdict(diagnosis, coming, verbose=settings.verbose)
+    coming = terminal.next_commands(command, run.folder) if diagnosis.missing else ()
+    show_verdict(diagnosis, verbose=settings.verbose)
     shown = (
         lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(diagnosis), coming)),
         lambda: write_page(
-            run.folder, diagnosis, provenance, use=command if diagnosis.missing else "", next_command=coming
+            run.folder, diagnosis, provenance, use=command if diagnosis.missing else "", next_commands=coming
         ),
     )
     with progress(run.folder) as on_event:
         for show in track(shown, "figures and page", on_event):
             show()
+    return coming
 
 
-def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure], coming: str) -> RunRecord:
+def _record(
+    settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[str, Figure], coming: Sequence[str]
+) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     diagnosis, data = result.diagnosis, result.provenance.data
     scalars, series, names = {}, {}, dict[str, str]()
@@ -123,7 +128,7 @@ def _record(settings: DiagnoseSettings, result: DiagnosisRun, figures: Mapping[s
         effects=list(dict.fromkeys((*settings.effects, *diagnosis.effects))),
         equations=[diagnosis.equation] if diagnosis.equation else [],
         errors={rung_label(rung, base_label(diagnosis)): rung.error for rung in diagnosis.ladder},
-        verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Use it": coming} if coming else {}),
+        verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Use it": coming[0]} if coming else {}),
     )
 
 

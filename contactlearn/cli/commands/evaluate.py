@@ -1,5 +1,6 @@
 """Compare laws and learned models with the bounds on held-out trials, and compute their learning curves."""
 
+import shlex
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -61,8 +62,8 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     labels = model_labels(result)
     learnt = phrase("evaluation_headline", labels, result.best, result.differences), best_learned(result)
     terminal.show_end(run.folder, " ".join(filter(None, learnt)))
-    if not any(word.startswith("experiment=") for word in run.overrides):  # the name of another command's
-        terminal.show_next(["contactlearn", "diagnose", *(word for word in run.overrides if word.startswith("data"))])
+    if run.data_words:
+        terminal.show_next(shlex.join(["contactlearn", "diagnose", *run.data_words]))
 
 
 def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None, tracker: Tracker) -> Evaluation:

@@ -60,16 +60,16 @@ def write_settings(path: Path, name: str | None, stated: Mapping[str, Any] = Map
     missing = [setting.name for setting in contents.settings if setting.value == OPEN]
     verb = "is" if contents.source == "table" else "holds"
     lines = [f"{file} written: {path} {verb} {_KINDS[contents.source]}"]
-    lines += [f"read as  {', '.join(contents.read_as)}"] if contents.read_as else []
+    lines += [f"read as: {', '.join(contents.read_as)}"] if contents.read_as else []
     lines += (
-        [f"fill in  {', '.join(missing)}: {'its line has' if len(missing) == 1 else 'each has'} a comment"]
+        [f"fill in: {', '.join(missing)}: {'its line has' if len(missing) == 1 else 'each has'} a comment"]
         if missing
         else []
     )
-    lines += [f"not used {', '.join(map(repr, contents.unused))}"] if contents.unused else []
+    lines += [f"not used: {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     first = f"contactlearn impacts data={word} -o impacts.parquet, " if contents.source == "tracks" else ""
-    lines.append(f"then     {first}contactlearn audit data={word}, and data={word} on every command in this folder")
-    lines += ["or       name its columns in one command", contents.page] if contents.page else []
+    lines.append(f"next: {first}contactlearn audit data={word}, and data={word} on every command in this folder")
+    lines += ["or: name its columns in one command", contents.page] if contents.page else []
     return "\n".join(lines)
 
 

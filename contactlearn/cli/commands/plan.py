@@ -90,8 +90,8 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
             part.write_text(to_json(chosen), encoding="utf-8")
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    drops = f"drops    {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
-    return "\n".join([*plan_summary(chosen), drops, f"open     {page}"])
+    drops = f"drops: {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
+    return "\n".join([*plan_summary(chosen), drops, f"report: {page}"])
 
 
 def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool = False) -> str:
@@ -141,8 +141,8 @@ def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool
     lines = [f"{len(measured)} drops measured, {len(every)} impacts in {out}"]
     known = {"the plan": next(iter(planned.bodies.values()), None)}
     known |= {} if before is None else {str(out): Specimen.of(before)[0].moments}
-    lines += [f"note     {one}" for one in _other_body(known, body)]
-    return "\n".join([*lines, f"next     {command}"])
+    lines += [f"note: {one}" for one in _other_body(known, body)]
+    return "\n".join([*lines, f"next: {command}"])
 
 
 def _require_same_fields(before: Impacts, measured: Impacts, out: Path) -> None:

@@ -58,4 +58,4 @@ def write_replay(run: str, source: SourceSettings, out: Path, start: str = START
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
     lines = [f"  {name}: {replay_sentence(one)}" for name, one in errors.items()]
-    return "\n".join([said, *lines, f"open     {page}"])
+    return "\n".join([said, *lines, f"report: {page}"])

@@ -1,6 +1,7 @@
 """Train one model from one random subset of the training pool; errors on the held-out trials."""
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -79,9 +80,9 @@ def train(settings: TrainSettings, run: Run) -> None:
     with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.bounds.norm)) as tracker:
         result = _train(settings, run, data, tracker)
     terminal.show_end(run.folder, phrase("training_headline", model_labels(result), result))
-    terminal.show_next(
-        ["contactlearn", "evaluate", f"checkpoint={terminal.relative(run.folder / CHECKPOINT)}"], " data=…"
-    )
+    if run.data_words:
+        path = terminal.relative(run.folder / CHECKPOINT)
+        terminal.show_next(shlex.join(["contactlearn", "evaluate", f"checkpoint={path}", *run.data_words]))
 
 
 def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> Training:

@@ -148,8 +148,8 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
         closes = "is weakly tested by these data"
     elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):
         closes = (
-            "is within the reach of noise and physics, but its coefficients are not 1 (possible causes: noise of the "
-            "velocities, a floor that is not level, a wrong inertia, or something after contact)"
+            "is off, within what noise of the velocities, a tilted floor, a wrong inertia or a force after contact can "
+            "cause"
         )
     else:
         closes = "closes"

@@ -20,7 +20,7 @@ from torch import Tensor
 from contactlearn.diagnosis.regions import improvement_by_region
 from contactlearn.diagnosis.result.effects import FittedParameter, Level, MissingEffect, Region, Rung, RungKind
 from contactlearn.diagnosis.search.selection import Selection, inclusion, predict_held_out, smaller
-from contactlearn.effects import Effect, State
+from contactlearn.effects import State
 from contactlearn.effects.base import ChangesFriction
 from contactlearn.effects.parameter_drift import ParameterDrift
 from contactlearn.inference.evaluation.metrics import outside_admissible
@@ -66,7 +66,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
     missing = tuple(
         MissingEffect(
             effect=effect,
-            equation=equation_in_metres(final.fit.model.effects[effect.name]),
+            equation=final.fit.model.effects[effect.name].shown_equation,
             parameters=fitted_parameters(final, effect.name),
             error_before=errors[k],
             error_after=errors[k + 1],
@@ -99,25 +99,21 @@ def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[Fi
     for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
         of, _, own = p.name.rpartition(".")
         if of == (name or ""):
-            metres = fit.model.effects[of].in_metres(own) if of else None
-            scale, zero = metres or (1.0, 0.0)
+            shown = value, error, p.unit
+            if of:
+                shown = fit.model.effects[of].in_shown_unit(own, value, error, p.unit)
             found.append(
                 FittedParameter(
                     name=own,
                     symbol=p.symbol,
-                    unit="m" if metres else p.unit,
-                    value=scale * value + zero,
-                    standard_error=scale * error,
+                    unit=shown[2],
+                    value=shown[0],
+                    standard_error=shown[1],
                     at_end=p.name in ends,
                     undetermined=error > p.high - p.low,
                 )
             )
     return tuple(found)
-
-
-def equation_in_metres(effect: Effect) -> str:
-    """Return the formula of an effect whose parameters are those of `fitted_parameters`."""
-    return effect.formula if any(effect.in_metres(p.name) for p in effect.parameters) else effect.equation
 
 
 def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:

@@ -78,7 +78,7 @@ METRICS = {
     "normalised_euclidean_error": Metric(
         normalised_euclidean_error, "normalised", "Normalised Euclidean velocity error", "–", "euclidean"
     ),
-    "velocity_error": Metric(velocity_error, "mass centre", "Velocity error of the mass centre", "m/s", None),
+    "velocity_error": Metric(velocity_error, "velocity", "Velocity error of the mass centre", "m/s", None),
 }
 """Each metric by name."""
 

@@ -4,7 +4,7 @@ The data are a pure function of the diagnosis, its record and its provenance; no
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ def save_report(diagnosis: Diagnosis, folder: str | os.PathLike[str]) -> Path:
 
 
 def write_page(
-    folder: Path, diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
+    folder: Path, diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_commands: Sequence[str] = ()
 ) -> Path:
     """Write report.html of a diagnosis into a folder, whole or not at all.
 
@@ -86,16 +86,16 @@ def write_page(
         diagnosis: with its record, unless the data were refused.
         provenance: data, versions, configuration, and the command of the diagnosis.
         use: the command that evaluates the model with the missing effects.
-        next_command: that trains it from the folder of the run, as the terminal says.
+        next_commands: that go on from the folder of the run, as the terminal says.
 
     Raises:
         OSError: the folder cannot be written to.
     """
-    return write(folder, of_diagnosis(diagnosis, provenance, use=use, next_command=next_command))
+    return write(folder, of_diagnosis(diagnosis, provenance, use=use, next_commands=next_commands))
 
 
 def of_diagnosis(
-    diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_command: str = ""
+    diagnosis: Diagnosis, provenance: Provenance, *, use: str = "", next_commands: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Return the data of the page of a diagnosis; the arguments are those of `write_page`."""
     content = {
@@ -110,7 +110,7 @@ def of_diagnosis(
         },
         "findings": [_finding(finding) for finding in diagnosis.findings],
         "law": {"name": diagnosis.law, "label": law_style(diagnosis.law).label if diagnosis.law else ""},
-        "next": next_command,
+        "next": list(next_commands),
         "reproduce": reproduced(provenance, use),
         "trials": None,
         **sample_content(diagnosis),

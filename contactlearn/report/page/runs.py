@@ -31,7 +31,7 @@ from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import FILE, render, save, write
 from contactlearn.report.page.trials import digits
-from contactlearn.report.terminal import next_command
+from contactlearn.report.terminal import next_commands
 from contactlearn.report.text.names import base_label, effect_label, join_words, label, rung_label
 from contactlearn.report.text.sentences import conclusion, phrase, phrases
 from contactlearn.results import folder as run_folder
@@ -87,8 +87,8 @@ def redraw(folder: Path) -> Path:
             diagnosis = replace(diagnosis, record=None if diagnosis.choices is None else Record.load(folder))
             if not diagnosis.missing:
                 return write_page(folder, diagnosis, result.provenance)
-            coming = next_command(result.use, folder)
-            return write_page(folder, diagnosis, result.provenance, use=result.use, next_command=coming)
+            coming = next_commands(result.use, folder)
+            return write_page(folder, diagnosis, result.provenance, use=result.use, next_commands=coming)
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")

@@ -60,18 +60,18 @@ def share_interval(x: Interval) -> str:
 
 
 def compared(x: float, y: float) -> str:
-    """Compare an error with another one, before "than": 3.9 times less, 18 % less, 18 % more, 2.1 times more."""
+    """Compare an error with another one, before "than": 3.9× smaller, 18 % smaller, 18 % larger, 2.1× larger."""
     if not min(x, y) > 0:
-        return "no less" if x == y else "less" if x < y else "more"
-    word, ratio = ("less", y / x) if x <= y else ("more", x / y)
+        return "no smaller" if x == y else "smaller" if x < y else "larger"
+    word, ratio = ("smaller", y / x) if x <= y else ("larger", x / y)
     if ratio >= _TIMES:
         return f"{times(ratio)} {word}"
     return f"{fine_percent(abs(x - y) / y)} {word}"
 
 
 def times(ratio: float) -> str:
-    """Write a ratio as 3.9 times."""
-    return f"{ratio:.1f} times" if ratio < 10 else f"{ratio:.0f} times"
+    """Write a ratio as 3.9×."""
+    return f"{ratio:.1f}×" if ratio < 10 else f"{ratio:.0f}×"
 
 
 def counted(number_: int) -> str:
@@ -102,6 +102,8 @@ class Quantity:
         value, how = (-value, how[1:]) if how.startswith("-") else (value, how)
         if how == "exp":
             return measured(math.exp(value), math.exp(value) * error)
+        if how == "doubled":  # a power of what doubles
+            value, error, how = 2**value - 1, 2**value * math.log(2) * error, "%"
         return measured(100 * value, 100 * error, "%") if how == "%" else readable(value, error, self.parameter.unit)
 
 

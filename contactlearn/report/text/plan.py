@@ -46,17 +46,16 @@ def plan_summary(plan: Plan) -> list[str]:
     if plan.stop:
         return [_STOPS[plan.stop], *known]
     lines = [f"{len(plan.drops)} drops for {plan.goal if plan.possibilities else 'a first design'}"]
-    lines += [
-        f"set       {join_words([_limits(name, one.low, one.high) for name, one in plan.rig.items() if one.chosen])}"
-    ]
+    chosen = [_limits(name, one.low, one.high) for name, one in plan.rig.items() if one.chosen]
+    lines += [f"set by the rig: {join_words(chosen)}"]
     chance = [
         _limits(name, one.low, one.high) for name, one in plan.rig.items() if not one.settable and one.high > one.low
     ]
-    lines += [f"by chance {join_words(chance)}"] if chance else []
+    lines += [f"by chance: {join_words(chance)}"] if chance else []
     lines += [*known, *forecast_lines(plan)]
     if plan.hidden:
         lines.append(f"no drop within these limits shows {join_words([label(name) for name in plan.hidden], 'or')}")
-    return [*lines, "go on: make these drops, and diagnose all of them together"]
+    return [*lines, "next: make these drops, then run contactlearn diagnose on all drops together"]
 
 
 def forecast_lines(plan: Plan) -> list[str]:

@@ -1,5 +1,6 @@
 // The figures; text that comes from data is escaped, because plotly takes some HTML.
 const plain = text => String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+const typeset = text => plain(text).replace(/(?<![A-Za-z_])(\p{L})_([a-z])(?![A-Za-z_])/gu, "$1<sub>$2</sub>");  // v_n, no column's name
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const get = id => document.getElementById(id);
 const narrow = () => document.documentElement.clientWidth < 640;
@@ -70,7 +71,7 @@ function drawMap(state) {
     ? variable.values.map((value, i) => value + 0.5 * (i * 0.618 % 1 - 0.5)) : variable.values;
   const at = {x: spread(x), y: spread(y)};
   const axis = variable => ({
-    title: {text: plain(variable.label)}, zeroline: false, ...(variable.period > 180 && quarters),
+    title: {text: typeset(variable.label)}, zeroline: false, ...(variable.period > 180 && quarters),
     ...(variable.labels.length && {tickvals: [-1, 0, 1], ticktext: variable.labels.map(plain)}),
   });
   const bar = {
@@ -110,7 +111,7 @@ function drawWhole(which) {
     text: table(error.map((value, k) => value === null ? "" : `${count[k]} trials<br>mean error ${written(value)}`)),
     colorbar: {title: {text: "Mass error", side: "right"}, thickness: 12, outlinewidth: 0},
   }], {
-    xaxis: {title: {text: plain(across)}, zeroline: false}, yaxis: {title: {text: plain(up)}, zeroline: false},
+    xaxis: {title: {text: typeset(across)}, zeroline: false}, yaxis: {title: {text: typeset(up)}, zeroline: false},
     summary: `${count.reduce((sum, n) => sum + n, 0)} trials in ${there(error).length} cells; mean errors of cells from ${
       written(Math.min(...there(error)))} to ${written(Math.max(...there(error)))}.`,
   });
@@ -373,7 +374,7 @@ function drawDrops(state) {
      textposition: "top center", textfont: {size: 16, color: color("text")}, hoverinfo: "x+y",
      marker: {size: 13, symbol: "diamond", color: color("red"), line: {width: 1.5, color: color("ground")}}},
   ], {
-    xaxis: {title: {text: plain(x.label)}}, yaxis: {title: {text: plain(y.label)}},
+    xaxis: {title: {text: typeset(x.label)}}, yaxis: {title: {text: typeset(y.label)}},
     summary: `${drops.length} drops; the table below has their states.`,
   });
 }
@@ -416,11 +417,11 @@ const written = x => {
   return Math.abs(x) >= 1e-4 ? digits(x, 2) : `${digits(Number(figure), 2)}e−${-power}`;
 };
 const compared = (x, y) => {
-  const [word, ratio] = x <= y ? ["less", y / x] : ["more", x / y];
-  if (!(Math.min(x, y) > 0)) return x === y ? "no less" : word;
+  const [word, ratio] = x <= y ? ["smaller", y / x] : ["larger", x / y];
+  if (!(Math.min(x, y) > 0)) return x === y ? "no smaller" : word;
   const times = ratio < 10 ? ratio.toFixed(1) : ratio.toFixed(0);
   const percent = 100 * Math.abs(x - y) / y;
-  return ratio >= 2 ? `${times} times ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
+  return ratio >= 2 ? `${times}× ${word}` : `${percent.toFixed(percent < 1 ? 1 : 0)}\u00a0% ${word}`;
 };
 const interval = one => `${written(one.mean)} (${written(one.low)}${one.low < 0 ? " to " : "–"}${written(one.high)})`;
 
