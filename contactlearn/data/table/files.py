@@ -83,7 +83,10 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
         return cells
     if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
         return cells[: len(header)]
-    hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
+    short = "a missing separator, or a truncated file?"
+    points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell.strip()) for cell in cells)
+    long = "a separator inside a cell, which wants quotes, or a name too few?" if points else "a decimal comma?"
+    hint = long if len(cells) > len(header) else short
     taken = " ".join(header)
     taken = taken if len(taken) <= _SHOWN else f"{taken[:_SHOWN]}…"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
@@ -237,7 +240,9 @@ def _records(path: Path, content: Any) -> Sequence[Mapping[str, Any]]:
     lists = [value for value in content.values() if isinstance(value, list)] if isinstance(content, dict) else [content]
     of_records = [one for one in lists if isinstance(one, list) and one and all(isinstance(row, dict) for row in one)]
     if len(of_records) == 1:
-        return of_records[0]
+        about = content if isinstance(content, dict) else {}  # single numbers hold for all, such as the mass
+        plain = {name: one for name, one in about.items() if isinstance(one, int | float)}
+        return [{**plain, **row} for row in of_records[0]]
     if isinstance(content, dict) and len(of_records) > 1:
         parts = {str(name): one for name, one in content.items() if one in of_records}
         if found := rows_joined({name: [*map(_flat, rows)] for name, rows in parts.items()}):

@@ -63,10 +63,30 @@ _WORDS = {
 }  # fmt: skip
 COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
 """Names of a coefficient of restitution along the normal."""
-SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
+SURFACES = {
+    "racket",
+    "racquet",
+    "paddle",
+    "bat",
+    "club",
+    "clubhead",
+    "floor",
+    "surface",
+    "table",
+    "plate",
+    "belt",
+    "wall",
+}
+SURFACES |= {"ground", "shaker", "platform", "piston", "anvil"}
 """Words for what a body hits, in names of columns."""
+MOVING = tuple(f"racket_{velocity}{end}" for velocity in ("vx", "vy", "vz") for end in ("", "_post"))
+"""Velocities of what a body hits, as settings name them."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
-"""Words before the name of a column, where it has one body: ball_vx."""
+"""Words before or behind the name of a column, where it has one body: ball_vx, v ball."""
+_CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "mittelpunkt", "schwerpunkt")
+"""Words beside the coordinates of frames: xc, x_com, centroid x."""
+_FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo")
+"""Words of the times that say of a length that it is a height: rebound (cm)."""
 _NORMAL = ("perp", "perpendicular", "normal", "norm", "n")
 _ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along")
 _ACROSS = ("toward", "towards", "into", "against", "off", "from", "awayfrom", "to", "perpendicularto", "normalto")
@@ -86,7 +106,7 @@ _ALIASES = {
        for name in (f"v{word}", f"{word}v", f"v{word}component", f"{word}component", f"{word}componentv")},
     **{f"v{link}{surface}": column for surface in SURFACES for column, links in (
         ("vy", _ACROSS), ("vx", ("along", "parallelto", "alongside", "on"))) for link in links},
-    "v": "speed", "h": "height", "dropheight": "height", "bounceheight": "height_post",
+    "v": "speed", **dict.fromkeys(("h", "h0"), "height"), "dropheight": "height", "bounceheight": "height_post",
     **dict.fromkeys(("hdrop", "fallhöhe", "fallhöjd", "faldhøjde", "fallhøyde", "valhoogte"), "height"),
     **dict.fromkeys(("sprunghöhe", "rücksprunghöhe", "studshöjd", "stuithoogte", "terugstuithoogte"), "height_post"),
     **dict.fromkeys(("vkątowa", "úhlováv", "угловаяv", "backspin"), "omega"),
@@ -102,7 +122,7 @@ _ALIASES = {
 }  # fmt: skip
 _WITH_UNIT = {
     **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
-    **{"i": "inertia", "tid": "time"},
+    **{"i": "inertia", "tid": "time", "drop": "height", "bounce": "height_post"},
 }
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
@@ -439,6 +459,14 @@ def _without_symbol(words: Sequence[str]) -> Sequence[str]:
     return words
 
 
+def _of_centre(words: Sequence[str]) -> str:
+    """The coordinate of frames that words are: px, xc, x_com, centroid x; empty if they are none."""
+    beside = [word for k, word in enumerate(words) if word not in _CENTRES or (k and word == "cm")]  # x cm has a unit
+    bare = _PLACE.sub("", "".join(beside))
+    bare = re.sub(r"^c(?=[xyz]$)|(?<=^[xyz])(?:c|cm|com)$", "", bare) if len(words) == 1 else bare
+    return bare if bare in ("x", "y", "z") else ""
+
+
 def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> tuple[str, Stated]:
     """Our name of a column with these words, and the units that it states; an empty name if none of ours matches.
 
@@ -450,14 +478,18 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     before, after = ((*_BEFORE, "in"), (*_AFTER, "out")) if opposite else (_BEFORE, _AFTER)
     ends = ("_post", "") if any(word in after for word in words) else ("",)
     timed = len(ends) > 1 or any(word in before for word in words)
-    passed_over = (*before, *after, *_IMPACT) if timed else ()
-    words = [_WORDS.get(word, word) for word in words if word not in passed_over]
+    passed_over, falls = (*before, *after, *_IMPACT) if timed else (), any(word in _FALLS for word in words)
+    words = [part for word in words if word not in passed_over and (part := _WORDS.get(word, word))]
     of_impacts = "vx_post" in vocabulary
-    if len(words) > 1 and words[0] in _BODIES and of_impacts:
-        words = words[1:]
+    if of_impacts and len(words) > 1 and (of_body := next((word for word in words[:2] if word in _BODIES), "")):
+        words = [word for word in words if word != of_body]
+    if timed and of_impacts and (unit := _unit(words)):  # and nothing else: after [m/s]
+        kinds = ("speed", "height") if falls else ("speed",)
+        for ours in (f"{kind}{ends[0]}" for kind in kinds if unit in vocabulary[f"{kind}{ends[0]}"]):
+            return ours, vocabulary[ours][unit]
     for split in range(len(words), 0, -1):
         name, unit = "".join(_without_symbol(words[:split])), _unit(words[split:])
-        place = "" if of_impacts else _PLACE.sub("", name)  # px; of impacts it is an impulse
+        place = "" if of_impacts else _of_centre(words[:split])  # px; of impacts it is an impulse
         other = _WITH_UNIT.get(name, "") if unit else ""
         alias = _ALIASES.get(name, "").removesuffix("_post" if "_post" in ends else "")  # a rebound height h'
         for ours, end in product((name, alias, other, place, _QUATERNION.sub(r"q\1", name)), ends):
