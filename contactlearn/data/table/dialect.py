@@ -540,11 +540,11 @@ def _texts_below(rows: Sequence[Sequence[Any]], width: int) -> list[list[str]]:
     """
     first = next((k for k, row in enumerate(rows) if any(map(is_numeral, row))), 0)
     texts = [[*map(text_of, row), *[""] * (width - len(row))] for row in rows[:first]]
-    of_numbers = [is_numeral(cell) for cell in rows[first]] if first else []
+    of_numbers = [k for k, cell in enumerate(rows[first]) if is_numeral(cell)] if first else []
     below = [
         row for row in texts
         if len(row) == width and not any(map(_NUMBERED.match, row))
-        and (_is_units(row) or any(one and number and not is_missing(one) for one, number in zip(row, of_numbers, strict=False)))
+        and (_is_units(row) or any(row[k] and not is_missing(row[k]) for k in of_numbers if k < width))
     ]  # fmt: skip
     return below if len(below) == first <= _MOST_BELOW else []
 

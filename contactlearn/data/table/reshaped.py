@@ -140,8 +140,8 @@ def by_repeat(cells: Sheet) -> Sheet:
         drop = setting_text(recognised_columns(shared)[1].names.get("height", "…"))
         raise DataError(
             f"{cells.path}: {', '.join(map(repr, every))} fall in each row: are they repeats, or one bounce after the "
-            f"other? For one of them, 'data.columns={{height: {drop}, height_post: {setting_text(every[0])}}}'; for all, "
-            "write a row a bounce, with what is before and after it"
+            f"other? For one of them, 'data.columns={{height: {drop}, height_post: {setting_text(every[0])}}}'; for "
+            "all, write a row a bounce, with what is before and after it"
         )
     places = [
         (row, number) for number, names in repeats.items() for row in range(len(cells))
@@ -171,7 +171,7 @@ def repeats_in(header: Sequence[str]) -> dict[int, dict[str, str]]:
     """
     families = dict[str, dict[int, str]]()
     for group in (2, 1):  # without the number, or without the word before it as well
-        for name, match in ((name, match) for name in header for match in _NUMBER.finditer(name) if int(match[2])):
+        for name, match in [(each, one) for each in header for one in _NUMBER.finditer(each) if int(one[2])]:
             stem = " ".join(f"{name[: match.start(group)]} {name[match.end() :]}".split())
             families.setdefault(stem, {}).setdefault(int(match[2]), name)
     families = {stem: names for stem, names in families.items() if len(names) > 1}

@@ -293,6 +293,10 @@ def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     columns = dict[str, Array]()
     for name, (field, like, entry) in layout.made.items():
         setting = f"{path}: data.columns.{field}"
+        if "towards" in entry:
+            centre, point = (_columns(str(path), table, names) for names in (layout.position[:2], entry["towards"]))
+            columns[name] = np.arctan2(*(point - centre).T[::-1])
+            continue
         one = stated_column(setting, entry, like, [*map(str, table.columns)])
         if field == "quaternion" and one.unit and len(layout.quaternion) != 3:
             raise DataError(f"{setting}: a quaternion and a matrix have no unit, got {one.unit}; leave it out")
