@@ -105,7 +105,7 @@ def restated(
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     mapped = mapped if isinstance(mapped, Mapping) else {}
     cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
-    cells = _relative_to_surface(_with_changes(cells, units, mapped), units, mapped)
+    cells = _relative_to_surface(_with_changes(cells, units, mapped), units, mapped, asked=asked)
     cells = _by_components(cells, units, chosen, asked=asked)
     return replace(level(cells, units, mapped), gaps=False)
 
@@ -527,7 +527,7 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
 _PER_CENT = re.compile(r"[\[(]?\s*(?:%|per ?cent|pct)\s*[\])]?", re.IGNORECASE)
 
 
-def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None], *, asked: bool) -> Sheet:
     """The table with velocities relative to a racket, club or floor whose own velocity stands in it."""
     moving = {
         name: _SURFACE.sub(" ", name).strip()
@@ -541,13 +541,14 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     own = recognised_columns([name for name in cells.header if name not in moving])[1]
     names = {**own.names, **{ours: name for ours, name in mapped.items() if name in cells.header}}
     columns, used = [*cells.columns], dict[str, None]()
-    if {"speed", "speed_post"} <= {*names} and not _have_senses(cells, names["speed"], names["speed_post"]):
-        names.pop("speed")  # of numbers without signs it is not known whether the surface goes with the body
+    with_speeds = {*names}
+    if not {"speed", "speed_post"} <= {*names} or not _have_senses(cells, names["speed"], names["speed_post"]):
+        with_speeds.discard("speed")  # of numbers without signs it is not known whether the surface goes with the body
     for column in ("vx", "vy", "vz", "speed"):
         for end in ("", "_post"):
             source = f"{column}{end}" if f"{column}{end}" in surface.names else column
             source = "speed" if column == "vy" and source not in surface.names and "vx" not in names else source
-            if source not in surface.names or f"{column}{end}" not in names or column not in names:
+            if source not in surface.names or f"{column}{end}" not in names or column not in with_speeds:
                 continue
             name, moved = names[f"{column}{end}"], by_bare[surface.names[source]]
             units_of = [Units(units.stated, known.units) for known in (own, surface)]
@@ -556,12 +557,32 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
             place = cells.header.index(name)
             columns[place] = cells.numbers(name, units_of[0].text(f"{column}{end}")) - velocity
             used[moved] = None
+    left = by_bare.get(surface.names.get("speed", ""))
+    if asked and left not in (None, *used) and (told := _with_senses(names)):
+        racket = setting_text(left)
+        raise DataError(
+            f"{cells.path}: {left!r} is a velocity of what the body hits, which is taken off: along its normal, away "
+            f"from it positive, 'data.columns={{{told}racket_vy: {racket}}}', along the surface racket_vx; where "
+            f"velocities are relative to it already, 'data.covariates=[{racket}]'"
+        )
     if not used:
         return cells
     said = f"velocities relative to the surface: {' and '.join(map(repr, used))} taken off before and after contact"
     kept = [k for k, name in enumerate(cells.header) if name not in used]
     header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+
+
+def _with_senses(names: Mapping[str, str]) -> str | None:
+    """Settings of the normal velocities, which speeds are without their senses; None without any of them."""
+    if "vy" in names:
+        return ""
+    if "speed" not in names:
+        return None
+    speed = setting_text(names["speed"])
+    if "speed_post" not in names:  # as of a golf ball
+        return f"vy: {{value: 0}}, vy_post: {speed}, "
+    return f"vy: {{column: {speed}, factor: -1}}, vy_post: {setting_text(names['speed_post'])}, "
 
 
 def _have_senses(cells: Sheet, before: str, after: str) -> bool:

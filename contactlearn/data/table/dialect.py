@@ -19,7 +19,15 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.packed import opened_bytes, opened_text, size_of
 from contactlearn.data.table.comments import with_units
 from contactlearn.data.table.markup import tab_separated, tables_in
-from contactlearn.data.table.names import are_outcomes, impact_vocabulary, is_unit, name_words, recognise, time_of
+from contactlearn.data.table.names import (
+    SURFACES,
+    are_outcomes,
+    impact_vocabulary,
+    is_unit,
+    name_words,
+    recognise,
+    time_of,
+)
 from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
@@ -482,6 +490,9 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
         elif not are_outcomes(names) and are_outcomes(full := _grouped(names, row)):
             names = full
             read_as.append("names with the comments below them")
+        elif longer := {k for k, cell in enumerate(row) if cell and not _tells(names[k]) and _tells(cell)}:
+            names = [cell if k in longer else name for k, (name, cell) in enumerate(zip(names, row, strict=True))]
+            read_as.append("longer names below the names")
         last += 1
     named = zip(names, units, strict=True)
     names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
@@ -531,6 +542,12 @@ def _is_units(cells: Sequence[Any]) -> bool:
     present = [text_of(cell) for cell in cells if not is_blank(cell)]
     units = sum(map(is_unit, present))
     return not any(map(is_numeral, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
+
+
+def _tells(name: str) -> bool:
+    """Whether the reader knows what a name of a column is of, such as plate velocity."""
+    bare = " ".join(word for word in name_words(name) if word not in SURFACES)
+    return any(recognise([bare, "out"], impact_vocabulary(space)).names for space in BOTH)
 
 
 def _texts_below(rows: Sequence[Sequence[Any]], width: int) -> list[list[str]]:

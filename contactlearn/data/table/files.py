@@ -11,6 +11,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,7 +165,7 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
     if len(tables) > 1:
         tables = {name: one for name, one in tables.items() if _of_impacts(one)} or tables
-    if len(tables) != 1 and (found := _joined_sheets(path, tables or sheets)):
+    if len(tables) != 1 and (found := _stacked_sheets(path, tables) or _joined_sheets(path, tables or sheets)):
         yield found
         return
     if len(tables) != 1:
@@ -172,17 +173,37 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
         raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
     ((name, frame),) = tables.items()
+    said = (f"worksheet {name}",) if len(frames) > 1 else ()
+    yield _of_worksheet(path, frame, said)
+
+
+def _of_worksheet(path: Path, frame: "DataFrame", said: tuple[str, ...] = ()) -> Sheet:
+    """The cells of a worksheet."""
     cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
     body = impactful(cells[top.rows :], top)
     columns: list[Cells] = [
         [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
     ]
-    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
     numerals = numerals_of(str(path), [row for _, row in body.rows[:_NUMERALS]])
-    read_as += ("decimal commas",) if numerals.decimal == "," else ()
+    read_as = (*said, *top.read_as, *body.read_as, *(["decimal commas"] if numerals.decimal == "," else []))
     lines = [line for line, _ in body.rows]
-    yield Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
+    return Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
+
+
+def _stacked_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
+    """The rows of several worksheets with one header, and the names of these in a column, as of recordings."""
+    sheets = {name: _of_worksheet(path, frame) for name, frame in tables.items()}
+    first = next(iter(sheets.values()), None)
+    if first is None or len(sheets) < 2 or any(one.header != first.header for one in sheets.values()):
+        return None
+    names = [name for name, one in sheets.items() for _ in range(len(one))]
+    columns: list[Cells] = [
+        [cell for one in sheets.values() for cell in one.columns[k]] for k in range(len(first.header))
+    ]
+    word = "session" if are_outcomes(first.header) else "recording"
+    said = f"{len(sheets)} worksheets with one header, their names in the column {word!r}"
+    return replace(first, header=[word, *first.header], columns=[names, *columns], lines=None, read_as=(said,))
 
 
 def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:

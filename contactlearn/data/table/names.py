@@ -115,6 +115,9 @@ _ALIASES = {
     **{name: f"p{axis}" for axis in "xyz" for name in (f"momentum{axis}", f"{axis}momentum", f"linearmomentum{axis}")},
     **dict.fromkeys(("impactv", "vimpact"), "speed"), "impactangle": "direction",
     "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
+    **{f"{start}from{reference}": f"direction_{kind}" for start in ("", "incidence", "reflection")
+       for kind, references in {"normal": ("normal", "vertical"), "floor": (*SURFACES, "horizontal")}.items()
+       for reference in references},
     **{f"{angle}{link}{reference}": f"direction_{kind}"
        for kind, references in {"normal": ("normal", "vertical", "lot"), "floor": (*SURFACES, "horizontal", "platte",
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
@@ -123,6 +126,7 @@ _ALIASES = {
 _WITH_UNIT = {
     **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
     **{"i": "inertia", "tid": "time", "drop": "height", "bounce": "height_post"},
+    **dict.fromkeys(("side", "sidespin", "english"), "omega"),
 }
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
@@ -167,7 +171,8 @@ _SPELLED = {
     "kmh": "km.h", "kph": "km.h", "mph": "mi.h", "mile": "mi", "miles": "mi", "lbs": "lb",
     "in": "incoming",  # only [in] and inch are inches
     "grad": "deg", "degré": "deg", "degrés": "deg", "grados": "deg", "gradi": "deg", "fps": "ft.s", "dps": "deg.s",
-    "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h", "feet": "ft",
+    "mps": "m.s", "mmps": "mm.s", "cmps": "cm.s", "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h",
+    "feet": "ft",
 }  # fmt: skip
 _REVOLUTIONS = dict.fromkeys(("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min") | {
     "u.s": "rev.s",
@@ -274,7 +279,11 @@ def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tupl
         opposite: whether in and out are before and after.
     """
     spelled = {**_indexed_vectors(sizes, opposite=opposite), **_contact(sizes)}
-    found = {name: _components(spelled.get(name, name), size, opposite=opposite) for name, size in sizes.items()}
+    found = {
+        name: _components(spelled.get(name, name), size, opposite=opposite)
+        or _components(name.rpartition(".")[2], size, opposite=opposite)  # X_WB.translation
+        for name, size in sizes.items()
+    }
     in_space = any({"q0", "qw", "wx"} & {*names} for names in found.values()) or bool(
         recognise([*sizes], impact_vocabulary(SPACE)).names.keys() & {"qw", "wx"}
     )
@@ -413,7 +422,7 @@ def _without_index(name: str, indices: str) -> Iterator[tuple[str, list[str]]]:
     """The index of a name, a word of it or the second or last letter of its first word, and its other words."""
     words = name_words(name)
     for k, word in enumerate(words[1:3], 1):
-        if word in indices:
+        if word in {*indices}:  # and not "12"
             yield word, words[:k] + words[k + 1 :]
     for k in (1, 2):
         letters = _LETTERED.fullmatch("".join(words[:k]))
@@ -480,6 +489,8 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     timed = len(ends) > 1 or any(word in before for word in words)
     passed_over, falls = (*before, *after, *_IMPACT) if timed else (), any(word in _FALLS for word in words)
     words = [part for word in words if word not in passed_over and (part := _WORDS.get(word, word))]
+    if in_degrees := [word for word in words[:-1] if word in ("deg", "degrees") and "from" in words]:
+        words = [*(word for word in words if word not in in_degrees), "deg"]  # incidence deg from normal
     of_impacts = "vx_post" in vocabulary
     if of_impacts and len(words) > 1 and (of_body := next((word for word in words[:2] if word in _BODIES), "")):
         words = [word for word in words if word != of_body]

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns, setting_text, without_unit
-from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise
+from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise, times_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -103,7 +103,9 @@ def probable_columns(
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(2)]
     lines = [f"  {row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]}".rstrip() for row in rows]
-    return "\n".join([*lines, *_command(path, guesses, stated, of_frames=of_frames)])
+    return "\n".join(
+        [*lines, *_command(path, guesses, stated, of_frames=of_frames, every=len(guesses) == len(cells.header))]
+    )
 
 
 def _numbers(cells: Sheet, name: str) -> Float[np.ndarray, " n"] | None:
@@ -177,8 +179,12 @@ def _of_frames(whole: Columns, clock: str | None, known: Guesses) -> Guesses:
         if np.allclose(np.linalg.norm([others[name] for name in names], axis=0), 1, atol=0.01):
             found |= {name: _Guess(ours="quaternion", why="the norm of these four is 1") for name in names}
     for name, of in permutations([name for name in others if name not in found], 2):
-        rate = np.gradient(others[of]) / step
-        if name not in found and of not in found and abs(_correlation(rate, others[name])) > _DERIVED:
+        rate, inside = np.diff(others[of]), steps > 0  # of one recording
+        if (
+            name not in found
+            and of not in found
+            and abs(_correlation(rate[inside], others[name][1:][inside])) > _DERIVED
+        ):
             found[name] = _Guess(ours="", why=f"the rate of change of {of!r}: not needed")
     for name in (name for name in others if name not in found):
         turn = _turn(others[name])
@@ -310,6 +316,8 @@ def _pair(whole: Columns, names: list[str], *, opposite: bool = False) -> tuple[
     """The two columns that are correlated most, as a velocity before and after contact, in the order of the file."""
     best, strongest = None, _CORRELATED
     for before, after in permutations(names, 2):
+        if not _are_ends(before, after):
+            continue
         a, b = whole[before], whole[after]
         if opposite:
             turned = abs(np.sign(a).mean()) > _MOSTLY and (np.sign(a) == -np.sign(b)).mean() > _MOSTLY
@@ -320,6 +328,13 @@ def _pair(whole: Columns, names: list[str], *, opposite: bool = False) -> tuple[
         if strength > strongest:
             best, strongest = (before, after), strength
     return best
+
+
+def _are_ends(before: str, after: str) -> bool:
+    """Whether names are those of one quantity before and after contact, or say nothing of it."""
+    times = [times_in(name, opposite=True) for name in (before, after)]
+    bare = [[word for word in name_words(name) if times_in(word, opposite=True) is None] for name in (before, after)]
+    return times == [None, None] or (times == ["pre", "post"] and bare[0] == bare[1])
 
 
 def _correlation(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
@@ -336,8 +351,8 @@ def _factor(name: str, stated: Mapping[str, Any]) -> str:
     return f"{math.prod(numbers):.6g}" if 0 < len(words) == len(numbers) else "?"
 
 
-def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool) -> list[str]:
-    """The command that reads the table once a person has filled in what is open."""
+def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool, every: bool) -> list[str]:
+    """The command that reads the table once a person has filled in what is open; `every` if each column is guessed."""
     by_ours = dict[str, list[str]]()
     for name, guess in guesses.items():
         text = setting_text(name) if name.isprintable() else "?"
@@ -350,7 +365,9 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
         if len(position) == 2:  # angles are from the first of them
             upright = [one.upright for one in guesses.values() if one.ours == "position"]
             position = [text for _, text in sorted(zip(upright, position, strict=True), key=lambda one: one[0])]
-        position = [*["?"] * (2 - len(position)), *position]
+        vertical = every and [guess.upright for guess in guesses.values() if guess.ours == "position"] == [True]
+        position = [*["{value: 0}" if vertical else "?"] * (2 - len(position)), *position]
+        by_ours |= {"angle": ["null"]} if vertical else {}
         columns = f"time: {by_ours.get('time', ['?'])[0]}, position: [{', '.join(position)}]"
         turned = by_ours.get("quaternion", [])
         towards = [f"[{', '.join(by_ours['towards'])}]"] if "towards" in by_ours else ["?"]
@@ -369,11 +386,14 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
     else:
         pairs = [pair for pair in (("vy", "vy_post"), ("speed", "speed_post"), ("height", "height_post"))
                  if {*pair} & {*by_ours}] or [("vy", "vy_post")]  # fmt: skip
-        every = dict.fromkeys((*impact_vocabulary(PLANE), *impact_vocabulary(SPACE)))
-        wanted = [ours for ours in every if ours in pairs[0] or (ours in by_ours and ours not in ("trial", "time"))]
+        vocabulary = dict.fromkeys((*impact_vocabulary(PLANE), *impact_vocabulary(SPACE)))
+        wanted = [
+            ours for ours in vocabulary if ours in pairs[0] or (ours in by_ours and ours not in ("trial", "time"))
+        ]
         columns = ", ".join(f"{ours}: {by_ours.get(ours, ['?'])[0]}" for ours in wanted)
         verb, after, names, forms, stated = "audit", "", f"our names: {_NAMES}", _FORMS, list[str]()
-    words = [f"data.columns={{{columns}}}", "data.mass=?", "data.shape={kind: disc, radius: ?}"]
+    body = "sphere" if {"quaternion", "qw"} & {*by_ours} else "disc"
+    words = [f"data.columns={{{columns}}}", "data.mass=?", f"data.shape={{kind: {body}, radius: ?}}"]
     words += stated
     words += ["data.units.angle=?"] if "unit: deg" in columns and not of_frames else []  # of the spins
     quoted = " ".join(shlex.quote(word) if re.search(r"[ {]", word) else word for word in words)

@@ -359,6 +359,7 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     known = recognised_columns([*cells.header, *chain.from_iterable(names.values())])[1].names
     if len(turns) == 1 and "wx" in known and not {"q0", "qw"} & {*known, *chain.from_iterable(names.values())}:
         names[turns[0]] = ("q0", "q1", "q2", "q3")
+    names |= _twists({name: vectors[name] for name in vectors if name not in names}, opposite=opposite)
     header, columns, said = list[str](), list[Cells](), list[str]()
     for name, column in zip(cells.header, cells.columns, strict=True):
         if name not in names:
@@ -420,6 +421,21 @@ def _is_unit(parts: list[list[Any] | None]) -> bool:
     return len(whole) > len(parts) / 2 and bool(np.allclose(lengths, 1, atol=_OF_LENGTH_1))
 
 
+def _twists(vectors: Mapping[str, list[list[Any] | None]], *, opposite: bool) -> dict[str, tuple[str, ...]]:
+    """Components of the only two vectors of six numbers before and after contact, if one half goes to one side."""
+    whole = {name: parts for name, parts in vectors.items() if all(part and len(part) == 6 for part in parts)}
+    times = {times_in(name, opposite=opposite): name for name in whole}
+    if len(whole) != 2 or times.keys() != {"pre", "post"}:
+        return {}
+    one_sided = np.abs(np.sign(np.array(whole[times["pre"]], float)).mean(0))
+    linear_first, linear_last = (one_sided[half].max() > _ONE_SIDED for half in (slice(0, 3), slice(3, 6)))
+    if linear_first == linear_last:
+        return {}
+    order = ("vx", "vy", "vz", "wx", "wy", "wz") if linear_first else ("wx", "wy", "wz", "vx", "vy", "vz")
+    return {times["pre"]: order, times["post"]: tuple(f"{one}_post" for one in order)}
+
+
+_ONE_SIDED = 0.9  # share of impacts by which one sign of the normal velocity is more frequent, as of no spin
 _OF_LENGTH_1 = 1e-3  # of a quaternion with four decimals
 
 

@@ -94,11 +94,12 @@ def json_table(path: Path) -> pd.DataFrame:
     parts = [*_recordings(content, "")]
     if not parts:
         first = content[0] if isinstance(content, list) and content else content
-        seen = f"; it has {', '.join(map(str, first))}" if isinstance(first, dict) else ""
+        seen = f" (it has {', '.join(map(str, first))})" if isinstance(first, dict) else ""
         raise DataError(
-            f"{path}: holds neither frames nor impacts{seen}; of JSON are read a list of frames "
+            f"{path}: holds neither frames nor impacts; of JSON are read a list of frames "
             '[{"time": 0, "x": 0.1, "y": 0.2, "theta": 0.3}, …], lists by name {"time": […], "x": […], …}, and a list '
             'or an object of such recordings; and a list of impacts [{"vx": 0.1, …, "vx_post": 0.2}, …]'
+            f"{seen}"
         )
     return parts[0][1] if len(parts) == 1 else pd.concat([table.assign(recording=name) for name, table in parts])
 
