@@ -558,8 +558,9 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
             columns[place] = cells.numbers(name, units_of[0].text(f"{column}{end}")) - velocity
             used[moved] = None
     left = by_bare.get(surface.names.get("speed", ""))
-    if asked and left not in (None, *used) and (told := _with_senses(names)):
-        racket = setting_text(left)
+    told = _with_senses(names)
+    if asked and left not in (None, *used) and told is not None:
+        racket = setting_text(str(left))
         raise DataError(
             f"{cells.path}: {left!r} is a velocity of what the body hits, which is taken off: along its normal, away "
             f"from it positive, 'data.columns={{{told}racket_vy: {racket}}}', along the surface racket_vx; where "

@@ -61,7 +61,9 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                 pass
             first, numeric = 0, None
             while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
-                kept = impactful(block, dialect.header, aligned=not dialect.separator.strip(" "), numeric=numeric)
+                kept = impactful(
+                    block, dialect.header, str(path), aligned=not dialect.separator.strip(" "), numeric=numeric
+                )
                 numeric = kept.numeric
                 cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
@@ -181,7 +183,7 @@ def _of_worksheet(path: Path, frame: "DataFrame", said: tuple[str, ...] = ()) ->
     """The cells of a worksheet."""
     cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
-    body = impactful(cells[top.rows :], top)
+    body = impactful(cells[top.rows :], top, str(path))
     columns: list[Cells] = [
         [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
     ]
