@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
 from contactlearn.effects import catalogue
+from contactlearn.scatter import Normal, Restitution
 
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
@@ -51,7 +52,10 @@ def run(*arguments, cwd=ROOT, status=0, figures=False):
 
 @contextlib.contextmanager
 def small_search():
-    """Diagnoses search six effects, and a user's own, and compare two laws, for tests that are not about the search."""
+    """Diagnoses search six effects, and a user's own, two laws, and two components of scatter, half of the time.
+
+    It is for tests that are not about the search.
+    """
 
     def first(*_):
         own = (name for name, (kind, *_) in catalogue().items() if not kind.__module__.startswith("contactlearn."))
@@ -62,6 +66,7 @@ def small_search():
         patch("contactlearn.diagnosis.search.candidates.SEARCHED_LAWS", LAWS),
         patch("contactlearn.diagnosis.pipeline.all_candidates", first),
         patch("contactlearn.cli.commands.diagnose.all_candidates", first),
+        patch("contactlearn.inference.identification.scatter.COMPONENTS", (Restitution, Normal)),
     ):
         yield
 

@@ -413,6 +413,20 @@ def test_trials_that_are_sorted_by_their_state():
     assert not [one for one in audit(clean) if one.name == "sorted_trials"]
 
 
+def test_masses_tell_bodies_apart():
+    clean = drops("disc", 1)
+    mass = torch.where(torch.arange(len(clean)) % 3 == 0, 0.1, 0.25).double()
+    two = clean.replace(mass=mass, inertia=mass * clean.inertia / clean.mass)
+    (note,) = (one for one in audit(two) if one.name == "masses")
+    assert not note.mistake
+    named = correct(two, [note.correction])
+    assert named.object[:4] == ("100 g", "250 g", "250 g", "100 g")
+    each = torch.linspace(0.1, 0.2, len(clean)).double()
+    stray = torch.where(torch.arange(len(clean)) == 7, 0.1, 0.25).double()
+    for one in (named, clean, clean.replace(mass=each), clean.replace(mass=stray)):
+        assert not [finding for finding in audit(one) if finding.name == "masses"]
+
+
 def test_indistinguishable_corrections_are_listed():
     (finding,) = audit(corrupt(drops("disc"), "mirrored_theta"))
     assert finding.correction == "mirrored_omega"  # of a ball the sense of the spin is the likeliest

@@ -60,7 +60,15 @@ def test_corrections_are_pure_and_complete(drops):
         "drop_saturated",
         "ordered_by_time",
     }
-    others |= {"averaged_vx", "averaged_vy", "averaged_omega", "rig", "traced_shape"}  # test_spread.py, test_rig.py, …
+    others |= {
+        "named_by_mass",
+        "contact_from_shape",
+        "averaged_vx",
+        "averaged_vy",
+        "averaged_omega",
+        "rig",
+        "traced_shape",
+    }  # test_spread.py, test_rig.py, …
     others |= {"inclined_floor", "moving_floor", "spin_from_moments", "normal_alone"}  # test_audit.py
     others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet", "doubled")}
     assert planar == {*CORRUPTIONS_AND_UNITS, *MEANINGS} | others

@@ -230,7 +230,7 @@ def test_every_term_is_accepted_and_none_is_found_where_nothing_is_planted(compo
 
 def test_a_diagnosis_proposes_a_formula():
     component, axis, planted, term, _ = PLANTED["drag along the slip"]
-    impacts = measured(WrenchComponent(component), axis, planted, count=120)
+    impacts = measured(WrenchComponent(component), axis, planted, count=80)
     found = diagnose(impacts, options=DiagnoseOptions(laws=[LAW], candidates=few("inertia_error")))
     assert found.formulas[0].output == "P1"
     assert found.formulas[0].terms == (term,)

@@ -142,12 +142,13 @@ def test_what_has_no_hull(tmp_path):
         found_in(tmp_path, columns=None)
 
 
-@pytest.mark.parametrize("dimensions", [2, 3])
-@pytest.mark.parametrize("chosen", [[2, 0, 3, 1], [0, 2], [4, 0]], ids=["corners", "two corners", "one inside"])
+@pytest.mark.parametrize(
+    ("dimensions", "chosen"),
+    [(2, [2, 0, 3, 1]), (3, [2, 0, 3, 1]), (2, [0, 2]), (3, [4, 0, 1])],
+    ids=["corners", "corners in space", "two corners", "one inside in space"],
+)
 def test_a_stated_shape_is_turned_to_its_markers(tmp_path, dimensions, chosen):
     """Marks on corners in any order, or elsewhere: θ is that of the shape, which the first frame does not show."""
-    if dimensions == 3 and len(chosen) < 3:
-        chosen = [*chosen, 3, 4] if 4 not in chosen else [*chosen, 1]
     _, shape = write(tmp_path, dimensions=dimensions, size=14)
     axes = "xyz"[:dimensions]
     columns = {"markers": [[f"{axis}{k}" for axis in axes] for k in chosen]}

@@ -1,6 +1,5 @@
 """What remains: nothing where nothing is hidden, the right component and symbols and formula where something is."""
 
-import builtins
 from dataclasses import replace
 
 import pytest
@@ -219,7 +218,7 @@ def test_every_term_is_accepted_as_an_effect(component):
     assert formulas(drops, fit.model, component, folds(drops)) == ()
 
 
-def test_what_formulas_refuse(monkeypatch):
+def test_what_formulas_refuse():
     drops, _, fit = hidden("com_offset", fitted=["com_offset"])
     with pytest.raises(UnknownNameError, match="component of the wrench 'taw', did you mean 'tau'"):
         formulas(drops, fit.model, "taw", folds(drops))
@@ -227,14 +226,3 @@ def test_what_formulas_refuse(monkeypatch):
         formulas(drops, ContactModel(), "tau", folds(drops))
     with pytest.raises(ContactLearnError, match="has an effect com_offset already"):
         formulas(drops, fit.model, "tau", folds(drops), name="com_offset")
-
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name.startswith("sklearn"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ContactLearnError, match=r"contactlearn\[formulas\]"):
-        formulas(drops, fit.model, "tau", folds(drops))

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 from diagnoses import few
+from pairings import paired
 from spatial import in_space, tossed, velocities
 
 from contactlearn import laws
@@ -69,14 +70,8 @@ def outcome(impacts, component, u, law=LAW):
 @cache
 def scattered(space=False, stated=True, trials=250, **planted):
     """Impacts of a world, and their scatter around the law."""
-    impacts = drawn_impacts(space, trials, **planted)
-    impacts = impacts if stated else impacts.replace(v_pre_cov=None, v_post_cov=None)
+    impacts = simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials, stated=stated)
     return impacts, fit_scatter(impacts, fit(impacts, "wang_mason").model)
-
-
-@cache
-def drawn_impacts(space, trials, **planted):
-    return simulated(World(space=space, slip=2.5 if space else 1.5, **planted), trials)
 
 
 # --- Components --------------------------------------------------------------------------------
@@ -209,8 +204,7 @@ PLANTED = {
 }
 
 
-@pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
-@pytest.mark.parametrize("case", PLANTED)
+@pytest.mark.parametrize(("case", "stated"), paired([*PLANTED, "normal"], {"stated": True, "not stated": False}))
 def test_planted_components_are_named_with_their_size(case, stated):
     """A linearisation at u = 0 finds friction and restitution beside the normal."""
     world, wanted = PLANTED[case]
@@ -222,7 +216,7 @@ def test_planted_components_are_named_with_their_size(case, stated):
 
 
 def test_a_normal_scatters_in_space():
-    _, scatter = scattered(space=True, trials=200, mu=0.15, sigma_normal=math.radians(1.5))
+    _, scatter = scattered(space=True, trials=130, mu=0.15, sigma_normal=math.radians(1.5))  # two deviations each
     assert scatter.names == ("normal",), scatter
     assert scatter.model.scatter["normal"].sigma == pytest.approx(math.radians(1.5), rel=WITHIN)
 
@@ -250,8 +244,10 @@ def test_a_ball_on_an_uneven_floor_touches_elsewhere():
     )
 
 
-@pytest.mark.parametrize("world", [{}, {"tails": 4}, {"outliers": 0.03}], ids=["normal", "t(4)", "outliers"])
-@pytest.mark.parametrize("stated", [True, False], ids=["stated", "not stated"])
+@pytest.mark.parametrize(("world", "stated"), paired(
+    {"normal": {}, "t(4)": {"tails": 4}, "outliers": {"outliers": 0.03}, "normal too": {}},
+    {"stated": True, "not stated": False},
+))  # fmt: skip
 def test_noise_of_the_instrument_is_no_scatter(world, stated):
     _, scatter = scattered(stated=stated, trials=200, **world)
     assert scatter.names == (), scatter
@@ -260,8 +256,9 @@ def test_noise_of_the_instrument_is_no_scatter(world, stated):
 
 @pytest.mark.parametrize("space", [False, True], ids=["plane", "space"])
 def test_errors_of_the_recorded_orientation_are_the_instruments(space):
-    impacts, sigma = simulated(World(space=space, slip=2.5 if space else 1.5), 250, stated=False), math.radians(0.6)
-    u = sigma * torch.randn(250, 3 if space else 1, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    trials, sigma = 100 if space else 250, math.radians(0.6)  # three deviations a trial in space
+    impacts = simulated(World(space=space, slip=2.5 if space else 1.5), trials, stated=False)
+    u = sigma * torch.randn(trials, 3 if space else 1, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     state, _, _ = Orientation().perturb(State.of(impacts), *LAW.coefficients, u)
     recorded = impacts.replace(r=state.r, validate=False)
     scatter = fit_scatter(recorded, fit(recorded, "wang_mason").model)
@@ -283,9 +280,8 @@ def test_noise_that_was_stated_too_small_is_the_instruments():
 
 
 def test_ellipsoids_hold_impacts_that_were_not_fitted():
-    impacts = drawn_impacts(False, 500, sigma_normal=math.radians(2))
-    fitted, rest = impacts[:250], impacts[250:]
-    scatter = fit_scatter(fitted, fit(fitted, "wang_mason").model)
+    _, scatter = scattered(**PLANTED["normal"][0])
+    rest = simulated(World(seed=1, **PLANTED["normal"][0]), 250)
     error = rest.v_post - scatter.model.predict(rest).v_post
     distance = (error * torch.linalg.solve(scatter.covariance(rest), error[..., None])[..., 0]).sum(-1)
     assert (distance < 7.815).double().mean() == pytest.approx(0.95, abs=0.045)  # three standard errors of 250
@@ -396,7 +392,7 @@ def test_what_cannot_be_estimated_is_refused():
     [("pose", "pose"), ("speed", "vn"), ("memory", "normal_speed of earlier impacts"), ("heading", "heading")],
 )
 def test_structure_is_not_scatter(structure, variable):
-    impacts, scatter = scattered(space=structure == "heading", structure=structure, trials=300)
+    impacts, scatter = scattered(space=structure == "heading", structure=structure, trials=200)
     first = screen_deviations(scatter, impacts)[0]
     assert (first.component, first.variable) == ("restitution", variable)
     assert first.share > 0.5
@@ -416,12 +412,12 @@ def test_scatter_has_no_structure():
 FEW = DiagnoseOptions(candidates=few("spin_damping", "surface_tilt"), laws=[laws.find("wang_mason")])
 
 
-def diagnosed(stated=True, options=FEW, **planted):
-    return diagnose(simulated(World(**planted), 250, stated=stated), options=options)
+def diagnosed(stated=True, options=FEW, trials=150, **planted):
+    return diagnose(simulated(World(**planted), trials, stated=stated), options=options)
 
 
 def test_pure_scatter_is_no_unknown_effect(tmp_path):
-    found = diagnosed(sigma_eps=0.05)
+    found = diagnosed(sigma_eps=0.05, trials=250)
     assert found.verdict is Verdict.NONE
     (component,) = found.scatter.components
     assert component.deviation.value == pytest.approx(0.05, rel=WITHIN)
@@ -451,7 +447,7 @@ def test_pure_scatter_is_no_unknown_effect(tmp_path):
 
 def test_stated_noise_serves_as_covariances():
     noise = replace(FEW, noise=(World().noise, World().noise, World().noise / 0.03))
-    found = diagnosed(stated=False, options=noise, sigma_normal=math.radians(1.5))
+    found = diagnosed(stated=False, options=noise, trials=250, sigma_normal=math.radians(1.5))
     assert (found.verdict, found.scatter.stated) == (Verdict.NONE, True)
     assert found.scatter.components[0].deviation.name == "normal"
     assert found.scatter.instrument == ()

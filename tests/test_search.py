@@ -1,5 +1,6 @@
 """The search over laws and effects: its linearisation, its exchanges, its set of models, and its clock."""
 
+import itertools
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,12 +11,14 @@ import torch
 from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.search import selection
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
 from contactlearn.diagnosis.search.ladder import calibrated, coefficient_ends
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
+from contactlearn.diagnosis.sign_flips import chance_of_gain
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId, columns, find_effect
 from contactlearn.effects.formula.effect import formula
@@ -165,6 +168,23 @@ def test_what_is_left_without_an_effect_is_the_best_of_its_size():
     wrong = pool.fitted(spec(INERTIA, PATCH, DRAG))
     folds = Folds.draw(300, torch.Generator().manual_seed(0))
     assert _pruned(pool, folds, wrong, Thresholds()).spec == spec(SPIN)
+
+
+def test_a_smaller_model_is_named_where_a_larger_one_is_not_worth_its_names(monkeypatch):
+    """The strong effect, not the law alone, if three effects are no better than none."""
+    impacts, third = planted(400, spin_damping={"c": 0.6}), EffectId("adhesion", "impulse")
+    pool = pooled(impacts, SPIN, INERTIA, third)
+    for size in (1, 2, 3):
+        pool.all_fitted({spec(*some): None for some in itertools.combinations((SPIN, INERTIA, third), size)})
+
+    def improves(without, whole, *_):
+        sizes = len(without.fit.model.effects), len(whole.fit.model.effects)
+        return sizes in ((2, 3), (1, 3), (0, 1))
+
+    monkeypatch.setattr(selection, "_improves_enough", improves)
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
+    whole = pool.models[spec(SPIN, INERTIA, third)]
+    assert _pruned(pool, folds, whole, Thresholds()).spec.effects == {SPIN}
 
 
 def test_effects_that_together_stand_for_one_are_not_named():
@@ -369,7 +389,8 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     drift = dependence(residual, impacts.order)
     generator = torch.Generator().manual_seed(0)
     assert drift is not None
-    assert lasts_beside(drift, pool, whole, pool.models[Spec("wang_mason")], 2.5, generator) == (c > 0)
+    alone, level = pool.models[Spec("wang_mason")], Thresholds().gain_level
+    assert lasts_beside(drift, pool, whole, alone, level, generator) == (c > 0)
 
 
 SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
@@ -408,3 +429,11 @@ def test_laws_that_do_as_well_are_taken_in_the_order_of_the_question(laws):
     for worse in (-1e-9, 1e-9):
         pool.models[Spec(laws[0])] = replace(first, score=second.score + worse)
         assert pool.best().spec.law == laws[0]
+
+
+@pytest.mark.parametrize(("rest", "counts"), [(0.2, True), (-0.5, False)])
+def test_a_gain_counts_where_few_trials_carry_it(rest, counts):
+    """Four of 60 trials gain much, as where few slip: 2.3 standard errors of the mean."""
+    gain = torch.tensor([5.0, 11.0, 17.0, 20.0, *[rest] * 56], dtype=torch.float64)
+    assert (chance_of_gain(gain) < Thresholds().gain_level) == counts
+    assert chance_of_gain(-gain) > 0.5

@@ -2,9 +2,11 @@
 
 import math
 
+import pytest
 import torch
 from diagnoses import few
 
+from contactlearn.core.errors import DataError
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
@@ -51,3 +53,17 @@ def test_what_varies_is_measured():
     mended = correct(drops, ["averaged_vy"])
     torch.testing.assert_close(mended.v_pre[:, 1], drops.v_pre[:, 1].mean().expand(100))
     torch.testing.assert_close(mended.v_pre[:, [0, 2]], drops.v_pre[:, [0, 2]])
+
+
+def test_contact_points_come_from_the_shape_where_they_are_known_better():
+    """Measured points that scatter are replaced by those of the shape, but not where the contact itself scatters."""
+    drops, options = alike(0, spread=5.0), DiagnoseOptions(candidates=few("surface_tilt"), laws=[LAW])
+    off = 0.001 * torch.randn(drops.r.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    seen = drops.replace(r=drops.r + off)
+    found = diagnose(seen, LAW, options=options)
+    assert found.corrections == ("contact_from_shape",)
+    torch.testing.assert_close(found.record.impacts.r, drops.r)
+    moved = ContactModel(LAW.at(0.12, 0.55)).predict(seen).v_post
+    assert diagnose(seen.replace(v_post=moved), LAW, options=options).corrections == ()
+    with pytest.raises(DataError, match="no shape is stated"):
+        correct(drops.replace(shape=None), ["contact_from_shape"])

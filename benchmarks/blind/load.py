@@ -26,7 +26,18 @@ from contactlearn.data import ellipse_drops, table
 from contactlearn.mechanics.impacts import Impacts
 
 DATA = Path(__file__).parent / "data"
-SUITES = ("independent", "author_a", "author_b", "author_c", "author_d", "author_e", "author_f", "author_g")
+SUITES = (
+    "independent",
+    "author_a",
+    "author_b",
+    "author_c",
+    "author_d",
+    "author_e",
+    "author_f",
+    "author_g",
+    "author_h",
+    "author_i",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

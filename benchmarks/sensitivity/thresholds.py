@@ -88,7 +88,7 @@ ROWS = (
     Row("trials_per_parameter", search.SMALL),
     Row("exact", residuals.UNKNOWN),
     Row("least_gain", search.SELECTION),
-    Row("gain_sigmas", search.SELECTION),
+    Row("gain_level", search.SELECTION),
     Row("window", rivals.PLAUSIBLE),
     Row("chance_sigmas", rivals.RIVALS),
     Row("form_error", residuals.UNKNOWN),

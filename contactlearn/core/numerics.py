@@ -1,7 +1,7 @@
 """Numbers and files as every room needs them: constants of the normal distribution, angles, checks, texts, files.
 
     Z_95, MAD_SCALE     quantile of a 95 % interval; standard deviations in a median absolute deviation
-    wrapped             an angle in (−π, π]
+    median, wrapped     of an array along its first axis; an angle in (−π, π]
     finite_number       a setting as a finite float, or a DataError that names its rule; `whole` for an integer
     is_number, is_whole the same as a test
     random              float64 random numbers of a generator; `random_share` some of many trials, to hold them out
@@ -38,6 +38,12 @@ MAD_SCALE = 1.4826
 
 Source: Hampel 1974, "The influence curve and its role in robust estimation", JASA 69(346).
 """
+
+
+def median(values: Float[np.ndarray, "n *rest"]) -> Float[np.ndarray, "*rest"]:
+    """Median along the first axis of finite numbers; NumPy's own takes ten times as long for a few."""
+    ordered = np.sort(values, axis=0)
+    return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2
 
 
 def wrapped(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:

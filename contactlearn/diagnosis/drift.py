@@ -28,7 +28,7 @@ from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
-from contactlearn.diagnosis.sign_flips import exceedance, random_signs, window_spread
+from contactlearn.diagnosis.sign_flips import chance_of_gain, exceedance, random_signs, window_spread
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.identification.joint import Fit, FitOptions, linearise
@@ -267,12 +267,12 @@ def measurement_drift(selection: Selection, thresholds: Thresholds, generator: t
     after = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
     if after is None or after.block * _BLOCKS > len(impacts):
         return Drift(before)
-    lasts = lasts_beside(after, pool, selection.chosen, without, thresholds.gain_sigmas, generator)
+    lasts = lasts_beside(after, pool, selection.chosen, without, thresholds.gain_level, generator)
     return Drift(after, lasting) if lasts else Drift(before)
 
 
 def lasts_beside(
-    drift: Dependence, pool: Pool, whole: ScoredFit, without: ScoredFit, sigmas: float, generator: torch.Generator
+    drift: Dependence, pool: Pool, whole: ScoredFit, without: ScoredFit, level: float, generator: torch.Generator
 ) -> bool:
     """Return whether effects over the order predict held-out blocks in addition to a measurement drift.
 
@@ -281,7 +281,7 @@ def lasts_beside(
         pool: of the models.
         whole: the model with the effects.
         without: the same without them.
-        sigmas: standard errors over the blocks by which the loss must fall.
+        level: probability of the fall of the loss under random signs of the blocks.
         generator: of the blocks.
     """
     impacts, trials = pool.impacts, len(pool.impacts)
@@ -299,7 +299,7 @@ def lasts_beside(
     held = gain.isfinite()
     sums = torch.zeros(int(place.max()) // drift.block + 1, dtype=torch.float64)
     sums = sums.index_add(0, place[held] // drift.block, gain[held])
-    return bool(sums.sum() > sigmas * sums.square().sum().sqrt() and over[held].sum() > 0)
+    return chance_of_gain(sums) < level and bool(over[held].sum() > 0)
 
 
 def drifts(fit: Fit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:

@@ -67,8 +67,8 @@ class CandidatesExcluded(EventBase, frozen=True, kw_only=True):
     candidates: tuple[EffectId, ...]
 
 
-class VelocitiesAveraged(EventBase, frozen=True, kw_only=True):
-    """Some measured velocities are replaced by their means."""
+class MeasurementsReplaced(EventBase, frozen=True, kw_only=True):
+    """Velocities before impact are replaced by their means, or contact points by those of the shape."""
 
     findings: tuple[Finding, ...]
 
@@ -122,7 +122,7 @@ Event: TypeAlias = (
     | SubsampleStarted
     | LawsCompared
     | CandidatesExcluded
-    | VelocitiesAveraged
+    | MeasurementsReplaced
     | LimitsEstimated
     | RegionsFound
     | LawChanged

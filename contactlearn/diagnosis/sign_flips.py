@@ -15,12 +15,13 @@ from torch import Tensor
 
 SIGNS = 499
 """Random signs of all trials; the least p-value is 1/500."""
+_SIGNS_OF_GAINS = 1999
 _EULER = 0.5772156649
 
 
-def random_signs(trials: int) -> Float[Tensor, "flips n"]:
+def random_signs(trials: int, count: int = SIGNS) -> Float[Tensor, "flips n"]:
     """Return signs of all trials, 1 in the first row and the same random ones for every call in all others."""
-    signs = torch.randint(0, 2, (SIGNS, trials), generator=torch.Generator().manual_seed(0)).to(torch.float64)
+    signs = torch.randint(0, 2, (count, trials), generator=torch.Generator().manual_seed(0)).to(torch.float64)
     return torch.cat((torch.ones_like(signs[:1]), 2 * signs - 1))
 
 
@@ -45,6 +46,11 @@ def exceedance(statistic: Float[Tensor, " flips"]) -> float:
     """Compute the probability of the first, the measured one, among those with random signs."""
     # Not `>=`: a statistic that is not a number is no evidence, and has the probability 1.
     return ((~(statistic[1:] < statistic[0])).sum().item() + 1) / len(statistic)
+
+
+def chance_of_gain(gain: Float[Tensor, " n"]) -> float:
+    """Compute the probability of so large a sum of gains under random signs; a few large ones may make it."""
+    return exceedance(random_signs(len(gain), _SIGNS_OF_GAINS) @ gain)
 
 
 def gamma_neg_log_p(spread: Float[Tensor, "flips k"]) -> Float[Tensor, "flips k"]:

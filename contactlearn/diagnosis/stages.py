@@ -25,7 +25,7 @@ import torch
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.model_checks import averaging_notes, find_model_outliers
+from contactlearn.data.audit.model_checks import find_model_outliers, noise_notes
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
@@ -38,9 +38,9 @@ from contactlearn.diagnosis.events import (
     LawChanged,
     LawsCompared,
     LimitsEstimated,
+    MeasurementsReplaced,
     RegionsFound,
     RemainderLearned,
-    VelocitiesAveraged,
 )
 from contactlearn.diagnosis.law_steps import less_error_of_steps
 from contactlearn.diagnosis.question import Question
@@ -173,7 +173,7 @@ class SearchResult:
 
     Args:
         selection: the chosen model.
-        notes: velocities that were replaced by their means before the search.
+        notes: measurements that were replaced before the search, since noise dominates them.
         limits: errors between which an effect can move the law.
         regions: regions in which the law fails.
         state_dependence: dependence of what remains on the state of each trial.
@@ -236,9 +236,9 @@ def search_effects(
     def error_on(drops: Impacts) -> float:
         return held_out_error(law, question.given, drops, folds, question.options)
 
-    notes = averaging_notes(impacts, ceiling.v_post, error_on)
+    notes = noise_notes(impacts, ceiling.v_post, error_on)
     if notes:
-        question.on_event(VelocitiesAveraged(findings=notes))
+        question.on_event(MeasurementsReplaced(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
         impacts = correct(impacts, corrections, question.thresholds.audit)
     starts = {fit.name: torch.tensor((fit.mu, fit.eps), dtype=torch.float64) for fit in fits}
@@ -415,7 +415,7 @@ def decompose_error(
         try:
             component = remainder.components[0]
             described = formulas(impacts, fit.model, component, selection.folds, thresholds=thresholds)
-        except ContactLearnError as error:  # the library that finds formulas is not installed
+        except ContactLearnError as error:  # such as an effect that has their name
             question.on_event(FormulasSkipped(reason=str(error)))
     floor = noise_floor(
         impacts,
@@ -540,7 +540,7 @@ def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
 
 
 def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], missing: bool) -> tuple[LawFit, ...]:
-    """Refit the laws alone where velocities were averaged, and add their errors with the missing effects.
+    """Refit the laws alone where measurements were replaced, and add their errors with the missing effects.
 
     Where the trials are weighed by the scatter of the contact, the errors of laws alone are those with these weights.
     """
@@ -549,8 +549,7 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
     if all(fit.name != selection.law.name for fit in fits):
         fits = [*fits, LawFit.of(selection.base.fit.model.law, selection.base.mean_error)]
     if search.notes:
-        alone = [_fit_alone(question.laws[fit.name], selection.impacts, question.options) for fit in fits]
-        fits = [LawFit.of(law, fit.error) for law, fit in zip(alone, fits, strict=True)]
+        fits = compare_laws(question, selection.impacts, selection.folds)
     around = {fit.name: selection.error_around(question.laws[fit.name]) for fit in fits} if missing or weighed else {}
     if missing:
         fits = [replace(fit, error_with_effects=around[fit.name]) for fit in fits]

@@ -35,8 +35,9 @@ class Thresholds:
     """Relative change of the held-out error that a wrong functional form may make.  An effect that gains more is
     named however strong the others are; a rival that loses less is indistinguishable if its trace is the same; a
     predictable share, or another law's lead, that is larger gives the verdict `unknown`."""
-    gain_sigmas: float = 2.5
-    """Standard errors by which the held-out gain of an effect must exceed 0."""
+    gain_level: float = 0.01
+    """Probability at most of an effect's held-out gain under random signs of the gains of all trials.  Few trials may
+    carry it, such as those that slip."""
     chance_sigmas: float = 2.0
     """Standard errors of a paired difference of held-out losses that are chance: between an effect and its rival,
     between formulas, and between models with and without proxy effects."""

@@ -1,12 +1,15 @@
 """The contact is a patch, and its centre of pressure moves."""
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
-from contactlearn.effects.impulse_path import perturbed_path
+from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.space import SPACE
 
 
 class ContactPatch(Effect):
@@ -17,9 +20,11 @@ class ContactPatch(Effect):
         after     c − k r_x, of the impulse that the law gives
         slip      −d sign(v_t), behind the contact point as the slip sees it
         point     c − k r_x, and the law acts at that point, with its velocity
+        path      −k r_t in space
+        lever     −k r_t in space, of the impulse that the law gives
 
-    In all but `after` and `point` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`).  It is
-    not a resistance to rolling, which follows the spin (`rolling_resistance`).
+    In all but `after`, `point` and `lever` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`).
+    It is not a resistance to rolling, which follows the spin (`rolling_resistance`).
     """
 
     place = "wrench"
@@ -113,3 +118,39 @@ class ContactPatchBySlip(ContactPatch):
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         smoothed = (state.v_t.square() + require_positive(self.v_s) ** 2).sqrt()
         return perturbed_path(state, wrench, arm=-self.d * state.v_t / smoothed)
+
+
+class _AlongLever(Frozen):
+    """An arm −k r_t along the floor, towards the mass centre for k > 0."""
+
+    spaces = (SPACE,)
+    mirror_symmetric = True
+    in_words = "the normal impulse acts {k:%} of the lever along the floor nearer to the mass centre"
+
+    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
+
+    def per_push(self, state: State) -> Float[Tensor, "... n 3"]:
+        """dτ/dP_n in m: −k r_t × n."""
+        r_x, r_y, _ = state.r.unbind(-1)
+        return columns(-self.k * r_y, self.k * r_x, torch.zeros_like(r_x))
+
+
+class ContactPatchInSpace(_AlongLever, ContactPatch):
+    """The arm is −k r_t, and the contact responds.  It does not follow the spin (`rolling_resistance`)."""
+
+    form = "path"
+    formula = "τ ← τ − k r_t × n P_n while the contact lasts, P responding"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        per_push = self.per_push(state).movedim(-1, 0)
+        return perturbed_path_in_space(state, wrench, self.values, moment=lambda spin: per_push + 0 * spin)
+
+
+class ContactPatchAfterInSpace(_AlongLever, ContactPatch):
+    """The arm is −k r_t, of the impulse that the law gives.  The contact does not respond (`ContactPatchInSpace`)."""
+
+    form = "lever"
+    formula = "τ ← τ − k r_t × n P_n"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        return torch.cat((wrench[..., :3], wrench[..., 3:] + wrench[..., 2:3] * self.per_push(state)), -1)

@@ -8,7 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect
 from contactlearn.effects.functions import ARM, AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.impulse_path import perturbed_path
-from contactlearn.effects.state import State
+from contactlearn.effects.state import State, columns
 
 
 class OrientationDependentMoment(Effect):
@@ -17,9 +17,10 @@ class OrientationDependentMoment(Effect):
         harmonics   a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ
         spot        a/(1 + (2 sin((θ − θ_0)/2)/w)⁴), a bump of half-width w about θ_0
         curve       harmonics up to the fourth, such as three feet
+        after       harmonics, of the impulse that the law gives
 
-    The contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`): the true contour of the body differs
-    from the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
+    In all but `after` the contact responds while it lasts, so that v_n⁺ stays (`perturbed_path`): the true contour of
+    the body differs from the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
     """
 
     usual_range = ARM
@@ -44,6 +45,21 @@ class HarmonicMoment(AroundBody, OrientationDependentMoment):
         "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
     )
     in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
+
+
+class MomentAfterContact(AroundBody, OrientationDependentMoment):
+    """The arm is a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ, of the impulse that the law gives.
+
+    The contact does not respond to it (`HarmonicMoment`).
+    """
+
+    form = "after"
+    formula = "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n"
+    in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
+        P_t, P_n, tau = wrench.unbind(-1)
+        return columns(P_t, P_n, tau + self.change(state.theta) * P_n)
 
 
 class MomentOfBump(SpotOnBody, OrientationDependentMoment):

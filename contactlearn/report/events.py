@@ -92,7 +92,7 @@ def event_lines(event: Event) -> list[str]:
             return [f"law: {phrase('laws', event.law, event.fits)}"]
         case events.CandidatesExcluded():
             return [f"note: {phrase('left_out', event.candidates)}"]
-        case events.VelocitiesAveraged():
+        case events.MeasurementsReplaced():
             return [_finding_line("note", finding) for finding in event.findings]
         case events.LimitsEstimated():
             return [f"budget: {phrase('limits', event.limits)}"]

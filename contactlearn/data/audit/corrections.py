@@ -25,6 +25,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
+from contactlearn.core.numerics import number
 from contactlearn.data.audit.incline import floor_angle, levelled
 from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
@@ -438,6 +439,12 @@ def _moving_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return impacts if floor is None else on_still_floor(impacts, floor.velocity.value)
 
 
+def _contact_from_shape(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    if impacts.shape is None:
+        raise DataError(f"{impacts.source}: no shape is stated that contact points could be computed from")
+    return impacts.replace(r=contact_points(impacts.shape, impacts.body, orientation_of(impacts)))
+
+
 def _ordered_by_time(impacts: Impacts, _: AuditThresholds) -> Impacts:
     if impacts.time is None:
         raise DataError(f"{impacts.source}: has no column time to order the trials by")
@@ -509,6 +516,14 @@ CORRECTIONS = {
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
         needs_all_trials=True,
         spaces=(PLANE,),
+    ),
+    "named_by_mass": Correction(
+        "bodies have no names, but a few masses: trials of one mass are of one body",
+        lambda impacts, _: impacts.replace(object=tuple(f"{number(1e3 * m, 4)} g" for m in impacts.mass.tolist())),
+    ),
+    "contact_from_shape": Correction(
+        "contact points are known better from the shape than they are measured: those of the shape are used",
+        _contact_from_shape,
     ),
     "averaged_vx": Correction(
         "v_x before impact varies by no more than its noise: its mean is used",

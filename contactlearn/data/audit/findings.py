@@ -29,6 +29,7 @@
     outcome_not_measured      a velocity after impact that is one number while that before it varies: fatal
     far_apart                 places that are farther apart than any laboratory: a note
     constant_columns          columns with one value, and what they cannot show: a note
+    masses                    trials without names of bodies have a few masses: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
 
@@ -70,6 +71,7 @@ from contactlearn.data.audit.trials import (
     covariance_findings,
     duplicate_findings,
     incomplete_findings,
+    mass_notes,
     order_findings,
     rig_notes,
     saturation_findings,
@@ -112,7 +114,7 @@ def audit(
         findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
-    notes = [*sorted_notes(sound), *state_notes(sound), *notes]
+    notes = [*mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)

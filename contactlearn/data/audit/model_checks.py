@@ -1,4 +1,4 @@
-"""Checks of the measurements against fitted models: outliers, and velocities before impact that vary by noise alone.
+"""Checks of the measurements against fitted models: outliers, and measurements that noise dominates.
 
 **Outliers** are trials that a model makes all but impossible, and spins of the wrong sign.  The residual of v_post has
 a multivariate Student's t distribution, whose scatter and degrees of freedom are fitted to it, so that heavy tails are
@@ -12,21 +12,23 @@ no outliers.  Where covariances are stated, residuals are in units of them (`noi
 **Averaging**: a law that is given velocities that vary by no more than their noise (a constant height of the drops, no
 spin) predicts worse than one that is given their mean, and an effect that weakens the dependence on them looks as if
 it were missing (regression dilution).  Where the spread of a column is not much larger than the residual of flexible
-models in the outcome, its mean replaces it if the law then predicts held-out trials at least as well.
+models in the outcome, its mean replaces it if the law then predicts held-out trials at least as well.  So do contact
+points of a stated shape in place of measured ones, whose noise looks like a dependence on the lever.
 Source: Carroll, Ruppert, Stefanski & Crainiceanu 2006, Ch. 4: the limit of regression calibration.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, mahalanobis
-from contactlearn.data.audit.corrections import CORRECTIONS, correct
+from contactlearn.data.audit.corrections import CORRECTIONS, correct, orientation_of
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -35,6 +37,7 @@ _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distri
 _ROUNDS = 30
 _LISTED = 5  # trials that a sentence names
 _NOISY_SPREAD = 1.5  # standard deviation of a velocity before impact over the residual of flexible models after it
+_COMPUTED = 1e-4  # of the radius of gyration, up to which contact points are those of the shape but for rounding
 _SAME_SPEED = 0.15  # relative spread of |v_y| up to which it may be one speed with noise; a camera at 30 Hz makes 0.1
 _FLIPPED = {"spin after": "after", "spin before": "before"}
 
@@ -134,12 +137,12 @@ def _fitted(residual: Float[Tensor, "n D"]) -> tuple[Float[Tensor, " D"], Float[
 _COLUMNS = (("averaged_vx", "v_x", "m/s"), ("averaged_vy", "v_y", "m/s"), ("averaged_omega", "ω", "rad/s"))
 
 
-def averaging_notes(
+def noise_notes(
     impacts: Impacts,
     predicted: Float[Tensor, "n D"],
     held_out: Callable[[Impacts], float],
 ) -> tuple[Finding, ...]:
-    """Find the velocities before impact whose mean serves the law at least as well as their measurements.
+    """Find measurements that noise dominates: contact points of the shape, or a mean, serve the law at least as well.
 
     Args:
         impacts: measurements.
@@ -147,27 +150,43 @@ def averaging_notes(
         held_out: error of the law on held-out trials, from the impacts.
 
     Returns:
-        A note for each such velocity, with its correction; none in space.
+        A note for the contact points, and in the plane for each such velocity, with its correction.
     """
-    if impacts.space is SPACE:
-        return ()
     found, error = [], None
+    for name, said, spread, unit in (*_doubted_contact(impacts), *_doubted_velocities(impacts, predicted)):
+        error = held_out(impacts) if error is None else error
+        changed = correct(impacts, [name])
+        without = held_out(changed)
+        if without <= error:
+            sentence = (
+                f"{CORRECTIONS[name].description}: {said} {spread:.2g} {unit}; without it the law's error on held-out "
+                f"trials is {without:.4g}, with it {error:.4g}"
+            )
+            evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", without))
+            found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
+            impacts, error = changed, without
+    return tuple(found)
+
+
+_Doubt = tuple[str, str, float, str]  # a correction, the words before a spread, and that spread with its unit
+
+
+def _doubted_contact(impacts: Impacts) -> Iterator[_Doubt]:
+    """Measured contact points beside a shape."""
+    if impacts.shape is not None:
+        off = impacts.r - contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+        spread = off.norm(dim=-1).median().item()
+        if spread > _COMPUTED * impacts.scales[0]:
+            yield "contact_from_shape", "the measured ones are off by a median of", 1e3 * spread, "mm"
+
+
+def _doubted_velocities(impacts: Impacts, predicted: Float[Tensor, "n D"]) -> Iterator[_Doubt]:
+    """Velocities before impact that vary by little more than what models of the outcome leave; none in space."""
     residual = MAD_SCALE * (impacts.v_post - predicted).abs().nanmedian(0).values
-    for k, (name, letter, unit) in enumerate(_COLUMNS):
+    for k, (name, letter, unit) in enumerate(_COLUMNS if impacts.space is PLANE else ()):
         spread = impacts.v_pre[:, k].std().item()
         if not 0 < spread < _NOISY_SPREAD * residual[k].item():
             continue
         if letter == "v_y" and spread > _SAME_SPEED * impacts.v_pre[:, k].mean().abs().item():
             continue
-        error = held_out(impacts) if error is None else error
-        changed = correct(impacts, [name])
-        with_mean = held_out(changed)
-        if with_mean <= error:
-            sentence = (
-                f"{CORRECTIONS[name].description}: {letter} has a standard deviation of {spread:.2g} {unit}; with its "
-                f"mean the law's error on held-out trials is {with_mean:.4g}, with its measurements {error:.4g}"
-            )
-            evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", with_mean))
-            found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
-            impacts, error = changed, with_mean
-    return tuple(found)
+        yield name, f"{letter} has a standard deviation of", spread, unit

@@ -38,6 +38,7 @@ _MIN_SORTED = 20  # trials below which chance sorts them, and no dependence on t
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _MAX_STRAY_SHARE = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _COMPARED = 10_000  # trials, spread evenly, by which it is seen which components of an outcome were measured
+_BODIES, _MIN_OF_BODY = 6, 5  # bodies at most, and trials of each at least, that masses tell apart
 _LISTED = 5  # values that a sentence names
 _MIN_SATURATED, _REPEATED = 5, 3  # trials at a limit, and how often their number is that of any other reading
 _SATURATED_SHARE = 0.5  # of the trials at a limit from which on it is a state that was set, or no measurement
@@ -200,11 +201,23 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
     if len(impacts) < _MIN_SORTED or most is None or abs(agreement[most]) < _SORTED:
         return []
     sentence = (
-        f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a drift over the "
-        "order cannot be distinguished from a dependence on it, and none is looked for; measure in random order"
+        f"the trials are sorted by {most} before impact (rank correlation {agreement[most]:+.2f}): a dependence "
+        "on it holds if nothing drifted meanwhile, since a drift would look the same and none is looked for; measure "
+        "in random order"
     )
     evidence = evidence_of(("variable", most), ("rank_correlation", agreement[most]))
     return [Finding(name="sorted_trials", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def mass_notes(impacts: Impacts) -> list[Finding]:
+    """Note that trials without names of bodies have a few masses, which then tell the bodies apart."""
+    masses, count = impacts.mass.unique(return_counts=True)
+    if len({*impacts.object}) > 1 or not 1 < len(masses) <= _BODIES or count.min() < _MIN_OF_BODY:
+        return []
+    bodies = ", ".join(f"{n} of {number(1e3 * m, 4)} g" for n, m in zip(count.tolist(), masses.tolist(), strict=True))
+    sentence = f"trials without names of bodies have {len(masses)} masses ({bodies}): those of one mass are of one body"
+    evidence = evidence_of(("masses", float(len(masses)), "masses"))
+    return [Finding(name="masses", sentence=sentence, evidence=evidence, correction="named_by_mass", mistake=False)]
 
 
 def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.errors import DataError
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, median
 from contactlearn.data.recordings.conventions import (
     ANGLES,
     SENSES,
@@ -332,9 +332,9 @@ def _slope(points: Float[Array, "n d"]) -> Float[Array, " s"]:
     for _ in range(_ROUNDS):
         fit = np.linalg.lstsq(design * weight[:, None], height * weight, rcond=None)[0]
         residual = height - design @ fit
-        middle = max(float(np.median(np.abs(residual))), 1e-9)
+        middle = max(float(median(np.abs(residual))), 1e-9)
         weight = np.maximum(np.abs(residual), middle / 10) ** -0.5
-    errors = MAD_SCALE * float(np.median(np.abs(residual))) * np.sqrt(np.linalg.pinv(design.T @ design).diagonal())
+    errors = MAD_SCALE * float(median(np.abs(residual))) * np.sqrt(np.linalg.pinv(design.T @ design).diagonal())
     clear = bool((np.abs(fit[1:]) > _SLOPE_SIGMAS * errors[1:]).any())
     return np.asarray(fit[1:] * clear, dtype=np.float64)
 

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
-from contactlearn.core.numerics import MAD_SCALE
+from contactlearn.core.numerics import MAD_SCALE, median
 from contactlearn.data.recordings.poses import (
     Array,
     away,
@@ -174,22 +174,28 @@ class Turning:
     spin: Float[Array, "*batch 3"]
     moments: tuple[float, ...] | None
 
-    def after(self, tau: Float[Array, "*batch t"]) -> tuple[Array, Array, Array]:
-        """Quaternions [..., T, 4], spins [..., T, 3] and the half turn [..., T, 4] after times in s."""
-        half = quaternion(self.spin[..., None, :] * tau[..., None] / 2)
-        return *free_turn(self.q[..., None, :], self.spin[..., None, :], tau, self.moments), half
+    def after(self, tau: Float[Array, "*batch t"]) -> tuple[Array, Array]:
+        """Quaternions [..., T, 4] and spins [..., T, 3] after times in s."""
+        return free_turn(self.q[..., None, :], self.spin[..., None, :], tau, self.moments)
+
+    def _half(self, tau: Float[Array, "*batch t"]) -> Float[Array, "*batch t 4"]:
+        return quaternion(self.spin[..., None, :] * tau[..., None] / 2)
+
+    def beyond(
+        self, q: Float[Array, "*batch t 4"], free: Float[Array, "*#batch t 4"], tau: Float[Array, "*batch t"]
+    ) -> Float[Array, "*batch t 3"]:
+        """Rotations from those of free turning to quaternions, in axes that have turned by half of ω τ less."""
+        return rotated(conjugate(self._half(tau)), rotation_vector(product(q, conjugate(free))))
 
     def counted(self, q: Float[Array, "*batch t 4"], tau: Float[Array, "*batch t"]) -> Float[Array, "*batch t 3"]:
         """Rotations of quaternions: ω τ and the difference from free turning."""
-        free, _, half = self.after(tau)
-        off = rotated(conjugate(half), rotation_vector(product(q, conjugate(free))))
-        return self.spin[..., None, :] * tau[..., None] + off
+        return self.spin[..., None, :] * tau[..., None] + self.beyond(q, self.after(tau)[0], tau)
 
     def placed(
         self, turned: Float[Array, "*batch t 3"], rate: Float[Array, "*batch t 3"], tau: Float[Array, "*batch t"]
     ) -> tuple[Float[Array, "*batch t 4"], Float[Array, "*batch t 3"]]:
         """Quaternions and spins of rotations and their rates; the way back from `counted`."""
-        free, spin, half = self.after(tau)
+        (free, spin), half = self.after(tau), self._half(tau)
         off = turned - self.spin[..., None, :] * tau[..., None]
         change = rate - self.spin[..., None, :] - cross(self.spin[..., None, :] / 2, off)
         return product(quaternion(rotated(half, off)), free), spin + rotated(half, change)
@@ -299,7 +305,7 @@ def fit(
     flight = _flight(time, pose, frames, sigma, air, reference)
     for _ in range(_ROUNDS):
         off = away(pose[frames], flight.poses(time[frames]))
-        scale = np.maximum(sigma, MAD_SCALE * np.median(np.abs(flight.residual), axis=0))
+        scale = np.maximum(sigma, MAD_SCALE * median(np.abs(flight.residual)))
         kept = frames[np.max(np.abs(off) / scale, 1) <= _REJECTED]
         if len(kept) < max(3, len(frames) // 2) or np.array_equal(kept, flight.frames):
             break
@@ -343,18 +349,18 @@ def _free_turning(
     twice as far in each round: over several turns the nearest one is not found from a rough spin.
     """
     steps = rotation_vector(product(q[1:], conjugate(q[:-1]))) / np.diff(tau)[:, None]
-    turning = Turning(q=q[int(np.abs(tau).argmin())], spin=np.median(steps, 0), moments=moments)
+    turning = Turning(q=q[int(np.abs(tau).argmin())], spin=median(steps), moments=moments)
     reach = max(_FIRST_TURN / max(float(np.linalg.norm(turning.spin)), 1e-9), float(np.sort(np.abs(tau))[:3][-1]))
     for _ in range(_TURNS):
         near = np.abs(tau) <= reach
-        when, line = tau[near], turning.spin * tau[near, None]
-        moved = Turning(
-            q=product(quaternion(_TURNED * np.eye(6, 3)), turning.q),
-            spin=turning.spin + _TURNED * np.eye(6, 3, -3),
+        *moved, free = Turning(
+            q=product(quaternion(_TURNED * np.eye(7, 3)), turning.q),
+            spin=turning.spin + _TURNED * np.eye(7, 3, -3),
             moments=moments,
-        ).after(when)[0]
-        slopes = ((turning.counted(moved, when) - line) / _TURNED).reshape(6, -1).T
-        step = np.linalg.lstsq(slopes, (turning.counted(q[near], when) - line).ravel())[0]
+        ).after(tau[near])[0]
+        *slopes, missed = turning.beyond(np.stack((*moved, q[near])), free, tau[near])
+        slopes = np.reshape(slopes, (6, -1)).T / _TURNED
+        step = np.linalg.lstsq(slopes, missed.ravel())[0]
         turning = replace(turning, q=product(quaternion(step[:3]), turning.q), spin=turning.spin + step[3:])
         if (np.abs(step) <= _SETTLED * sigma * np.sqrt(np.linalg.pinv(slopes.T @ slopes).diagonal())).all():
             if near.all():
@@ -368,7 +374,7 @@ def _on_one_turn(pose: Array, tau: Array, air: Air) -> Array:
     if air.d == 3:
         return pose
     y = pose - air.slopes(tau)[..., 2] * air.pull()
-    rough, middle = np.median(np.diff(y[:, 2]) / np.diff(tau)), len(tau) // 2
+    rough, middle = median(np.diff(y[:, 2]) / np.diff(tau)), len(tau) // 2
     line = y[middle, 2] + rough * (tau - tau[middle])
     y[:, 2] = line + turn(y[:, 2] - line)
     return y

@@ -129,8 +129,8 @@ def free_turn(
         return product(quaternion(vector), q), np.broadcast_to(spin, vector.shape)
     I = np.asarray(moments)  # noqa: E741
     coupling = (I[_NEXT] - I[_LAST]) / I
-    way = np.linalg.norm(vector, axis=-1)
-    steps = max(math.ceil(float(np.quantile(way, _STEP_QUANTILE)) / _STEP), 1) if way.size else 1
+    way = np.sort(np.linalg.norm(vector, axis=-1), axis=None)
+    steps = max(math.ceil(way[int(_STEP_QUANTILE * len(way))] / _STEP), 1) if way.size else 1
     h = tau[..., None] / steps
     state = np.concatenate((q, rotated(conjugate(q), spin)), -1)
     state = np.broadcast_to(state, (*vector.shape[:-1], 7))
@@ -147,6 +147,5 @@ def free_turn(
         c = rates(state + h / 2 * b)
         d = rates(state + h * c)
         state = state + h / 6 * (a + 2 * (b + c) + d)
-        state[..., :4] /= np.linalg.norm(state[..., :4], axis=-1, keepdims=True)
-    q, w = state[..., :4], state[..., 4:]
+    q, w = state[..., :4] / np.linalg.norm(state[..., :4], axis=-1, keepdims=True), state[..., 4:]
     return q, rotated(q, w)

@@ -22,7 +22,7 @@ from contactlearn.effects.functions import MOST_OBJECTS
 from contactlearn.laws import PAPER_LAWS, Law, find
 from contactlearn.laws.wang_mason import WangMason
 from contactlearn.mechanics.impacts import Covariates, Impacts
-from contactlearn.mechanics.shapes import Disc
+from contactlearn.mechanics.shapes import Disc, Sphere
 from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.models.contact_model import resolve
 
@@ -76,8 +76,8 @@ def usable(
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
     What reads a place, an orientation or a spin that is the same in all trials, or makes a coefficient that is, is left
-    out, and of a disc what reads the lever of a contact point that was seen, which is noise.  What the rig card has
-    corrected is offered within the errors of the card.
+    out, and of a disc or ball what reads the lever of a contact point that was seen, which is noise.  What the rig card
+    has corrected is offered within the errors of the card.
 
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
@@ -85,7 +85,7 @@ def usable(
     share = thresholds.trials_per_parameter
     able = {key: effect for key, effect in candidates.items() if impacts.space in effect.spaces}
     able = {key: effect for key, effect in able.items() if impacts.shape is not None or not effect.needs_shape}
-    noise = isinstance(impacts.shape, Disc) and bool((impacts.r[:, 0] != impacts.r[0, 0]).any())
+    noise = isinstance(impacts.shape, Disc | Sphere) and bool((impacts.r[:, 0] != impacts.r[0, 0]).any())
     able = {key: effect for key, effect in able.items() if not (effect.needs_lever and noise)}
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     varied = _varied(impacts)

@@ -24,12 +24,13 @@ from torch import Tensor
 from contactlearn.diagnosis.search.candidates import fitted_first
 from contactlearn.diagnosis.search.frontier import HOPELESS, Search
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
+from contactlearn.diagnosis.sign_flips import chance_of_gain
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.contact_scatter import weighed
 from contactlearn.effects import Effect, EffectId
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.inference.identification.robust import robust_distance
-from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, paired_gain, robust_covariance
+from contactlearn.inference.validation import CrossValidation, Folds, ValidatedFit, robust_covariance
 from contactlearn.laws import Law
 from contactlearn.mechanics.impacts import Impacts
 
@@ -309,25 +310,30 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
 
     What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
     In the end all effects that a smaller model of the frontier has not must be worth their names together: several that
-    stand for one effect each bring little less than it does.
+    stand for one effect each bring little less than it does.  Where they are not, the smaller models are asked in turn.
     """
 
-    def improves(less: ScoredFit, effects: int = 1) -> bool:
-        base = pool.fitted(Spec(model.spec.law))
-        predict_held_out(pool, folds, (less, model, base))
-        without, whole, alone = (validated(pool, folds, one) for one in (less, model, base))
+    def improves(less: ScoredFit, more: ScoredFit) -> bool:
+        base = pool.fitted(Spec(more.spec.law))
+        predict_held_out(pool, folds, (less, more, base))
+        without, whole, alone = (validated(pool, folds, one) for one in (less, more, base))
+        effects = len(more.spec.effects) - len(less.spec.effects)
         return _improves_enough(without, whole, alone.mean_error, thresholds, effects)
 
     while model.spec.effects:
         less = pool.best(smaller(pool, model, *sorted(model.spec.effects)))
-        if improves(less):
+        if improves(less, model):
             break
         model = _best_of(pool, range(len(less.spec.effects) + 1))
-    for size in range(len(model.spec.effects) - 1):
-        less = _best_of(pool, [size])
-        if not improves(less, len(model.spec.effects) - size):
-            return less
-    return model
+    sizes = sorted({len(one.effects) for one in pool.models if len(one.effects) < len(model.spec.effects)})
+    frontier = [_best_of(pool, [size]) for size in sizes]
+    if all(improves(less, model) for less in frontier):
+        return model
+    found = frontier[0]
+    for more in frontier[1:]:
+        if improves(found, more):
+            found = more
+    return found
 
 
 def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
@@ -339,8 +345,8 @@ def _improves_enough(
     without: ValidatedFit, whole: ValidatedFit, base: float, thresholds: Thresholds, effects: int = 1
 ) -> bool:
     """Return whether effects reduce the error significantly, and by enough for each of them."""
-    gain, error = paired_gain(without, whole)
+    gain = without.loss - whole.loss
     fall, together = without.mean_error - whole.mean_error, base - whole.mean_error
     enough = min(thresholds.minor_share * together, thresholds.form_error * without.mean_error)
     each = max(enough, thresholds.least_gain * without.mean_error)
-    return fall > effects * each and gain > thresholds.gain_sigmas * error
+    return fall > effects * each and chance_of_gain(gain[gain.isfinite()]) < thresholds.gain_level

@@ -18,7 +18,6 @@ Sources: Pati, Rezaiifar & Krishnaprasad 1993; White 1980 for the test; Brunton,
 
 import math
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -27,7 +26,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from contactlearn.core.errors import ContactLearnError, UnknownNameError, install_hint
+from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.diagnosis.result.remainder import Formula, WrenchComponent, wrench_columns
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, State
@@ -94,12 +93,7 @@ class Library:
         component: WrenchComponent,
         axis: str = "",
     ) -> "tuple[Library, Float[Tensor, ' n']]":
-        """Make the library, and y: the residual of the component, along an axis, that the law cannot explain.
-
-        Raises:
-            ContactLearnError: scikit-learn is not installed.
-        """
-        _pursuit()  # before any work is done
+        """Make the library, and y: the residual of the component, along an axis, that the law cannot explain."""
         every, slip = axes(component, impacts.space), impacts.slip_axes.mT
         k, wrench = every[axis], matvec(slip, model.base_prediction(impacts).wrench)
         columns, texts = _values(impacts, model, component, wrench)
@@ -138,12 +132,13 @@ class Library:
         free[k] = True
         if free.sum() < 2:
             return []
-        with warnings.catch_warnings():  # fewer terms than asked for are an answer
-            warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely", RuntimeWarning)
-            fit = _pursuit()(n_nonzero_coefs=2, fit_intercept=False).fit(self.columns[:, free].numpy(), y.numpy())
-        pair = free.nonzero()[:, 0][torch.from_numpy(fit.coef_ != 0)].tolist()
+        pair, left = list[int](), y
+        for _ in range(2):
+            pair = sorted((*pair, int((self.columns.T @ left).abs().where(free, -1.0).argmax())))
+            columns = self.columns[:, pair]
+            left = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
         second = [i for i in pair if i != k]
-        return [first, self.terms[second[0]]] if len(pair) == 2 and second and self._clear(y, pair, second[0]) else []
+        return [first, self.terms[second[0]]] if self._clear(y, pair, second[0]) else []
 
     def _clear(self, y: Float[Tensor, " n"], which: list[int], last: int) -> bool:
         """Return whether the coefficient of the last of these terms is significant."""
@@ -194,16 +189,6 @@ def _texts(component: WrenchComponent, space: Space) -> list[str]:
     return sorted(texts, key=lambda text: (len(re.findall(r"\w+", text)), len(text), text))
 
 
-def _pursuit() -> type:
-    try:
-        from sklearn.linear_model import OrthogonalMatchingPursuit
-    except ImportError as error:
-        raise ContactLearnError(
-            f"formulas for what remains need scikit-learn, which is not installed: {install_hint('formulas')}"
-        ) from error
-    return OrthogonalMatchingPursuit
-
-
 # --- Fitted formulas -------------------------------------------------------------------------------
 
 
@@ -238,7 +223,7 @@ def formulas(
 
     Raises:
         UnknownNameError: no such component.
-        ContactLearnError: scikit-learn is not installed, or the model has no law.
+        ContactLearnError: the model has no law.
     """
     if component not in (known := [one.value for one in WrenchComponent]):
         raise UnknownNameError("component of the wrench", component, known)
