@@ -207,7 +207,9 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         return _contents("table", _table(path, space, impacts, cells), cells, unused=impacts.others)
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
-    posed = markers or ("x" in frames.names and {"y", "z"} & {*frames.names})
+    times = [times_in(name, opposite=False) for name in header]
+    paired = times.count("pre") == times.count("post") > 0  # as families of numbers before and after contact
+    posed = not paired and (markers or ("x" in frames.names and {"y", "z"} & {*frames.names}))
     if posed:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
@@ -218,8 +220,6 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         body = _body(path, markers, bodies or named, where)
         return _contents("tracks", (*body, *_layout(first, frames, markers)), cells)
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    times = [times_in(name, opposite=False) for name in header]
-    paired = times.count("pre") == times.count("post") > 0  # as families of numbers before and after contact
     clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
     timed = clock and not paired
     if timed and frames.others:

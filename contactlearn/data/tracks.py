@@ -203,8 +203,8 @@ def track_options(
     of_angle = layout.made.get(layout.angle or "", (None, None, {}))[2]
     if "unit" in of_angle and angle not in (None, "rad"):
         raise DataError(f"data.angle={angle} is stated beside a unit in data.columns.angle: leave one of them out")
-    angle = "rad" if "unit" in of_angle else angle
-    sense = sense or ("as_read" if "factor" in of_angle else None)
+    angle = "rad" if {"unit", "towards"} & {*of_angle} else angle
+    sense = sense or ("as_read" if {"factor", "towards"} & {*of_angle} else None)
     return TrackOptions(
         conventions=Conventions(
             unit=unit,

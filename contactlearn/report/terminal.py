@@ -20,7 +20,6 @@ from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.numerics import READABLE_UNITS, measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
-from contactlearn.data.table.names import SURFACES, name_words
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
 from contactlearn.report.text.numbers import NO_INTERVAL
@@ -285,13 +284,6 @@ def show_columns(unused: Sequence[str], computed: Sequence[str], read_as: Sequen
         print_line(
             f"columns not used: {', '.join(name if name.isprintable() and name else repr(name) for name in unused)}"
         )
-    for name in unused:
-        words = {*name_words(name)}
-        if words & SURFACES and words & {"v", "velocity", "speed"}:
-            print_line(
-                f"look at {name!r}: if it is the velocity of the surface, subtract it from those of the body before "
-                "and after contact, for tables are of a surface at rest"
-            )
     if computed:
         print_line(f"computed: {'; '.join(_COMPUTED[field] for field in computed)}")
 

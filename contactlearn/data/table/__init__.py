@@ -59,8 +59,9 @@ from contactlearn.data.table.descriptions import by_settings, phase_column, rest
 from contactlearn.data.table.mapped import with_made_columns
 from contactlearn.data.table.names import NAMES, name_words
 from contactlearn.data.table.probable import probable_columns
-from contactlearn.data.table.reshaped import is_long
+from contactlearn.data.table.reshaped import is_long, repeats_in
 from contactlearn.data.table.rows import filled_down, is_merged
+from contactlearn.data.table.several import runs_below, runs_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import STATED, Units
 from contactlearn.mechanics.bodies import (
@@ -376,14 +377,20 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
 
 def _is_of_several_rows(cells: Sheet) -> bool:
     """Whether what an impact is stands in several rows of a table, which is then read as a whole."""
-    several = bool(phase_column(cells)) or is_long(cells) or any(chains_in(cells.header).values())
-    return several or any(map(is_merged, cells.header, cells.columns))
+    several = (
+        phase_column(cells)
+        or is_long(cells)
+        or any(chains_in(cells.header).values())
+        or repeats_in(cells.header)
+        or runs_in(cells.header)
+    )
+    return bool(several) or any(map(is_merged, cells.header, cells.columns))
 
 
 def _filled(cells: Sheet) -> Sheet:
     if not len(cells):
         raise DataError(f"{cells.path}: has a header but no impacts; at least one row is needed")
-    return filled_down(cells)
+    return filled_down(runs_below(cells))
 
 
 def _impacts(

@@ -25,6 +25,7 @@ from contactlearn.core.errors import DataError, UnknownLayoutError, UnknownNameE
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
     COEFFICIENTS,
+    MOVING,
     NAMES,
     OTHERS,
     VECTORS,
@@ -264,7 +265,8 @@ def name_columns(
         )
     known_elsewhere = {*ours, *stated, *of_all_axes}
     lacking = [column for column in required_in(space) if column not in known_elsewhere]
-    computed = computed_fields(space, lacking, unused)
+    bounces = {column for column in ("vy", "vy_post") if names.get(column)}  # settings say that there is no more
+    computed = computed_fields(space, lacking, () if len(bounces) == 2 else unused)
     given = [field for field in computed if shaped or (field not in ("inertia", "r") and "r" not in computed)]
     given = [field for field in given if field != "orientation" or not turning]
     spared = {column for field in given for column in COMPUTED[space][field]}
@@ -352,7 +354,7 @@ def chains_in(header: Sequence[str]) -> dict[str, dict[str, int]]:
             continue
         if {*words} <= {*_FLIGHTS, *_TIMES, *_BESIDE_FLIGHTS, *digits} and {*words} & (_FLIGHTS | _TIMES):
             chains["flight" if {*words} & _FLIGHTS else "bounce"][name] = int(digits[0])
-        elif "height" in recognise([re.sub(r"[\W_]*\d+", "", name, count=1)], impact_vocabulary(PLANE)).names:
+        elif {"height", "height_post"} & {*recognise([re.sub(r"[\W_]*\d+", "", name)], impact_vocabulary(PLANE)).names}:
             chains["height"][name] = int(digits[0])
     return {kind: dict(sorted(names.items(), key=lambda one: one[1])) for kind, names in chains.items()}
 
@@ -418,7 +420,7 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: 
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
             own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
             own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
-            own += VECTORS
+            own += (*VECTORS, *MOVING)
             raise UnknownNameError(f"column in data.columns{turned}:", column, [*dict.fromkeys(own)])
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))

@@ -27,6 +27,7 @@ from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
     COEFFICIENTS,
     MOMENTA,
+    MOVING,
     NAMES,
     OTHERS,
     SURFACES,
@@ -37,7 +38,7 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
-from contactlearn.data.table.reshaped import are_vectors, by_component, by_flight, by_trial
+from contactlearn.data.table.reshaped import are_vectors, by_component, by_flight, by_repeat, by_trial
 from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
 from contactlearn.data.table.units import Units, powers_of
 from contactlearn.mechanics.bodies import AnyShape, contact_points
@@ -65,7 +66,7 @@ _DIRECTED = {
 }
 """Words between a velocity of the body and the surface that says its direction: v along the wall."""
 _ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
-_OTHERS = tuple(f"{other}{end}" for other in OTHERS for end in ("", "_post"))
+_OTHERS = (*(f"{other}{end}" for other in OTHERS for end in ("", "_post")), *MOVING)
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -94,7 +95,7 @@ def restated(
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
-    cells = by_flight(by_trial(replace(cells, gaps=gaps)))
+    cells = by_repeat(by_flight(by_trial(replace(cells, gaps=gaps))))
     cells = _with_other_units(cells, chosen)
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
@@ -104,8 +105,8 @@ def restated(
     cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
     mapped = mapped if isinstance(mapped, Mapping) else {}
     cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
-    cells = _by_components(_with_changes(cells, units, mapped), units, chosen, asked=asked)
-    cells = _relative_to_surface(cells, units, mapped)
+    cells = _relative_to_surface(_with_changes(cells, units, mapped), units, mapped, asked=asked)
+    cells = _by_components(cells, units, chosen, asked=asked)
     return replace(level(cells, units, mapped), gaps=False)
 
 
@@ -479,7 +480,10 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool)
             f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
             "from normal', with its unit, or leave it out of the table"
         )
-    header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, known.units)
+    told = next((known.units[column] for column in ends.values() if column in known.units), {})
+    alike = "length" not in units.stated  # the one end without a unit is in that of the other
+    of_ends = {column: known.units.get(column, told if alike else {}) for column in ends.values() if column}
+    header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, of_ends)
     factor = Units(units.stated).factor("vy")
     for end, column in ((end, column) for end, column in ends.items() if column is not None):
         place = header.index(known.names[column])
@@ -493,6 +497,7 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool)
         header[place], columns[place] = "vy_post", -values * np.asarray(columns[header.index("vy")], float)
         used.append(name)
     said = " and ".join(map(repr, used))
+    said += f", both in {told['length']}" if alike and told and len(of_ends) > len({*known.units} & {*of_ends}) else ""
     read_as = (*cells.read_as, f"bounces along the normal by {said}")
     return replace(cells, header=header, columns=columns, read_as=read_as)
 
@@ -522,10 +527,10 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
 _PER_CENT = re.compile(r"[\[(]?\s*(?:%|per ?cent|pct)\s*[\])]?", re.IGNORECASE)
 
 
-def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None], *, asked: bool) -> Sheet:
     """The table with velocities relative to a racket, club or floor whose own velocity stands in it."""
     moving = {
-        name: _SURFACE.sub("", name)
+        name: _SURFACE.sub(" ", name).strip()
         for name in cells.header
         if SURFACES.intersection(words := name_words(name)) and not _DIRECTED.intersection(words)
     }
@@ -536,10 +541,14 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     own = recognised_columns([name for name in cells.header if name not in moving])[1]
     names = {**own.names, **{ours: name for ours, name in mapped.items() if name in cells.header}}
     columns, used = [*cells.columns], dict[str, None]()
-    for column in ("vx", "vy", "vz"):
+    with_speeds = {*names}
+    if not {"speed", "speed_post"} <= {*names} or not _have_senses(cells, names["speed"], names["speed_post"]):
+        with_speeds.discard("speed")  # of numbers without signs it is not known whether the surface goes with the body
+    for column in ("vx", "vy", "vz", "speed"):
         for end in ("", "_post"):
             source = f"{column}{end}" if f"{column}{end}" in surface.names else column
-            if source not in surface.names or f"{column}{end}" not in names:
+            source = "speed" if column == "vy" and source not in surface.names and "vx" not in names else source
+            if source not in surface.names or f"{column}{end}" not in names or column not in with_speeds:
                 continue
             name, moved = names[f"{column}{end}"], by_bare[surface.names[source]]
             units_of = [Units(units.stated, known.units) for known in (own, surface)]
@@ -548,12 +557,39 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
             place = cells.header.index(name)
             columns[place] = cells.numbers(name, units_of[0].text(f"{column}{end}")) - velocity
             used[moved] = None
+    left = by_bare.get(surface.names.get("speed", ""))
+    told = _with_senses(names)
+    if asked and left not in (None, *used) and told is not None:
+        racket = setting_text(str(left))
+        raise DataError(
+            f"{cells.path}: {left!r} is a velocity of what the body hits, which is taken off: along its normal, away "
+            f"from it positive, 'data.columns={{{told}racket_vy: {racket}}}', along the surface racket_vx; where "
+            f"velocities are relative to it already, 'data.covariates=[{racket}]'"
+        )
     if not used:
         return cells
     said = f"velocities relative to the surface: {' and '.join(map(repr, used))} taken off before and after contact"
     kept = [k for k, name in enumerate(cells.header) if name not in used]
     header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
     return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+
+
+def _with_senses(names: Mapping[str, str]) -> str | None:
+    """Settings of the normal velocities, which speeds are without their senses; None without any of them."""
+    if "vy" in names:
+        return ""
+    if "speed" not in names:
+        return None
+    speed = setting_text(names["speed"])
+    if "speed_post" not in names:  # as of a golf ball
+        return f"vy: {{value: 0}}, vy_post: {speed}, "
+    return f"vy: {{column: {speed}, factor: -1}}, vy_post: {setting_text(names['speed_post'])}, "
+
+
+def _have_senses(cells: Sheet, before: str, after: str) -> bool:
+    """Whether speeds are velocities along the normal, which turn their sign at contact."""
+    turned = np.sign(cells.numbers(before, "")) * np.sign(cells.numbers(after, ""))
+    return bool(np.nanmean(turned) < 0)
 
 
 def direction_in(known: Recognised, end: str = "") -> str | None:

@@ -19,7 +19,15 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.packed import opened_bytes, opened_text, size_of
 from contactlearn.data.table.comments import with_units
 from contactlearn.data.table.markup import tab_separated, tables_in
-from contactlearn.data.table.names import are_outcomes, impact_vocabulary, is_unit, name_words, recognise, time_of
+from contactlearn.data.table.names import (
+    SURFACES,
+    are_outcomes,
+    impact_vocabulary,
+    is_unit,
+    name_words,
+    recognise,
+    time_of,
+)
 from contactlearn.mechanics.space import BOTH
 
 COMMENT = ("#", "%", "//", "!")
@@ -28,6 +36,7 @@ _SAMPLE, _ROW = 1 << 20, 1 << 10  # bytes of a file that are looked at, and of a
 _LARGEST_MARKUP = 2**26  # bytes of a text that is marked up
 _ROWS = 1000  # of these, at most
 _MIN_SHARE = 0.9  # of the numbers among cells, which those with one blank in names of bodies lessen
+_MOST_BELOW = 3  # rows of text between names and numbers: units, comments, longer names
 _MIN_GROUPS = 3  # numbers of a column that have groups of thousands, where nothing else tells them from decimals
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 WIDE = "  "
@@ -473,13 +482,20 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     ):
         names, titles = _grouped(names, above), first - 1
         read_as.append("two rows of names")
-    while first == titles and last + 2 < len(rows) and _are_names(rows[last : last + 2]):
-        last += 1  # of TrackMate, which writes names three times
-    if last < len(rows) and len(rows[last]) == len(names) and _is_units(rows[last]):
-        named = zip(names, map(text_of, rows[last]), strict=True)
-        names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
+    units = [""] * len(names)
+    for row in _texts_below(rows[last:], len(names)):
+        if _is_units(row):
+            units = row
+            read_as.append("a row of units")
+        elif not are_outcomes(names) and are_outcomes(full := _grouped(names, row)):
+            names = full
+            read_as.append("names with the comments below them")
+        elif longer := {k for k, cell in enumerate(row) if cell and not _tells(names[k]) and _tells(cell)}:
+            names = [cell if k in longer else name for k, (name, cell) in enumerate(zip(names, row, strict=True))]
+            read_as.append("longer names below the names")
         last += 1
-        read_as.append("a row of units")
+    named = zip(names, units, strict=True)
+    names = [f"{name} [{unit.strip('[]()')}]" if unit not in ("", "-") else name for name, unit in named]
     if titles:
         read_as.insert(0, f"{titles} {'line' if titles == 1 else 'lines'} above the header")
     raw = tuple(tuple(map(text_of, row)) for row in rows[titles:last])
@@ -487,16 +503,15 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
 
 
 def _are_named(rows: Sequence[Sequence[Any]], width: int) -> bool:
-    """Whether rows have names, or are counted, under a header that has none for them, as R writes tables.
+    """Whether rows have names or numbers, each its own, under a header that has none for them, as R writes tables.
 
     A decimal comma that parts a number in two leaves whole numbers only.
     """
     if len(rows) < 3 or len(rows[0]) != width - 1 or is_numeric(rows[0]) or any(len(row) != width for row in rows[1:]):
         return False
     first, others = [text_of(row[0]) for row in rows[1:]], [text_of(cell) for row in rows[1:] for cell in row[1:]]
-    counted = first == [*map(str, range(1, len(rows)))]
-    named = len({*first}) == len(first) and not any(map(is_numeral, first))
-    return (counted or named) and any({*".,"} & {*cell} for cell in others if is_numeral(cell))
+    numbered = all(map(str.isdigit, first)) or not any(map(is_numeral, first))
+    return numbered and len({*first}) == len(first) and any({*".,"} & {*cell} for cell in others if is_numeral(cell))
 
 
 def text_of(cell: Any) -> str:
@@ -529,11 +544,26 @@ def _is_units(cells: Sequence[Any]) -> bool:
     return not any(map(is_numeral, present)) and any(cell != "-" for cell in present) and 3 * units >= 2 * len(present)
 
 
-def _are_names(rows: Sequence[Sequence[Any]]) -> bool:
-    """Whether a row has names, and below it is another of these, or one of units."""
-    texts = [[text_of(cell) for cell in row] for row in rows]
-    letters = [not any(map(_NUMBERED.match, row)) and sum(map(bool, row)) > 1 for row in texts]
-    return all(letters) and len(texts[0]) == len(texts[1]) and not _is_units(rows[0]) and not _is_group(rows[0])
+def _tells(name: str) -> bool:
+    """Whether the reader knows what a name of a column is of, such as plate velocity."""
+    bare = " ".join(word for word in name_words(name) if word not in SURFACES)
+    return any(recognise([bare, "out"], impact_vocabulary(space)).names for space in BOTH)
+
+
+def _texts_below(rows: Sequence[Sequence[Any]], width: int) -> list[list[str]]:
+    """The rows below a header that are units, comments or names once more, above the first row of numbers.
+
+    The names of a row whose numbers are missing stand above names.
+    """
+    first = next((k for k, row in enumerate(rows) if any(map(is_numeral, row))), 0)
+    texts = [[*map(text_of, row), *[""] * (width - len(row))] for row in rows[:first]]
+    of_numbers = [k for k, cell in enumerate(rows[first]) if is_numeral(cell)] if first else []
+    below = [
+        row for row in texts
+        if len(row) == width and not any(map(_NUMBERED.match, row))
+        and (_is_units(row) or any(row[k] and not is_missing(row[k]) for k in of_numbers if k < width))
+    ]  # fmt: skip
+    return below if len(below) == first <= _MOST_BELOW else []
 
 
 def _grouped(names: Sequence[str], above: Sequence[Any]) -> list[str]:

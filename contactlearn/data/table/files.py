@@ -11,6 +11,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,7 +61,9 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                 pass
             first, numeric = 0, None
             while (block := [(dialect.above + line, row) for line, row in islice(written, rows)]) or not first:
-                kept = impactful(block, dialect.header, aligned=not dialect.separator.strip(" "), numeric=numeric)
+                kept = impactful(
+                    block, dialect.header, str(path), aligned=not dialect.separator.strip(" "), numeric=numeric
+                )
                 numeric = kept.numeric
                 cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
                 columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
@@ -83,7 +86,10 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
         return cells
     if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
         return cells[: len(header)]
-    hint = "a decimal comma?" if len(cells) > len(header) else "a missing separator, or a truncated file?"
+    short = "a missing separator, or a truncated file?"
+    points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell.strip()) for cell in cells)
+    long = "a separator inside a cell, which wants quotes, or a name too few?" if points else "a decimal comma?"
+    hint = long if len(cells) > len(header) else short
     taken = " ".join(header)
     taken = taken if len(taken) <= _SHOWN else f"{taken[:_SHOWN]}…"
     for text, name in ((cells[0], "it"), (header[0], "the first line")):
@@ -161,7 +167,7 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
     tables = {name: one for name, one in sheets.items() if any(is_numeric(row) for row in one.values.tolist()[:_HEAD])}
     if len(tables) > 1:
         tables = {name: one for name, one in tables.items() if _of_impacts(one)} or tables
-    if len(tables) != 1 and (found := _joined_sheets(path, tables or sheets)):
+    if len(tables) != 1 and (found := _stacked_sheets(path, tables) or _joined_sheets(path, tables or sheets)):
         yield found
         return
     if len(tables) != 1:
@@ -169,17 +175,37 @@ def read_spreadsheet(path: Path, rows: int | None) -> Iterator[Sheet]:
         seen = f"has tables of numbers in its worksheets {names}: export" if tables else "has no table of numbers; keep"
         raise DataError(f"{path}: {seen} that of the impacts as a file of its own")
     ((name, frame),) = tables.items()
+    said = (f"worksheet {name}",) if len(frames) > 1 else ()
+    yield _of_worksheet(path, frame, said)
+
+
+def _of_worksheet(path: Path, frame: "DataFrame", said: tuple[str, ...] = ()) -> Sheet:
+    """The cells of a worksheet."""
     cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
-    body = impactful(cells[top.rows :], top)
+    body = impactful(cells[top.rows :], top, str(path))
     columns: list[Cells] = [
         [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
     ]
-    read_as = (*([f"worksheet {name}"] if len(frames) > 1 else []), *top.read_as, *body.read_as)
     numerals = numerals_of(str(path), [row for _, row in body.rows[:_NUMERALS]])
-    read_as += ("decimal commas",) if numerals.decimal == "," else ()
+    read_as = (*said, *top.read_as, *body.read_as, *(["decimal commas"] if numerals.decimal == "," else []))
     lines = [line for line, _ in body.rows]
-    yield Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
+    return Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
+
+
+def _stacked_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
+    """The rows of several worksheets with one header, and the names of these in a column, as of recordings."""
+    sheets = {name: _of_worksheet(path, frame) for name, frame in tables.items()}
+    first = next(iter(sheets.values()), None)
+    if first is None or len(sheets) < 2 or any(one.header != first.header for one in sheets.values()):
+        return None
+    names = [name for name, one in sheets.items() for _ in range(len(one))]
+    columns: list[Cells] = [
+        [cell for one in sheets.values() for cell in one.columns[k]] for k in range(len(first.header))
+    ]
+    word = "session" if are_outcomes(first.header) else "recording"
+    said = f"{len(sheets)} worksheets with one header, their names in the column {word!r}"
+    return replace(first, header=[word, *first.header], columns=[names, *columns], lines=None, read_as=(said,))
 
 
 def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
@@ -237,7 +263,9 @@ def _records(path: Path, content: Any) -> Sequence[Mapping[str, Any]]:
     lists = [value for value in content.values() if isinstance(value, list)] if isinstance(content, dict) else [content]
     of_records = [one for one in lists if isinstance(one, list) and one and all(isinstance(row, dict) for row in one)]
     if len(of_records) == 1:
-        return of_records[0]
+        about = content if isinstance(content, dict) else {}  # single numbers hold for all, such as the mass
+        plain = {name: one for name, one in about.items() if isinstance(one, int | float)}
+        return [{**plain, **row} for row in of_records[0]]
     if isinstance(content, dict) and len(of_records) > 1:
         parts = {str(name): one for name, one in content.items() if one in of_records}
         if found := rows_joined({name: [*map(_flat, rows)] for name, rows in parts.items()}):

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import recognised_columns
+from contactlearn.data.table.columns import recognised_columns, setting_text
 from contactlearn.data.table.names import SURFACES, impact_vocabulary, name_words, unit_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import Units
@@ -54,6 +54,14 @@ def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet
     whole = np.isfinite(angle)
     if not whole.any() or np.ptp(angle[whole]) < _MIN_LEAN:
         return cells
+    if not stated and "angle" not in units.stated:
+        body = f"of the body, 'data.columns={{theta: {{column: {setting_text(tilt)}, unit: deg}}}}' or unit: rad; "
+        raise DataError(
+            f"{cells.path}: {tilt!r} has no unit, {np.nanmin(angle):.4g} … {np.nanmax(angle):.4g} may be degrees or "
+            f"radians, and does not say what leans: {'' if 'theta' in names else body}of the surface, call it 'surface "
+            f"tilt (deg)' or 'surface tilt (rad)' in the file; where velocities are along it and across it already, "
+            f"'data.covariates=[{setting_text(tilt)}]'"
+        )
     leans = f"{cells.path}: the surface leans by {tilt!r}, which differs from row to row, and"
     otherwise = "where velocities are along it and across it already, say so by 'data.covariates=[…]' with its name"
     if beside := [names[column] for column in ("x", "y", "rx", "ry") if column in names]:
@@ -72,9 +80,8 @@ def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet
     by_sense = {sense: [key for key in hit if key[0] == sense] for sense, _ in turned}
     chosen = _sense({keys[0]: hit[keys[0]] for keys in by_sense.values() if len(keys) == 1}, v, "theta" in names)
     if chosen is None:
-        unit = "" if stated else f"; its name has no unit, and {of_tilt.text('theta')} is assumed"
         raise DataError(
-            f"{leans} the velocities do not tell the face that is hit at 0{unit}: turn them into axes along the "
+            f"{leans} the velocities do not tell the face that is hit at 0: turn them into axes along the "
             f"surface and its normal; {otherwise}"
         )
     sense, face = chosen

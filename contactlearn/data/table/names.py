@@ -63,10 +63,30 @@ _WORDS = {
 }  # fmt: skip
 COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
 """Names of a coefficient of restitution along the normal."""
-SURFACES = {"racket", "paddle", "bat", "club", "floor", "surface", "table", "plate", "belt", "wall", "ground"}
+SURFACES = {
+    "racket",
+    "racquet",
+    "paddle",
+    "bat",
+    "club",
+    "clubhead",
+    "floor",
+    "surface",
+    "table",
+    "plate",
+    "belt",
+    "wall",
+}
+SURFACES |= {"ground", "shaker", "platform", "piston", "anvil"}
 """Words for what a body hits, in names of columns."""
+MOVING = tuple(f"racket_{velocity}{end}" for velocity in ("vx", "vy", "vz") for end in ("", "_post"))
+"""Velocities of what a body hits, as settings name them."""
 _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
-"""Words before the name of a column, where it has one body: ball_vx."""
+"""Words before or behind the name of a column, where it has one body: ball_vx, v ball."""
+_CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "mittelpunkt", "schwerpunkt")
+"""Words beside the coordinates of frames: xc, x_com, centroid x."""
+_FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo")
+"""Words of the times that say of a length that it is a height: rebound (cm)."""
 _NORMAL = ("perp", "perpendicular", "normal", "norm", "n")
 _ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along")
 _ACROSS = ("toward", "towards", "into", "against", "off", "from", "awayfrom", "to", "perpendicularto", "normalto")
@@ -86,7 +106,7 @@ _ALIASES = {
        for name in (f"v{word}", f"{word}v", f"v{word}component", f"{word}component", f"{word}componentv")},
     **{f"v{link}{surface}": column for surface in SURFACES for column, links in (
         ("vy", _ACROSS), ("vx", ("along", "parallelto", "alongside", "on"))) for link in links},
-    "v": "speed", "h": "height", "dropheight": "height", "bounceheight": "height_post",
+    "v": "speed", **dict.fromkeys(("h", "h0"), "height"), "dropheight": "height", "bounceheight": "height_post",
     **dict.fromkeys(("hdrop", "fallhöhe", "fallhöjd", "faldhøjde", "fallhøyde", "valhoogte"), "height"),
     **dict.fromkeys(("sprunghöhe", "rücksprunghöhe", "studshöjd", "stuithoogte", "terugstuithoogte"), "height_post"),
     **dict.fromkeys(("vkątowa", "úhlováv", "угловаяv", "backspin"), "omega"),
@@ -95,6 +115,9 @@ _ALIASES = {
     **{name: f"p{axis}" for axis in "xyz" for name in (f"momentum{axis}", f"{axis}momentum", f"linearmomentum{axis}")},
     **dict.fromkeys(("impactv", "vimpact"), "speed"), "impactangle": "direction",
     "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
+    **{f"{start}from{reference}": f"direction_{kind}" for start in ("", "incidence", "reflection")
+       for kind, references in {"normal": ("normal", "vertical"), "floor": (*SURFACES, "horizontal")}.items()
+       for reference in references},
     **{f"{angle}{link}{reference}": f"direction_{kind}"
        for kind, references in {"normal": ("normal", "vertical", "lot"), "floor": (*SURFACES, "horizontal", "platte",
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
@@ -102,7 +125,8 @@ _ALIASES = {
 }  # fmt: skip
 _WITH_UNIT = {
     **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
-    **{"i": "inertia", "tid": "time"},
+    **{"i": "inertia", "tid": "time", "drop": "height", "bounce": "height_post"},
+    **dict.fromkeys(("side", "sidespin", "english"), "omega"),
 }
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
@@ -147,7 +171,8 @@ _SPELLED = {
     "kmh": "km.h", "kph": "km.h", "mph": "mi.h", "mile": "mi", "miles": "mi", "lbs": "lb",
     "in": "incoming",  # only [in] and inch are inches
     "grad": "deg", "degré": "deg", "degrés": "deg", "grados": "deg", "gradi": "deg", "fps": "ft.s", "dps": "deg.s",
-    "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h", "feet": "ft",
+    "mps": "m.s", "mmps": "mm.s", "cmps": "cm.s", "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h",
+    "feet": "ft",
 }  # fmt: skip
 _REVOLUTIONS = dict.fromkeys(("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min") | {
     "u.s": "rev.s",
@@ -254,7 +279,11 @@ def components_of(sizes: Mapping[str, int], *, opposite: bool) -> dict[str, tupl
         opposite: whether in and out are before and after.
     """
     spelled = {**_indexed_vectors(sizes, opposite=opposite), **_contact(sizes)}
-    found = {name: _components(spelled.get(name, name), size, opposite=opposite) for name, size in sizes.items()}
+    found = {
+        name: _components(spelled.get(name, name), size, opposite=opposite)
+        or _components(name.rpartition(".")[2], size, opposite=opposite)  # X_WB.translation
+        for name, size in sizes.items()
+    }
     in_space = any({"q0", "qw", "wx"} & {*names} for names in found.values()) or bool(
         recognise([*sizes], impact_vocabulary(SPACE)).names.keys() & {"qw", "wx"}
     )
@@ -393,7 +422,7 @@ def _without_index(name: str, indices: str) -> Iterator[tuple[str, list[str]]]:
     """The index of a name, a word of it or the second or last letter of its first word, and its other words."""
     words = name_words(name)
     for k, word in enumerate(words[1:3], 1):
-        if word in indices:
+        if word in {*indices}:  # and not "12"
             yield word, words[:k] + words[k + 1 :]
     for k in (1, 2):
         letters = _LETTERED.fullmatch("".join(words[:k]))
@@ -439,6 +468,14 @@ def _without_symbol(words: Sequence[str]) -> Sequence[str]:
     return words
 
 
+def _of_centre(words: Sequence[str]) -> str:
+    """The coordinate of frames that words are: px, xc, x_com, centroid x; empty if they are none."""
+    beside = [word for k, word in enumerate(words) if word not in _CENTRES or (k and word == "cm")]  # x cm has a unit
+    bare = _PLACE.sub("", "".join(beside))
+    bare = re.sub(r"^c(?=[xyz]$)|(?<=^[xyz])(?:c|cm|com)$", "", bare) if len(words) == 1 else bare
+    return bare if bare in ("x", "y", "z") else ""
+
+
 def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> tuple[str, Stated]:
     """Our name of a column with these words, and the units that it states; an empty name if none of ours matches.
 
@@ -450,14 +487,20 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
     before, after = ((*_BEFORE, "in"), (*_AFTER, "out")) if opposite else (_BEFORE, _AFTER)
     ends = ("_post", "") if any(word in after for word in words) else ("",)
     timed = len(ends) > 1 or any(word in before for word in words)
-    passed_over = (*before, *after, *_IMPACT) if timed else ()
-    words = [_WORDS.get(word, word) for word in words if word not in passed_over]
+    passed_over, falls = (*before, *after, *_IMPACT) if timed else (), any(word in _FALLS for word in words)
+    words = [part for word in words if word not in passed_over and (part := _WORDS.get(word, word))]
+    if in_degrees := [word for word in words[:-1] if word in ("deg", "degrees") and "from" in words]:
+        words = [*(word for word in words if word not in in_degrees), "deg"]  # incidence deg from normal
     of_impacts = "vx_post" in vocabulary
-    if len(words) > 1 and words[0] in _BODIES and of_impacts:
-        words = words[1:]
+    if of_impacts and len(words) > 1 and (of_body := next((word for word in words[:2] if word in _BODIES), "")):
+        words = [word for word in words if word != of_body]
+    if timed and of_impacts and (unit := _unit(words)):  # and nothing else: after [m/s]
+        kinds = ("speed", "height") if falls else ("speed",)
+        for ours in (f"{kind}{ends[0]}" for kind in kinds if unit in vocabulary[f"{kind}{ends[0]}"]):
+            return ours, vocabulary[ours][unit]
     for split in range(len(words), 0, -1):
         name, unit = "".join(_without_symbol(words[:split])), _unit(words[split:])
-        place = "" if of_impacts else _PLACE.sub("", name)  # px; of impacts it is an impulse
+        place = "" if of_impacts else _of_centre(words[:split])  # px; of impacts it is an impulse
         other = _WITH_UNIT.get(name, "") if unit else ""
         alias = _ALIASES.get(name, "").removesuffix("_post" if "_post" in ends else "")  # a rebound height h'
         for ours, end in product((name, alias, other, place, _QUATERNION.sub(r"q\1", name)), ends):

@@ -22,8 +22,8 @@ import numpy as np
 from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import setting_text, without_unit
-from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise
+from contactlearn.data.table.columns import recognised_columns, setting_text, without_unit
+from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise, times_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -94,7 +94,7 @@ def probable_columns(
     if of_frames:
         guesses = _of_frames(whole, clock, frames)
     else:
-        space = SPACE if "qw" in recognise(cells.header, impact_vocabulary(SPACE)).names else PLANE
+        space = recognised_columns(cells.header)[0]
         guesses = _of_impacts(whole, _by_name(cells.header, impact_vocabulary(space)))
     guesses = {name: guesses[name] for name in cells.header if name in guesses}
     rows = [
@@ -103,7 +103,9 @@ def probable_columns(
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(2)]
     lines = [f"  {row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]}".rstrip() for row in rows]
-    return "\n".join([*lines, *_command(path, guesses, stated, of_frames=of_frames)])
+    return "\n".join(
+        [*lines, *_command(path, guesses, stated, of_frames=of_frames, every=len(guesses) == len(cells.header))]
+    )
 
 
 def _numbers(cells: Sheet, name: str) -> Float[np.ndarray, " n"] | None:
@@ -123,7 +125,7 @@ def _range(numbers: Float[np.ndarray, " n"] | None, cells: Sheet, name: str) -> 
 
 def _said(guess: _Guess | None, numbers: Float[np.ndarray, " n"] | None) -> str:
     if guess is not None:
-        return f"{guess.ours}? {guess.why}" if guess.ours else guess.why
+        return f"{'angle' if guess.ours == 'towards' else guess.ours}? {guess.why}" if guess.ours else guess.why
     constant = numbers is not None and len(numbers) > 1 and np.ptp(numbers) == 0
     return "the same in all rows: a mass, a size or a setting?" if constant else ""
 
@@ -177,8 +179,12 @@ def _of_frames(whole: Columns, clock: str | None, known: Guesses) -> Guesses:
         if np.allclose(np.linalg.norm([others[name] for name in names], axis=0), 1, atol=0.01):
             found |= {name: _Guess(ours="quaternion", why="the norm of these four is 1") for name in names}
     for name, of in permutations([name for name in others if name not in found], 2):
-        rate = np.gradient(others[of]) / step
-        if name not in found and of not in found and abs(_correlation(rate, others[name])) > _DERIVED:
+        rate, inside = np.diff(others[of]), steps > 0  # of one recording
+        if (
+            name not in found
+            and of not in found
+            and abs(_correlation(rate[inside], others[name][1:][inside])) > _DERIVED
+        ):
             found[name] = _Guess(ours="", why=f"the rate of change of {of!r}: not needed")
     for name in (name for name in others if name not in found):
         turn = _turn(others[name])
@@ -187,7 +193,7 @@ def _of_frames(whole: Columns, clock: str | None, known: Guesses) -> Guesses:
     left = {name: _accelerations(one, step) for name, one in others.items() if name not in found}
     falls = {name: _fall(bent, numbered=numbered) for name, bent in left.items()}
     if sum(one.ours == "position" for one in found.values()) > 1:
-        return found
+        return found | _further_point(others, found)
     height = max(falls, key=lambda name: falls[name][0].mean(), default="")
     if height and (falling := falls[height][0]).mean() > _FALLING:
         found[height] = _Guess(ours="position", why=falls[height][1], unit=falls[height][2], upright=True)
@@ -200,7 +206,21 @@ def _of_frames(whole: Columns, clock: str | None, known: Guesses) -> Guesses:
             alone = turned or len(straight) == 1
             why = f"straight while {height!r} falls: along the floor" + ("" if alone else ", or an angle")
             found[name] = _Guess(ours="position" if alone else "", why=why)
-    return found
+    return found | _further_point(others, found)
+
+
+def _further_point(others: Columns, found: Guesses) -> Guesses:
+    """Two columns, x before y, of a point that keeps its distance from the position, and so shows the angle."""
+    upright = {guess.upright: name for name, guess in found.items() if guess.ours == "position"}
+    if len(upright) < 2 or {"angle", "quaternion"} & {guess.ours for guess in found.values()}:
+        return {}
+    position = np.stack([others[upright[False]], others[upright[True]]])
+    for names in permutations([name for name in others if name not in found or not found[name].ours], 2):
+        apart = np.linalg.norm(np.stack([others[name] for name in names]) - position, axis=0)
+        if np.median(np.abs(apart - np.median(apart))) < _STRAIGHT * np.median(apart) < np.ptp(others[names[0]]):
+            why = f"keeps its distance of {np.median(apart):.4g} from the position: a point that shows the angle"
+            return {name: _Guess(ours="towards", why=why) for name in names}
+    return {}
 
 
 def _fall(bent: Float[np.ndarray, " m"], *, numbered: bool) -> tuple[np.ndarray, str, str]:
@@ -296,6 +316,8 @@ def _pair(whole: Columns, names: list[str], *, opposite: bool = False) -> tuple[
     """The two columns that are correlated most, as a velocity before and after contact, in the order of the file."""
     best, strongest = None, _CORRELATED
     for before, after in permutations(names, 2):
+        if not _are_ends(before, after):
+            continue
         a, b = whole[before], whole[after]
         if opposite:
             turned = abs(np.sign(a).mean()) > _MOSTLY and (np.sign(a) == -np.sign(b)).mean() > _MOSTLY
@@ -306,6 +328,13 @@ def _pair(whole: Columns, names: list[str], *, opposite: bool = False) -> tuple[
         if strength > strongest:
             best, strongest = (before, after), strength
     return best
+
+
+def _are_ends(before: str, after: str) -> bool:
+    """Whether names are those of one quantity before and after contact, or say nothing of it."""
+    times = [times_in(name, opposite=True) for name in (before, after)]
+    bare = [[word for word in name_words(name) if times_in(word, opposite=True) is None] for name in (before, after)]
+    return times == [None, None] or (times == ["pre", "post"] and bare[0] == bare[1])
 
 
 def _correlation(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
@@ -322,8 +351,8 @@ def _factor(name: str, stated: Mapping[str, Any]) -> str:
     return f"{math.prod(numbers):.6g}" if 0 < len(words) == len(numbers) else "?"
 
 
-def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool) -> list[str]:
-    """The command that reads the table once a person has filled in what is open."""
+def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool, every: bool) -> list[str]:
+    """The command that reads the table once a person has filled in what is open; `every` if each column is guessed."""
     by_ours = dict[str, list[str]]()
     for name, guess in guesses.items():
         text = setting_text(name) if name.isprintable() else "?"
@@ -336,10 +365,14 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
         if len(position) == 2:  # angles are from the first of them
             upright = [one.upright for one in guesses.values() if one.ours == "position"]
             position = [text for _, text in sorted(zip(upright, position, strict=True), key=lambda one: one[0])]
-        position = [*["?"] * (2 - len(position)), *position]
+        vertical = every and [guess.upright for guess in guesses.values() if guess.ours == "position"] == [True]
+        position = [*["{value: 0}" if vertical else "?"] * (2 - len(position)), *position]
+        by_ours |= {"angle": ["null"]} if vertical else {}
         columns = f"time: {by_ours.get('time', ['?'])[0]}, position: [{', '.join(position)}]"
         turned = by_ours.get("quaternion", [])
-        columns += f", quaternion: [{', '.join(turned)}]" if turned else f", angle: {by_ours.get('angle', ['?'])[0]}"
+        towards = [f"[{', '.join(by_ours['towards'])}]"] if "towards" in by_ours else ["?"]
+        angle = by_ours.get("angle", towards)[0]
+        columns += f", quaternion: [{', '.join(turned)}]" if turned else f", angle: {angle}"
         columns += f", recording: {by_ours['recording'][0]}" if "recording" in by_ours else ""
         verb, after, names = "impacts", " -o impacts.parquet", "position [x, y] or [x, y, z], angle null of a ball"
         forms = f"data.unit and data.angle state the units, null as they are found; {_FORMS}"
@@ -351,15 +384,20 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
         units |= {"unit": str(known["unit"])} if "unit" in known else {}
         stated = [f"data.{name}={one}" for name, one in units.items()]
     else:
-        wanted = ("qw", "qx", "qy", "qz") if "qw" in by_ours else ("theta",)
-        wanted += ("vx", "vy", "omega", "vx_post", "vy_post", "omega_post")
+        pairs = [pair for pair in (("vy", "vy_post"), ("speed", "speed_post"), ("height", "height_post"))
+                 if {*pair} & {*by_ours}] or [("vy", "vy_post")]  # fmt: skip
+        vocabulary = dict.fromkeys((*impact_vocabulary(PLANE), *impact_vocabulary(SPACE)))
+        wanted = [
+            ours for ours in vocabulary if ours in pairs[0] or (ours in by_ours and ours not in ("trial", "time"))
+        ]
         columns = ", ".join(f"{ours}: {by_ours.get(ours, ['?'])[0]}" for ours in wanted)
         verb, after, names, forms, stated = "audit", "", f"our names: {_NAMES}", _FORMS, list[str]()
-    words = [f"data.columns={{{columns}}}", "data.mass=?", "data.shape={kind: disc, radius: ?}"]
+    body = "sphere" if {"quaternion", "qw"} & {*by_ours} else "disc"
+    words = [f"data.columns={{{columns}}}", "data.mass=?", f"data.shape={{kind: {body}, radius: ?}}"]
     words += stated
     words += ["data.units.angle=?"] if "unit: deg" in columns and not of_frames else []  # of the spins
     quoted = " ".join(shlex.quote(word) if re.search(r"[ {]", word) else word for word in words)
     return [
-        f"correct what is wrong and fill in each ? (SI), or leave it out: {names}; {forms}",
+        f"correct what is wrong, fill in each ? (SI), and add what else was measured: {names}; {forms}",
         f"  contactlearn {verb} {shlex.quote(str(path))} {quoted}{after}",
     ]

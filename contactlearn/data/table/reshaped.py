@@ -3,12 +3,14 @@
 trial, phase, variable, value, unit      a row a number, as tidyr's pivot_longer and pandas' melt make
 run, Time interval 1 (s), 2 …            a row a run, with times of flight between bounces, or those of bounces
 run, Height 1 (m), Height 2 (m), 3 …     or heights of flights
+drop height, trial 1 (cm), trial 2 (cm)  repeats of a rebound, or of other columns, beside those that they share
 v_minus_1 … 3, v_plus_1 … 3              vectors whose components are numbered, as MATLAB writes matrices
 "[ 2.88 -1.13]", "(1.2, 3.4)", [1, 2]    a vector in a cell, as pandas writes arrays, and JSON has them
 """
 
+import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from statistics import mode
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from contactlearn.core.errors import DataError
-from contactlearn.data.table.columns import chains_in, recognised_columns, trial_column
+from contactlearn.data.table.columns import chains_in, recognised_columns, setting_text, trial_column
 from contactlearn.data.table.dialect import is_missing, is_numeral, text_of
 from contactlearn.data.table.names import components_of, is_unit, name_words, time_of, times_in
 from contactlearn.data.table.sheet import Cells, Sheet
@@ -57,7 +59,13 @@ def by_flight(cells: Sheet) -> Sheet:
     """
     chains = chains_in(cells.header)
     kept = [name for name in cells.header if not any(name in names for names in chains.values())]
-    if {"speed", "vy", "height"} & {*recognised_columns(kept)[1].names}:
+    alone = recognised_columns(kept)[1].names
+    if [*alone.keys() & {"speed", "vy", "height"}] == ["height"] and min(chains["height"].values(), default=0) == 1:
+        if math.factorial(len(chains["height"])) ** len(cells) < _ORDERS:  # repeats may fall by chance
+            return cells
+        chains = {"height": {alone["height"]: 0, **chains["height"]}}
+        kept.remove(alone["height"])
+    elif {"speed", "vy", "height"} & {*alone}:
         return cells
     found = next((one for kind, names in chains.items() if (one := _bounces(cells, kind, names))), None)
     if found is None:
@@ -93,7 +101,7 @@ def _bounces(
         return None
     if kind == "height":
         units = recognised_columns([re.sub(r"[\W_]*\d+", "", name, count=1) for name in names])[1].units
-        unit = Units({}, units)
+        unit = Units({}, {"height": next(iter(units.values()), {})})
         heights = [table.numbers(name, unit.text("height"), unit.factor("height")) for name in names]
         speeds = np.sqrt(2 * GRAVITY * np.stack(heights, 1).clip(min=0))
     else:
@@ -113,6 +121,87 @@ def _bounces(
     }[kind]
     later = numbers[0 if kind == "height" else 1 :]  # a flight k ends at bounce k + 1, or height k at bounce k
     return both.nonzero(), speeds[:, :-1], speeds[:, 1:], later, said
+
+
+def by_repeat(cells: Sheet) -> Sheet:
+    """Return a table with an impact for each of the numbered repeats that stand in a row; any other as it is.
+
+    Raises:
+        DataError: numbered heights of few rows may be those of one bounce after the other as well.
+    """
+    if not (repeats := repeats_in(cells.header)):
+        return cells
+    stems = [*next(iter(repeats.values()))]
+    taken = {name for names in repeats.values() for name in names.values()}
+    shared = [name for name in cells.header if name not in taken]
+    every = [names[stems[0]] for names in repeats.values()]
+    first = np.stack([replace(cells, gaps=True).numbers(name, "") for name in every])
+    if len(stems) == 1 and not (np.diff(first, axis=0) >= 0).any():
+        drop = setting_text(recognised_columns(shared)[1].names.get("height", "…"))
+        raise DataError(
+            f"{cells.path}: {', '.join(map(repr, every))} fall in each row: are they repeats, or one bounce after the "
+            f"other? For one of them, 'data.columns={{height: {drop}, height_post: {setting_text(every[0])}}}'; for "
+            "all, write a row a bounce, with what is before and after it"
+        )
+    places = [
+        (row, number) for number, names in repeats.items() for row in range(len(cells))
+        if not all(is_missing(cells.columns[cells.header.index(name)][row]) for name in names.values())
+    ]  # fmt: skip
+    places = sorted(places, key=lambda place: place[0])
+    of_trials = recognised_columns(shared)[1].names.get("trial") or trial_column(cells, shared)
+    named = cells.names(of_trials) if of_trials else [str(row + 1) for row in range(len(cells))]
+    column_of = dict(zip(cells.header, cells.columns, strict=True))
+    kept = [name for name in shared if name != of_trials]
+    columns: list[Cells] = [[f"{named[row]}/{number}" for row, number in places]]
+    columns += [[column_of[name][row] for row, _ in places] for name in kept]
+    columns += [[column_of[repeats[number][stem]][row] for row, number in places] for stem in stems]
+    return replace(
+        cells,
+        header=["trial", *kept, *stems],
+        columns=columns,
+        lines=None if cells.lines is None else [cells.lines[row] for row, _ in places],
+        read_as=(*cells.read_as, f"an impact for each of {every[0]!r} … {every[-1]!r} that is not empty"),
+    )
+
+
+def repeats_in(header: Sequence[str]) -> dict[int, dict[str, str]]:
+    """Return columns by the number of the repeat and by their names without it; none of another table.
+
+    They are heights or velocities after contact, beside what is before it.
+    """
+    families = dict[str, dict[int, str]]()
+    for group in (2, 1):  # without the number, or without the word before it as well
+        for name, match in [(each, one) for each in header for one in _NUMBER.finditer(each) if int(one[2])]:
+            stem = " ".join(f"{name[: match.start(group)]} {name[match.end() :]}".split())
+            families.setdefault(stem, {}).setdefault(int(match[2]), name)
+    families = {stem: names for stem, names in families.items() if len(names) > 1}
+    taken = {name for names in families.values() for name in names.values()}
+    opposite = ["out"] if any("out" in name_words(name) for name in header) else []
+    alone = recognised_columns([*(name for name in header if name not in taken), *opposite])[1].names
+    if {*_OUTCOMES} & {*alone}:
+        return {}
+    found, used = dict[str, dict[int, str]](), set[str]()
+    for stem, names in families.items():
+        unit = "".join(_UNIT_AT_END.findall(stem))
+        bare = stem if stem != unit or "height" not in alone else f"height {unit}".strip()  # trial 1 (cm), trial 2 (cm)
+        known = {*recognised_columns([bare, *opposite])[1].names} - {"trial", "time"}
+        if known and not used & {*names.values()}:
+            used |= {*names.values()}
+            found[f"{bare} after" if known & {"height", "speed"} & {*alone} else bare] = names
+    numbers = max((one.keys() for one in found.values()), key=len, default=set[int]())
+    found = {stem: names for stem, names in found.items() if names.keys() == numbers}
+    known = recognised_columns([*alone.values(), *found, *opposite])[1].names
+    before = {*alone, "height"} & {*known}  # others that are numbered too are vectors
+    if not any(one in known and one.removesuffix("_post") in before for one in _OUTCOMES):
+        return {}
+    return {number: {stem: names[number] for stem, names in found.items()} for number in sorted(numbers)}
+
+
+_OUTCOMES = ("vx_post", "vy_post", "vz_post", "speed_post", "height_post")
+_ORDERS = 1000  # of repeats, of which one would fall in all rows, from which on they are one bounce after the other
+_UNIT_AT_END = re.compile(r"\s*[\[(][^\])]*[\])]$")
+_NUMBER = re.compile(r"([^\W\d_]*[ _.#]*)(?<![\d.,])(\d+)(?!\d|[.,]\d)")
+"""A number in a name, with the word before it."""
 
 
 def is_long(cells: Sheet) -> bool:
@@ -270,6 +359,7 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     known = recognised_columns([*cells.header, *chain.from_iterable(names.values())])[1].names
     if len(turns) == 1 and "wx" in known and not {"q0", "qw"} & {*known, *chain.from_iterable(names.values())}:
         names[turns[0]] = ("q0", "q1", "q2", "q3")
+    names |= _twists({name: vectors[name] for name in vectors if name not in names}, opposite=opposite)
     header, columns, said = list[str](), list[Cells](), list[str]()
     for name, column in zip(cells.header, cells.columns, strict=True):
         if name not in names:
@@ -331,6 +421,21 @@ def _is_unit(parts: list[list[Any] | None]) -> bool:
     return len(whole) > len(parts) / 2 and bool(np.allclose(lengths, 1, atol=_OF_LENGTH_1))
 
 
+def _twists(vectors: Mapping[str, list[list[Any] | None]], *, opposite: bool) -> dict[str, tuple[str, ...]]:
+    """Components of the only two vectors of six numbers before and after contact, if one half goes to one side."""
+    whole = {name: parts for name, parts in vectors.items() if all(part and len(part) == 6 for part in parts)}
+    times = {times_in(name, opposite=opposite): name for name in whole}
+    if len(whole) != 2 or times.keys() != {"pre", "post"}:
+        return {}
+    one_sided = np.abs(np.sign(np.array(whole[times["pre"]], float)).mean(0))
+    linear_first, linear_last = (one_sided[half].max() > _ONE_SIDED for half in (slice(0, 3), slice(3, 6)))
+    if linear_first == linear_last:
+        return {}
+    order = ("vx", "vy", "vz", "wx", "wy", "wz") if linear_first else ("wx", "wy", "wz", "vx", "vy", "vz")
+    return {times["pre"]: order, times["post"]: tuple(f"{one}_post" for one in order)}
+
+
+_ONE_SIDED = 0.9  # share of impacts by which one sign of the normal velocity is more frequent, as of no spin
 _OF_LENGTH_1 = 1e-3  # of a quaternion with four decimals
 
 

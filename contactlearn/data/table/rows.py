@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from contactlearn.core.errors import DataError
 from contactlearn.data.table.dialect import COMMENT, Header, is_blank, is_missing, is_numeral, text_of
 from contactlearn.data.table.names import name_words
 from contactlearn.data.table.sheet import Cells, Sheet
@@ -31,6 +32,8 @@ _COUNTED = re.compile(
     r"(?:totale?|sum|summe|somme|suma|somma|min\w*|max\w*|anzahl|count|range|n|σ|s)[.:]?", re.IGNORECASE
 )
 """Words that may be names of groups, too: of statistics only where the other cells of the column are numbers."""
+_OF_BODY = re.compile(r"\b(?:mass|masse|masa|massa|diameter|durchmesser|diamètre|radius|m)\s*[=:]\s*\d", re.IGNORECASE)
+"""In the title of a further table it says that its body is another one."""
 _RULE = re.compile(r"[-=_*~ .]{3,}")
 _REMARKS = {"remark", "remarks", "comment", "comments", "note", "notes", "bemerkung", "bemerkungen", "kommentar",
             "remarque", "remarques", "commentaire", "observaciones", "notas", "osservazioni"}  # fmt: skip
@@ -53,15 +56,19 @@ class Impactful:
 
 
 def impactful(
-    rows: Sequence[Row], header: Header, *, aligned: bool = False, numeric: tuple[bool, ...] | None = None
+    rows: Sequence[Row], header: Header, source: str, *, aligned: bool = False, numeric: tuple[bool, ...] | None = None
 ) -> Impactful:
     """Return the rows of a table without statistics, notes and further headers.
 
     Args:
         rows: below the header.
         header: of the table.
+        source: of the rows, in errors.
         aligned: whether spaces separate the cells, so that a note has several.
         numeric: which columns are of numbers, where rows above these have told.
+
+    Raises:
+        DataError: titles between the rows are of further bodies.
     """
     width, again = len(header.names), {next(filter(None, row), ""): row for row in header.raw}
     suspects = dict[int, str]()
@@ -82,6 +89,12 @@ def impactful(
             return Impactful(rows=[*rows], read_as=(), numeric=())
         others = others[:_LOOKED_AT]
         numeric = tuple(2 * sum(is_numeral(cells[i]) for cells in others) > len(others) for i in range(width))
+    titles = [text_of(next(filter(None, cells))) for k, (_, cells) in enumerate(rows) if suspects.get(k) == "note"]
+    if bodies := [title for title in titles if _OF_BODY.search(title)]:
+        raise DataError(
+            f"{source}: tables of several bodies stand one below the other, such as that below {bodies[0]!r}: write "
+            "one table, a row an impact, with columns object and mass, or a file for each body"
+        )
     left = [k for k, kind in sorted(suspects.items()) if numeric and _is_left_out(rows[k][1], kind, numeric)]
     if not left:
         return Impactful(rows=[*rows], read_as=(), numeric=numeric)

@@ -3,8 +3,11 @@
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
+from contactlearn.data.table.dialect import is_missing
 from contactlearn.data.table.names import impact_vocabulary, recognise
+from contactlearn.data.table.sheet import Cells, Sheet
 from contactlearn.mechanics.space import PLANE
 
 _NEEDED = ("vx", "vy", "vx_post", "vy_post")
@@ -27,6 +30,36 @@ def refusal_of_several(header: Sequence[str]) -> str:
         f"each row has the impacts of {len(bodies)} bodies, {', '.join(bodies)}; choose one, for {first} "
         f"'data.columns={{{mapped}}}', or write a row for each body, with its name in a column object"
     )
+
+
+def runs_in(header: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Return places of columns by the number of the run and by their names without it, where runs stand side by side.
+
+    Such are Time Run 1, Position Run 1, Time Run 2 …; none of any other header.
+    """
+    runs = dict[str, dict[str, int]]()
+    for k, name in enumerate(header):
+        if match := _RUN.search(name):
+            runs.setdefault(match[1], {})[name[: match.start()].strip()] = k
+    first = next(iter(runs.values()), {})
+    whole = len(first) > 1 and len(header) == len(first) * len(runs)
+    return runs if len(runs) > 1 and whole and all(one.keys() == first.keys() for one in runs.values()) else {}
+
+
+def runs_below(cells: Sheet) -> Sheet:
+    """Return a table whose runs stand side by side with one below the other; any other as it is."""
+    if not (runs := runs_in(cells.header)):
+        return cells
+    first = next(iter(runs.values()))
+    places = [
+        (run, row) for run, one in runs.items() for row in range(len(cells))
+        if not all(is_missing(cells.columns[k][row]) for k in one.values())
+    ]  # fmt: skip
+    columns: list[Cells] = [[f"run {run}" for run, _ in places]]
+    columns += [[cells.columns[runs[run][name]][row] for run, row in places] for name in first]
+    lines = None if cells.lines is None else [cells.lines[row] for _, row in places]
+    said = f"{len(runs)} runs side by side, their numbers in the column 'recording'"
+    return replace(cells, header=["recording", *first], columns=columns, lines=lines, read_as=(*cells.read_as, said))
 
 
 def refusal_side_by_side(header: Sequence[str]) -> str:

@@ -62,7 +62,8 @@ class Layout:
         time: of the time in s; None if the frame rate says it.
         rate: frames a second, for files without a column of times; one that contradicts this column is an error.
         position: of x and y, or of x, y and z; of arrays one may hold all, and of a quaternion likewise.
-        angle: of the angle in the plane; None if none was measured, as of a ball.
+        angle: of the angle in the plane; None if none was measured, as of a ball; or [x, y] of a further point of the
+            body, to which the angle points from the position.
         quaternion: of its four components; the order is read off names that end in w, x, y and z.  Three are turns
             about x, y and z, or a vector of rotation; nine a matrix, row by row.
         recording: of the recording's name, in a file with several; None if there is one a file.
@@ -118,6 +119,8 @@ class Layout:
 
     def _named(self, field: str, entry: Any) -> str | None:
         """The name of a column; that of one which settings make ends as its source does, and shows the order."""
+        if field == "angle" and isinstance(entry, Sequence) and not isinstance(entry, str):
+            entry = {"towards": self._all_named("angle", entry)}
         if not isinstance(entry, Mapping):
             return None if entry is None else str(entry)
         like = {"time": "time", "angle": "theta", "quaternion": "theta"}.get(field, "x")

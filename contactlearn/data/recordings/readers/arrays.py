@@ -108,7 +108,7 @@ def _leaves(
         for name, one in sorted(content.items(), key=lambda item: str(item[0])):
             yield from _leaves((*names, str(name)), one, layout, above)
     elif isinstance(content, list | tuple) or (len(np.shape(content)) == 3 and _pose(content) is None):
-        for k, one in enumerate(content):
+        for k, one in enumerate(_by_recording(content)):
             body = _body_name(names, one, k)
             own = (*names, body) if body else (" ".join((*names[:1], str(k))), *names[1:])
             yield from _leaves(own, one, layout, above)
@@ -126,6 +126,15 @@ def _apart(names: tuple[str, ...], arrays: dict[str, Any], layout: Layout) -> It
     for k in range(both[0]):
         own = {name: one[k] if np.shape(one)[:2] == both else one for name, one in arrays.items()}
         yield (" ".join((*names[:1], str(k))), *names[1:]), own
+
+
+def _by_recording(content: Any) -> Any:
+    """Poses [recordings, T, …] of those that are [T, recordings, …], in which frames, the first axis, change less."""
+    if getattr(content, "ndim", 0) != 3 or min(content.shape) < 2:
+        return content
+    values = np.asarray(content, dtype=np.float64)[..., :2]
+    steps = [np.nanmedian(np.abs(np.diff(values, axis=axis))) for axis in (0, 1)]
+    return np.swapaxes(content, 0, 1) if steps[0] < steps[1] else content
 
 
 def _body_name(names: tuple[str, ...], one: Any, place: int) -> str:

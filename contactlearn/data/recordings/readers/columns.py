@@ -31,6 +31,7 @@ from contactlearn.data.table import DELIMITED, raw_cells
 from contactlearn.data.table.dialect import MISSING, WIDE, Dialect, Header, Numerals, csv_rows, sniffed
 from contactlearn.data.table.mapped import stated_column
 from contactlearn.data.table.names import unit_as_written
+from contactlearn.data.table.several import runs_in
 from contactlearn.data.table.units import Units
 
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
@@ -293,6 +294,10 @@ def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     columns = dict[str, Array]()
     for name, (field, like, entry) in layout.made.items():
         setting = f"{path}: data.columns.{field}"
+        if "towards" in entry:
+            centre, point = (_columns(str(path), table, names) for names in (layout.position[:2], entry["towards"]))
+            columns[name] = np.arctan2(*(point - centre).T[::-1])
+            continue
         one = stated_column(setting, entry, like, [*map(str, table.columns)])
         if field == "quaternion" and one.unit and len(layout.quaternion) != 3:
             raise DataError(f"{setting}: a quaternion and a matrix have no unit, got {one.unit}; leave it out")
@@ -374,6 +379,9 @@ def nested_table(path: Path) -> pd.DataFrame | None:
         return unfolded(frame_of(raw_cells(path))) if suffix in TABLES else None
     if (frames := titled(path)) is not None or export_of(path) is not None:
         return frames
+    with suppress(DataError):  # `_parts` says what is wrong
+        if runs_in(_placed(path)[0].header.names):
+            return frame_of(raw_cells(path))
     if _plain(path):
         return None
     with suppress(DataError):  # `_parts` says what is wrong

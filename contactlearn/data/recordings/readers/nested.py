@@ -10,7 +10,7 @@ vectors      [0.1, 0.2], (1 2 3), Quaternion{Float64}(1.0, 0.0, 0.0, 0.0): sever
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -93,10 +93,13 @@ def json_table(path: Path) -> pd.DataFrame:
     content = json_content(path, most=_LARGEST)
     parts = [*_recordings(content, "")]
     if not parts:
+        first = content[0] if isinstance(content, list) and content else content
+        seen = f" (it has {', '.join(map(str, first))})" if isinstance(first, dict) else ""
         raise DataError(
             f"{path}: holds neither frames nor impacts; of JSON are read a list of frames "
             '[{"time": 0, "x": 0.1, "y": 0.2, "theta": 0.3}, …], lists by name {"time": […], "x": […], …}, and a list '
             'or an object of such recordings; and a list of impacts [{"vx": 0.1, …, "vx_post": 0.2}, …]'
+            f"{seen}"
         )
     return parts[0][1] if len(parts) == 1 else pd.concat([table.assign(recording=name) for name, table in parts])
 
@@ -165,8 +168,8 @@ def _are_vectors(column: pd.Series) -> bool:
 
 def _recordings(content: Any, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
     """Each recording by its name."""
-    if isinstance(content, list) and content and all(map(_is_frame, content)):
-        yield name, pd.DataFrame([_flat(frame) for frame in content])
+    if isinstance(content, list) and (frames := _plain(content)):
+        yield name, pd.DataFrame(frames)
     elif isinstance(content, list):
         for number, part in enumerate(content):
             own = [part[key] for key in ("name", "id", *RECORDED) if key in part] if isinstance(part, dict) else []
@@ -194,14 +197,18 @@ def _timed(table: pd.DataFrame, about: Mapping[str, Any]) -> pd.DataFrame:
     return table if rate is None or timed else table.assign(time=[k / rate for k in range(len(table))])
 
 
-def _is_frame(content: Any) -> bool:
-    """Whether an object holds numbers, text, and lists of a few numbers."""
-    if not isinstance(content, dict) or not content:
-        return False
-    values = _flat(content).values()
-    return not any(isinstance(one, list | dict) for one in values) and any(
-        isinstance(one, int | float) for one in values
-    )
+def _plain(frames: Sequence[Any]) -> list[dict[str, Any]]:
+    """The numbers and texts of frames, without lists such as the tags that were seen; none of anything else."""
+    if not frames or not all(isinstance(frame, dict) and frame for frame in frames):
+        return []
+    ragged = {
+        name for name in frames[0]
+        if len({len(frame[name]) for frame in frames if isinstance(frame.get(name), list)}) > 1
+    }  # fmt: skip
+    flat = [_flat({name: one for name, one in frame.items() if name not in ragged}) for frame in frames]
+    values = [one for frame in flat for one in frame.values()]
+    nested = any(isinstance(one, list | dict) for one in values)
+    return [] if nested or not any(isinstance(one, int | float) for one in values) else flat
 
 
 def _matrix(one: Any) -> list[list[float]] | None:
