@@ -293,7 +293,9 @@ def drop_proxy_effects(
     fit = selection.present.fit
     dependence = find_state_dependence(impacts, fit, selection.pool.best().fit, options, thresholds, block)
     tested = replace(search, state_dependence=dependence)
-    if dependence is None or not dependence.large:
+    removed = selection.base.mean_error - selection.present.mean_error
+    form = thresholds.form_error * removed  # an effect whose form is not quite that of the catalogue leaves a part
+    if dependence is None or not dependence.large or dependence.share.mean * selection.present.mean_error < form:
         return tested
     path = selection.path()
     spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
