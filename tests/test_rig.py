@@ -9,7 +9,7 @@ import torch
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import balance
-from contactlearn.data.audit.rig import changed, one_point, simplest_rig, with_balance
+from contactlearn.data.audit.rig import changed, one_point, reshaped, simplest_rig, with_balance
 from contactlearn.data.audit.trials import rig_notes
 from contactlearn.data.recordings.flights import Air, fit
 from contactlearn.data.recordings.track import Track
@@ -201,3 +201,9 @@ def test_a_table_has_the_simplest_rig_that_closes_its_balance_proposed():
         assert abs(one.value - TRUTH[name]) < 4 * one.error
     assert fit.remaining < 0.5 * fit.physical
     assert simplest_rig(changed(impacts, TRUTH)) is None
+
+
+def test_an_ellipse_of_the_balance_keeps_its_axes():
+    """A step of the fit may take more off an axis than it has."""
+    flat = reshaped(Ellipse((0.03, 0.02)), {"oblong": -1.0})
+    assert flat.semi_axes == (0.015, 0.02)

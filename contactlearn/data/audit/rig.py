@@ -148,7 +148,7 @@ def reshaped(shape: Shape, change: Mapping[str, float]) -> Shape:
                 shape, corner=min(max(shape.corner + change.get("corner", 0.0), 0.0), shape.largest_corner())
             )
         case Ellipse(semi_axes=(a, b)):
-            longer = change.get("oblong", 0.0)
+            longer = max(change.get("oblong", 0.0), -max(a, b) / 2)
             return Ellipse((a + longer * (a > b), b + longer * (a <= b)))
         case _:
             return shape
