@@ -80,9 +80,9 @@ def test_an_effect_that_leaves_a_little_of_its_own_dependence_is_no_proxy():
 def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     """Each name has one row: found, or a candidate for one reason."""
     curve, linear = (EffectId("velocity_dependent_friction", form) for form in ("curve", "linear"))
-    drag = EffectId("side_drag", "linear")
+    drag, plain = EffectId("side_drag", "linear"), SimpleNamespace(shown_equation="", parameters=())
     fit = SimpleNamespace(
-        model=SimpleNamespace(effects={one.name: SimpleNamespace(shown_equation="", parameters=()) for one in (curve, drag)}),
+        model=SimpleNamespace(effects=dict.fromkeys((curve.name, drag.name), plain)),
         parameters=(), values=torch.zeros(0), standard_errors=torch.zeros(0), at_ends=set,
     )  # fmt: skip
 
