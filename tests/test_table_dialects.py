@@ -281,6 +281,11 @@ def test_spreadsheets(tmp_path, frame, suffix):
     with pd.ExcelWriter(path, engine=engine) as writer:
         for name in ("monday", "tuesday"):
             frame.to_excel(writer, sheet_name=name, index=False)
+    both = table.read(path, **BODY)  # of one header, one below the other
+    assert len(both.impacts) == 2 * len(frame)
+    with pd.ExcelWriter(path, engine=engine) as writer:
+        frame.to_excel(writer, sheet_name="monday", index=False)
+        frame.drop(columns="theta").to_excel(writer, sheet_name="tuesday", index=False)
     with refused(["tables of numbers in its worksheets 'monday', 'tuesday'"]):
         table.read(path, **BODY)
     path.write_bytes(path.read_bytes()[:-400])
@@ -963,7 +968,8 @@ def test_init_to_verdict_in_three_commands(tmp_path, frame, monkeypatch):
     assert "wrong" not in printed
     direct = run("contactlearn", "audit", "drops.txt", "data.mass=0.0364", shape, cwd=".")
     assert "read as: semicolons; decimal commas; omega is 'omega [rpm]' in rev/min" in direct
-    assert direct.splitlines()[2:] == printed.splitlines()[2:]
+    said = [[line for line in one.splitlines()[2:] if not line.startswith("next:")] for one in (direct, printed)]
+    assert said[0] == said[1]
 
 
 def test_a_file_of_tum_poses_is_a_recording(tmp_path):

@@ -467,9 +467,11 @@ def test_a_surface_that_another_velocity_has_after_contact():
     torch.testing.assert_close(found.impacts.v_post[:, 1], drops.v_post[:, 1] - 0.25)
 
 
-def test_a_column_that_may_be_the_surface_is_pointed_out(tmp_path):
-    frame = synthetic.load(size=30).to_frame().assign(racket_speed=0.5)
+def test_a_column_that_may_be_the_surface_is_asked_for(tmp_path):
+    frame = synthetic.load(size=30).to_frame().assign(racket_speed=0.0)
     frame.to_csv(tmp_path / "a.csv", index=False)
-    assert "look at 'racket_speed': if it is the velocity of the surface" in run(
-        "contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE
-    )
+    ask = ("contactlearn", "audit", str(tmp_path / "a.csv"), ELLIPSE)
+    said = run(*ask, status=2)
+    assert "'racket_speed' is a velocity of what the body hits, which is taken off" in said
+    for setting in re.findall(r"'(data\.[^']*)'", said):  # each way that it names
+        assert "30 impacts" in run(*ask, setting)

@@ -126,7 +126,6 @@ _ALIASES = {
 _WITH_UNIT = {
     **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
     **{"i": "inertia", "tid": "time", "drop": "height", "bounce": "height_post"},
-    **dict.fromkeys(("side", "sidespin", "english"), "omega"),
 }
 """Words that are no other thing only where the unit says so."""
 _LINEAR = ("v", "vel", "velocity", "velocities", "speed", "linear", "linearvelocity", "linvel", "vlin", "vcm",
