@@ -151,7 +151,10 @@ def test_a_law_that_is_given_is_compared_with_the_others():
     assert errors["whittaker"] > 3 * errors["mirtich"]
     assert found.better_law.name == "mirtich"
     assert found.verdict == "unknown"
-    assert headline(found) == "Whittaker does not describe these data; Mirtich does better: try law=mirtich."
+    assert (
+        headline(found)
+        == "The Whittaker law does not describe these data; the Mirtich law does better: try law=mirtich."
+    )
     assert any(one.startswith("Mirtich alone has an error of") for one in grounds(found))
 
 

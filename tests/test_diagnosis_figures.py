@@ -255,7 +255,7 @@ def test_errors_of_law_and_model_are_those_of_all_trials(found):
         last = order[-20:]
         assert middle == pytest.approx((np.median(impacts.v_pre[last, 2]), np.median(errors[last])))
     title = " ".join(axes.get_title().replace("\u00a0", " ").splitlines())
-    assert title == "-3 ≤ ω < 2.5 rad/s 2.3 times the rest's error, 250 trials, p = 3e−8"
+    assert title == "-3 ≤ ω < 2.5 rad/s 2.3× the error elsewhere, 250 trials, p = 3e−8"
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])

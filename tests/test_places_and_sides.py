@@ -112,7 +112,7 @@ def test_a_model_prints_places_in_metres():
     """Half a span is 0.3 m here, its middle at 0.1 m."""
     (stretch,) = (kind for kind in catalogue()[FLOOR.format("restitution")] if kind.form == "stretch")
     effect = stretch(span=(-0.2, 0.4), a=-0.2, d=0.5, b=0.2)
-    printed = str(ContactModel(find("wang_mason"), {effect.name: effect}))
+    printed = str(ContactModel(find("wang_mason"), effects={effect.name: effect}))
     assert "ε ← ε + a exp(−((x − d)/b)²ⁿ), a = −0.2, d = 0.25 m, b = 0.06 m, n = 3" in printed
 
 

@@ -282,8 +282,8 @@ def test_identification_agrees_with_the_plane():
 def test_a_fit_refuses_what_does_not_exist_in_space():
     with pytest.raises(ContactLearnError, match=r"law mirtich .* exists for bodies that move in a plane alone"):
         joint.fit(SPATIAL, find("mirtich", "fazeli2017"))
-    with pytest.raises(ContactLearnError, match="effect contact_patch:linear exists for bodies that move in"):
-        joint.fit(SPATIAL, "whittaker", ["contact_patch"])
+    with pytest.raises(ContactLearnError, match="effect directional_friction:instant exists for bodies that move in"):
+        joint.fit(SPATIAL, "whittaker", ["directional_friction"])
 
 
 OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))

@@ -354,7 +354,7 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     assert events.Scalars("mass_error/model")[0].value == torch.tensor(ladder[len(found.missing)]).item()
     assert "figures/ladder" in events.Tags()["images"]
     rows = card(events)
-    assert "missing from Wang–Mason" in dict(row[:2] for row in rows)["Verdict"]
+    assert "missing from the Wang–Mason law" in dict(row[:2] for row in rows)["Verdict"]
     assert dict(row[:2] for row in rows)["Verdict"] == result.headline
     assert result.headline in html.unescape((runs[0] / "diagnose" / "report.html").read_text())
     assert dict(row[:2] for row in rows)["Use it"] == f"contactlearn train model={folder / 'diagnose'}"

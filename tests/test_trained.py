@@ -59,7 +59,7 @@ def copied(model, folder, change=lambda provenance: provenance):
 def test_the_printed_line_judges_it_on_other_data_and_trains_nothing(trained, tmp_path):
     folder, printed = trained
     before = (folder / "model.pt").read_bytes()
-    (line,) = re.findall(r"^next +(contactlearn .*) data=…$", printed, re.MULTILINE)
+    (line,) = re.findall(r"^next: (contactlearn evaluate checkpoint=\S+) .*$", printed, re.MULTILINE)
     assert f"checkpoint={folder / 'model.pt'}" in line
     with patch("contactlearn.inference.learning.recipe.Regressor.fit", side_effect=AssertionError):
         printed = run(*shlex.split(line), *OTHERS, f"hydra.run.dir={tmp_path}")

@@ -14,7 +14,6 @@ from contactlearn.data.table.several import refusal_side_by_side
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ("Time (s) Run #1,X (m) Run #1,Y (m) Run #1,Time (s) Run #2,X (m) Run #2,Y (m) Run #2", "2 tables stand side"),
         ("n,vx,vy,w,vx after,vy after,w after,,n,vx,vy,w,vx after,vy after,w after", "2 tables stand side by side"),
     ],
 )

@@ -440,10 +440,12 @@ def test_the_model_is_exported_and_a_plan_needs_a_search(session, models, tmp_pa
     files = FileCallbacks(models, SavedRuns(tmp_path))
     for target, name, start in (("c", "impact.c", b"/*"), ("json", "impact.json", b"{")):
         sent, trouble = files.export(1, target, session.address)
-        assert (sent["filename"], trouble) == (name, "")
+        assert trouble == ""
+        assert sent["filename"] == name
         assert base64.b64decode(sent["content"]).startswith(start)
-    archive, _ = files.export(1, "mujoco", session.with_effect(DRAG).address)
-    assert archive["filename"] == "impact.xml"  # a loss of speed is no coefficient, so no hook is needed
+    sent, trouble = files.export(1, "mujoco", session.with_effect(DRAG).address)  # of a body without a shape
+    assert trouble.startswith("a scene needs the one shape of the body")
+    assert sent is no_update
     (refusal,) = files.plan(1, "", None)
     assert refusal.children.startswith("search laws and effects first")
 

@@ -88,7 +88,11 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
         return cells[: len(header)]
     short = "a missing separator, or a truncated file?"
     points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell.strip()) for cell in cells)
-    long = "a separator inside a cell, which wants quotes, or a name too few?" if points else "a decimal comma?"
+    long = (
+        "a decimal comma, another separator inside a cell, which wants quotes, or a name too few?"
+        if points
+        else "a decimal comma?"
+    )
     hint = long if len(cells) > len(header) else short
     taken = " ".join(header)
     taken = taken if len(taken) <= _SHOWN else f"{taken[:_SHOWN]}…"

@@ -171,7 +171,7 @@ def filled_down(cells: Sheet) -> Sheet:
         if is_merged(name, cells.columns[k]):
             above: list[Any] = []
             for cell in cells.columns[k]:
-                above.append(above[-1] if is_missing(cell) else cell)
+                above.append(above[-1] if is_blank(cell) else cell)
             columns[k] = above
             filled.append(name)
     if not filled:
@@ -184,9 +184,9 @@ def is_merged(name: str, column: Cells) -> bool:
     """Return whether the names of a column are those of the rows below them, too, which are most of the rows."""
     if not isinstance(column, list) or not column or not isinstance(first := column[0], str):
         return False
-    if is_missing(first) or is_numeral(first) or not any(map(is_missing, column)):
+    if is_blank(first) or is_numeral(first) or not any(map(is_blank, column)) or name == "trial":  # each has its own
         return False
-    present = [cell for cell in column if not is_missing(cell)]
+    present = [cell for cell in column if not is_blank(cell)]
     return (
         2 * len(present) <= len(column)
         and all(isinstance(cell, str) and not is_numeral(cell) and len(cell.split()) <= _MOST_WORDS for cell in present)

@@ -130,7 +130,7 @@ def _apart(names: tuple[str, ...], arrays: dict[str, Any], layout: Layout) -> It
 
 def _by_recording(content: Any) -> Any:
     """Poses [recordings, T, …] of those that are [T, recordings, …], in which frames, the first axis, change less."""
-    if getattr(content, "ndim", 0) != 3 or min(content.shape) < 2:
+    if getattr(content, "ndim", 0) != 3 or not 1 < content.shape[1] < content.shape[0]:  # frames are more
         return content
     values = np.asarray(content, dtype=np.float64)[..., :2]
     steps = [np.nanmedian(np.abs(np.diff(values, axis=axis))) for axis in (0, 1)]
