@@ -91,6 +91,8 @@ DIALECTS = {
     "UTF-16 without a mark": (".csv", lambda f: text(f, "\t").encode("utf-16-le"), ("UTF-16", "tabs")),
     "Shift-JIS": (".csv", lambda f: text(f.assign(測定者=1.0)).encode("cp932"), ("Shift-JIS",)),
     "UTF-16": (".csv", lambda f: text(f, "\t").encode("utf-16"), ("UTF-16", "tabs")),
+    "Windows-1251": (".csv", lambda f: text(f.assign(Проверка=1.0, Примечание=2.0, Испытание=3.0, Поверхность=4.0,
+        Температура=5.0)).encode("cp1251"), ("Windows-1251",)),
     "Windows-1252": (".csv", lambda f: text(f.assign(Prüfer=1.0)).encode("cp1252"), ("Windows-1252",)),
     "comments": (".csv", lambda f: ("# drops, 3 May\n\n% camera 2\n" + text(f)).encode(), ("2 comment lines above",)),
     "a header in a comment": (".csv", lambda f: ("# " + text(f)).encode(), ("names in the last comment",)),

@@ -1,6 +1,7 @@
 """Readers of recordings: what is written is read, and what cannot be read is one clear line."""
 
 import json
+import re
 import sys
 import tracemalloc
 from io import StringIO
@@ -626,6 +627,8 @@ def exported(kind: str, folder: Path) -> Path:
         if kind.startswith("qualisys bodies"):
             rotation = "\t".join(f"Rot[{k}]" for k in range(9))
             head += f"{'box ' * ('named' in kind)}X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t{rotation}\n"
+            if "everywhere" in kind:  # before the name of each column
+                head = re.sub(r"(?<=[\n\t])(?=[XYZ]\t|R[a-z])", "box ", head)
             turned = R.transpose(0, 2, 1).reshape(n, 9)
             frames = np.column_stack((1000 * one.position, np.zeros((n, 4)), turned))
         else:
@@ -652,7 +655,16 @@ def exported(kind: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "kind", ["qualisys", "qualisys timed", "qualisys bodies", "qualisys bodies named", "vicon", "vicon objects"]
+    "kind",
+    [
+        "qualisys",
+        "qualisys timed",
+        "qualisys bodies",
+        "qualisys bodies named",
+        "qualisys bodies everywhere",
+        "vicon",
+        "vicon objects",
+    ],
 )
 def test_exports_of_space(kind, tmp_path):
     """Read without any setting: place, turns, unit and times."""

@@ -42,6 +42,8 @@ _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ":
 WIDE = "  "
 """The separator of columns that two or more blanks part, so that one blank is a part of a cell."""
 _BLANKS = re.compile(r"[ \t]*(?:\t| {2})[ \t]*")
+_ENCODINGS = {"cp1252": "Windows-1252", "cp1251": "Windows-1251", "cp932": "Shift-JIS"}
+"""Names of encodings that are no Unicode."""
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
 MISSING = frozenset(
@@ -191,11 +193,7 @@ class Dialect:
         parts = [f"a table of {self.language}"] if self.language else [parted] * (self.separator != ",")
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
-        parts += (
-            []
-            if self.encoding.startswith("utf-8")
-            else [{"cp1252": "Windows-1252", "cp932": "Shift-JIS"}.get(self.encoding, "UTF-16")]
-        )
+        parts += [_ENCODINGS.get(self.encoding, "UTF-16")] * (not self.encoding.startswith("utf-8"))
         parts += (
             [f"{self.comments} comment {'line' if self.comments == 1 else 'lines'} above the header"]
             if self.comments
@@ -315,8 +313,10 @@ def _encoding(path: Path, head: bytes) -> str:
         return "utf-8"
     if _is_japanese(decoded.get("cp932", "")):
         return "cp932"
-    if "cp1252" in decoded and b"\0" not in head:
-        return "cp1252"
+    if b"\0" not in head and (text := decoded.get("cp1252", "")):
+        letters = [letter for letter in text if letter.isalpha()]
+        # In words of Western Europe few letters have accents; in Cyrillic ones of Windows-1251 all look as if.
+        return "cp1251" if 2 * sum(letter > "\x7f" for letter in letters) > len(letters) else "cp1252"
     raise DataError(f"{path}: is neither UTF-8, Windows-1252 nor Shift-JIS text; save it as 'CSV UTF-8'")
 
 

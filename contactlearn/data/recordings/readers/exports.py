@@ -168,8 +168,8 @@ def _qualisys(rows: Rows) -> Export | None:
         names = [*(("frame", "time")[: width - len(names)]), *names]
         return Export(names=padded(names, rows[first]), above=first, rate=rate, unit="mm", points=points)
     bodies, header = [*_trimmed(about.get("BODY_NAMES", []))], rows[first - 1]
-    begins = [f"{body} X" for body in bodies]
-    header = ["X" if cell in begins else cell for cell in header]
+    begins = tuple(f"{body} " for body in bodies)  # puck X, puck Rot[0]
+    header = [next((cell.removeprefix(one) for one in begins if cell.startswith(one)), cell) for cell in header]
     if not bodies or header.count("X") != len(bodies):
         return None
     named = [cell for cell in header if not (cell in bodies and len(header) > len(rows[first]))]
