@@ -1530,3 +1530,13 @@ def test_init_writes_what_it_has_seen_and_asks_for_the_rest(tmp_path, frame, mon
     assert found.covariates["ground"][:3] == ("clay", "grass", "carpet")
     with pytest.raises(AssertionError, match=r"init only takes data.KEY=…"):
         run("contactlearn", "init", "rig.csv", "model=all", "--name", "other", cwd=".")
+
+
+@pytest.mark.parametrize("angle", ["入射角 (°)", "Угол отклонения, °"])
+def test_speeds_beside_an_angle_in_degrees_are_not_along_the_normal(tmp_path, angle):
+    """Whatever its language says."""
+    path = tmp_path / "a.csv"
+    rows = [f"{7 - k / 10},{6 - k / 10},{20 + k}" for k in range(12)]
+    path.write_text("\n".join([f"speed before (m/s),speed after (m/s),{angle.replace(',', '')}", *rows]), "utf-8")
+    with refused(["may be the direction of 'speed before (m/s)'"]):
+        table.read(path, **BALL)

@@ -305,6 +305,7 @@ class AlongFloor(_OnSpan):
     """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u is the place on the span, or its nearer end."""
 
     argument: ClassVar[Argument] = PLACE
+    formula: ClassVar[str]
     c1: Tensor | float = usual_parameter("c₁")
     c2: Tensor | float = usual_parameter("c₂")
     c3: Tensor | float = usual_parameter("c₃")

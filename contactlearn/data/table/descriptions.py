@@ -472,7 +472,12 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool)
     if ends[""] is None or (ends["_post"] is None and coefficient is None):
         return cells
     speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
-    angles = [name for name in known.others if _ANGLES.intersection(name_words(name))]
+    vocabulary = impact_vocabulary(PLANE)
+    angles = [
+        name
+        for name in known.others
+        if _ANGLES.intersection(name_words(name)) or unit_in(name, "theta", vocabulary).get("angle") == "deg"
+    ]
     if speeds and angles and not asked:
         return cells
     if speeds and angles:
@@ -480,12 +485,14 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool)
             f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
             "from normal', with its unit, or leave it out of the table"
         )
-    told = next((known.units[column] for column in ends.values() if column in known.units), {})
+    told = next((known.units[column] for column in ends.values() if column and column in known.units), {})
     alike = "length" not in units.stated  # the one end without a unit is in that of the other
     of_ends = {column: known.units.get(column, told if alike else {}) for column in ends.values() if column}
     header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, of_ends)
     factor = Units(units.stated).factor("vy")
-    for end, column in ((end, column) for end, column in ends.items() if column is not None):
+    for end, column in ends.items():
+        if column is None:
+            continue
         place = header.index(known.names[column])
         values = cells.numbers(known.names[column], sheet_units.text(column), sheet_units.factor(column))
         speeds = np.sqrt(2 * GRAVITY * np.abs(values)) if column.startswith("height") else np.abs(values)
