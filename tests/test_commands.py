@@ -382,7 +382,7 @@ def test_published_table_beside_ours(ellipse_drops, tmp_path):
         assert re.search(rf"Whittaker +.*{value}", printed)
     assert re.search(r"settled +published", printed)
     assert re.search(r"Whittaker .* 50 *$", printed, re.MULTILINE)
-    assert re.search(r"X2 → impulse .* 100 +\d", printed)
+    assert re.search(r"X2 → impulse .* 100 *$", printed, re.MULTILINE)
 
 
 @pytest.mark.parametrize("script", ["train.py", "evaluate.py"])
