@@ -25,14 +25,13 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
-from contactlearn.core.numerics import number
 from contactlearn.data.audit.incline import floor_angle, levelled
 from contactlearn.data.audit.moments import Columns, torque
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
 from contactlearn.data.audit.thresholds import AuditThresholds
-from contactlearn.data.audit.trials import outliers, repeated, saturated
+from contactlearn.data.audit.trials import named_by_mass, outliers, repeated, saturated
 from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
@@ -519,7 +518,7 @@ CORRECTIONS = {
     ),
     "named_by_mass": Correction(
         "bodies have no names, but a few masses: trials of one mass are of one body",
-        lambda impacts, _: impacts.replace(object=tuple(f"{number(1e3 * m, 4)} g" for m in impacts.mass.tolist())),
+        lambda impacts, _: impacts.replace(object=named_by_mass(impacts)),
     ),
     "contact_from_shape": Correction(
         "contact points are known better from the shape than they are measured: those of the shape are used",

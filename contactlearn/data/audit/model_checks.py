@@ -159,8 +159,8 @@ def noise_notes(
         without = held_out(changed)
         if without <= error:
             sentence = (
-                f"{CORRECTIONS[name].description}: {said} {spread:.2g} {unit}; without it the law's error on held-out "
-                f"trials is {without:.4g}, with it {error:.4g}"
+                f"{CORRECTIONS[name].description}: {said} {spread:.2g} {unit}; replaced, they leave the law an error "
+                f"of {without:.4g} on held-out trials, as measured {error:.4g}"
             )
             evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", without))
             found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))

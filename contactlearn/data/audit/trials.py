@@ -4,6 +4,7 @@ Each finding is about the rows of a table as read, or with corrected units and a
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -211,13 +212,19 @@ def sorted_notes(impacts: Impacts) -> list[Finding]:
 
 def mass_notes(impacts: Impacts) -> list[Finding]:
     """Note that trials without names of bodies have a few masses, which then tell the bodies apart."""
-    masses, count = impacts.mass.unique(return_counts=True)
-    if len({*impacts.object}) > 1 or not 1 < len(masses) <= _BODIES or count.min() < _MIN_OF_BODY:
+    count = Counter(named_by_mass(impacts))
+    named = len({*impacts.object}) > 1 or isinstance(impacts.shape, Mapping)
+    if named or not 1 < len(count) <= _BODIES or min(count.values()) < _MIN_OF_BODY:
         return []
-    bodies = ", ".join(f"{n} of {number(1e3 * m, 4)} g" for n, m in zip(count.tolist(), masses.tolist(), strict=True))
-    sentence = f"trials without names of bodies have {len(masses)} masses ({bodies}): those of one mass are of one body"
-    evidence = evidence_of(("masses", float(len(masses)), "masses"))
+    bodies = ", ".join(f"{n} of {mass}" for mass, n in count.items())
+    sentence = f"trials without names of bodies have {len(count)} masses ({bodies}): those of one mass are of one body"
+    evidence = evidence_of(("masses", float(len(count)), "masses"))
     return [Finding(name="masses", sentence=sentence, evidence=evidence, correction="named_by_mass", mistake=False)]
+
+
+def named_by_mass(impacts: Impacts) -> tuple[str, ...]:
+    """Return the mass of each trial to four digits, as a name of its body."""
+    return tuple(f"{number(1e3 * mass, 4)} g" for mass in impacts.mass.tolist())
 
 
 def _ranks(values: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
