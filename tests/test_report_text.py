@@ -318,6 +318,13 @@ def terminal() -> Iterator[tuple[str, str]]:
     yield "all levels", printed(found=shown)
     yield "all levels, verbose", printed(found=shown, verbose=True)
     yield from text.names_by_level(shown)
+    alternatives = [SIX[3]]
+    for _ in range(2):
+        either = replace(
+            probable, confidence=0.4, level=result.Level.EITHER, alternatives=(*alternatives,), joint_confidence=0.93
+        )
+        yield "either", printed(found=replace(shown, missing=(sure, either)))
+        alternatives.append(SIX[5])
 
 
 PARTS = (numbers, names, headlines, grounds, effects, experiments, models, terminal)

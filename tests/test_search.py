@@ -11,6 +11,7 @@ import torch
 from contactlearn.diagnosis.drift import dependence, lasts_beside
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
+from contactlearn.diagnosis.result import Diagnosis, Level, Verdict
 from contactlearn.diagnosis.search import selection
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
@@ -48,9 +49,9 @@ def pooled(impacts, *ids, laws=("wang_mason",)):
     return pool
 
 
-def planted(size, seed=0, **effects):
+def planted(size, seed=0, shape=None, **effects):
     """Synthetic drops with effects of these values."""
-    states = synthetic.load(size=size, seed=seed)
+    states = synthetic.load(size=size, seed=seed, shape=shape)
     inside = {name: find_effect(name)(**values) for name, values in effects.items()}
     outcome = ContactModel(find("wang_mason").at(0.12, 0.55), effects=inside).predict(states).v_post
     generator, unit = torch.Generator().manual_seed(seed), torch.tensor((0.01, 0.01, 0.5), dtype=torch.float64)
@@ -237,6 +238,21 @@ def test_law_and_effects_are_found_together():
     best = pool.best()
     assert best.spec.families == hidden
     assert pool.models[best.spec.with_law(truth["law"])].score < best.score + 2
+
+
+def test_effects_that_do_as_well_are_named_together():
+    """On a disc, whose contact lies below its centre, adhesion and gravity on a late frame take the same from v_y⁺."""
+    effects = EffectId("adhesion", "impulse"), EffectId("gravity_impulse")
+    drops = planted(60, shape={"kind": "disc", "radius": 0.03}, gravity_impulse={"dt": 0.02})
+    options = DiagnoseOptions(candidates=few(*effects, SPIN), laws=[find("wang_mason")])
+    found = diagnose(drops, "wang_mason", options=options)
+    (one,) = found.missing
+    assert {one.effect, *one.alternatives} == {*effects}
+    assert found.verdict is Verdict.EFFECTS
+    assert (one.level, one.claim_level) == (Level.EITHER, Level.FOUND)
+    assert one.confidence == pytest.approx(one.joint_confidence / 2, rel=0.02)
+    assert headline(found).startswith("Either ")
+    assert Diagnosis.from_json(found.to_json()) == found
 
 
 def test_laws_that_agree_share_the_belief():

@@ -46,6 +46,7 @@ SCATTERED = ContactScatter(
 )  # fmt: skip
 POSE = DeviationDependence(component="normal", variable="pose", order=24, share=0.9, p_value=0.002)
 NAMES = EffectId("surface_tilt", "computed"), EffectId("spin_damping", "after")
+OTHERS = (EffectId("sampling_delay"),), (EffectId("contact_patch", "linear"), EffectId("gravity_impulse"))
 
 
 def around(mean: float, width: float) -> Interval:
@@ -85,7 +86,10 @@ def random_diagnosis(found: Diagnosis, rng: np.random.Generator) -> tuple[Diagno
     )  # fmt: skip
     levels = sorted(rng.uniform(0.5, 1.0, names), reverse=True)
     missing = tuple(
-        replace(one, confidence=p, level=Level.of(p)) for one, p in zip(found.missing, levels, strict=False)
+        replace(one, confidence=p, level=Level.of(p))
+        if rng.integers(3)
+        else replace(one, confidence=p / 2, level=Level.EITHER, alternatives=others, joint_confidence=p)
+        for one, p, others in zip(found.missing, levels, OTHERS, strict=False)
     )
     rungs = (
         Rung(kind=RungKind.EFFECT, effect=one.effect, error=error)
@@ -168,7 +172,10 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
         assert ("out of time" in text) == (physics is Verdict.UNFINISHED)
         named = not better or "does not describe" not in text
         assert all((label(one.effect.name) in text.lower()) == named for one in shown.missing)
-        probable = any(one.level is Level.PROBABLE for one in shown.missing)
+        for one in shown.missing:
+            in_full = named and (len(one.alternatives) == 1 or len(shown.missing) == 1)
+            assert all((label(other.name) in text.lower()) == in_full for other in one.alternatives)
+        probable = any(one.claim_level is Level.PROBABLE for one in shown.missing)
         assert ("probably" in text) == (probable and named), text
         assert all(label(one.effect.name) in f"{text} {below}".lower() for one in shown.missing)
         assert ("depends on v_x" in f"{text} {below}") <= (left.state_dependence is not None)

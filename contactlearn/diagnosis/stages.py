@@ -131,8 +131,8 @@ def diagnose_audited(
             search = drop_proxy_effects(question, search, generator, drift.dependence.block)
     rungs, learned = _fit_ladder(question, search, generator)
     decomposition = decompose_error(question, search, rungs, learned, generator)
-    confidence = _confidence(question, impacts, rungs.missing, decomposition)
-    probable = {effect for effect, sure in confidence.items() if Level.of(sure) is not Level.CANDIDATE}
+    confidence = _confidence(question, search.selection, rungs.missing, decomposition)
+    probable = {effect for effect, sure in confidence.items() if sure.level is not Level.CANDIDATE}
     if len(probable) < len(confidence):
         search = without_candidates(question, search, probable, confidence, generator)
         rungs, learned = _fit_ladder(question, search, generator)
@@ -166,6 +166,22 @@ def _fit_alone(law: Law, impacts: Impacts, options: FitOptions) -> Law:
 # --- Search ------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Confidence:
+    """Probability of a name, and the joint one of it and its alternatives, which do as well in its place."""
+
+    of_name: float
+    joint: float
+    alternatives: tuple[EffectId, ...] = ()
+
+    @property
+    def level(self) -> Level:
+        """Of the name itself, or of it and its alternatives together."""
+        alone = Level.of(self.of_name)
+        either = alone is Level.CANDIDATE and Level.of(self.joint) is not Level.CANDIDATE
+        return Level.EITHER if either else alone
+
+
 @dataclass(frozen=True, kw_only=True)
 class SearchResult:
     """The selected model, and the limits and regions of its law's error.
@@ -188,7 +204,7 @@ class SearchResult:
     candidates: tuple[Candidate, ...] = ()
     error_with_candidates: float | None = None
 
-    def reduced(self, selection: Selection, confidence: Mapping[EffectId, float]) -> "SearchResult":
+    def reduced(self, selection: Selection, confidence: Mapping[EffectId, Confidence]) -> "SearchResult":
         """Choose a smaller model; effects that it lacks become candidates, those without a confidence as proxies.
 
         An effect that it has in another form is no candidate.
@@ -202,7 +218,7 @@ class SearchResult:
                 parameters=fitted_parameters(larger.present, effect.name),
                 error_after=larger.present.mean_error,
                 error_reduction=less.mean_error - larger.present.mean_error,
-                confidence=confidence.get(effect),
+                confidence=confidence[effect].of_name if effect in confidence else None,
                 coefficient_ends=coefficient_ends(larger.present, larger.impacts, effect.name),
                 proxy=effect not in confidence,
             )
@@ -312,7 +328,7 @@ def without_candidates(
     question: Question,
     search: SearchResult,
     probable: Container[EffectId],
-    confidence: Mapping[EffectId, float],
+    confidence: Mapping[EffectId, Confidence],
     generator: torch.Generator,
 ) -> SearchResult:
     """Choose law and model of the probable effects alone; the others become candidates with their confidence."""
@@ -329,7 +345,7 @@ def _reduced(
     question: Question,
     search: SearchResult,
     selection: Selection,
-    confidence: Mapping[EffectId, float],
+    confidence: Mapping[EffectId, Confidence],
     generator: torch.Generator,
 ) -> SearchResult:
     """Choose a smaller model, see `SearchResult.reduced`; limits and regions are those of its law."""
@@ -455,7 +471,7 @@ def _result(
     search: SearchResult,
     comparison: EffectComparison,
     decomposition: ErrorDecomposition,
-    confidence: Mapping[EffectId, float],
+    confidence: Mapping[EffectId, Confidence],
     laws: Sequence[LawFit],
     findings: tuple[Finding, ...],
     generator: torch.Generator,
@@ -560,7 +576,7 @@ def _law_fits(question: Question, search: SearchResult, fits: Sequence[LawFit], 
 
 
 def _choices(
-    question: Question, selection: Selection, comparison: EffectComparison, confidence: Mapping[EffectId, float]
+    question: Question, selection: Selection, comparison: EffectComparison, confidence: Mapping[EffectId, Confidence]
 ) -> tuple[FittedChoices, tuple[MissingEffect, ...]]:
     """Fit every subset of the missing effects; add rivals, reductions on all trials and confidences to these."""
     impacts, generator = selection.impacts, torch.Generator().manual_seed(0)
@@ -576,14 +592,21 @@ def _choices(
     complete = tuple(
         replace(
             one,
-            confidence=confidence[one.effect],
-            level=Level.of(confidence[one.effect]),
+            confidence=confidence[one.effect].of_name,
+            level=confidence[one.effect].level,
             rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
             reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
         )
         for one in missing
     )
-    return choices, complete
+    return choices, tuple(_with_alternatives(one, confidence[one.effect]) for one in complete)
+
+
+def _with_alternatives(missing: MissingEffect, confidence: Confidence) -> MissingEffect:
+    """Add what does as well in the place of an effect whose own name is not probable."""
+    if missing.level is not Level.EITHER:
+        return missing
+    return replace(missing, alternatives=confidence.alternatives, joint_confidence=confidence.joint)
 
 
 def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
@@ -592,16 +615,21 @@ def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
 
 
 def _confidence(
-    question: Question, impacts: Impacts, missing: Sequence[MissingEffect], decomposition: ErrorDecomposition
-) -> dict[EffectId, float]:
+    question: Question, selection: Selection, missing: Sequence[MissingEffect], decomposition: ErrorDecomposition
+) -> dict[EffectId, Confidence]:
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
-    budget, unknown = decomposition.budget, decomposition.learned.remainder.unknown
-    sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, float]()
+    impacts, budget, unknown = selection.impacts, decomposition.budget, decomposition.learned.remainder.unknown
+    sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, Confidence]()
     for one in missing:
-        sure = calibrated(one.share, budget.removed(one.error_reduction), budget.reducible, len(impacts), unknown)
-        if _undetermined(question.candidates[one.effect], one):
-            sure = min(sure, _MAX_CONFIDENCE_UNDETERMINED)
-        confidence[one.effect] = sure / sharing if question.candidates[one.effect].like_shape else sure
+        removed, candidate = budget.removed(one.error_reduction), question.candidates[one.effect]
+        alternatives, share = selection.replacements(one.effect)
+        shares = one.share, one.share + share
+        sure = [calibrated(each, removed, budget.reducible, len(impacts), unknown) for each in shares]
+        if _undetermined(candidate, one):
+            sure = [min(each, _MAX_CONFIDENCE_UNDETERMINED) for each in sure]
+        if candidate.like_shape:
+            sure = [each / sharing for each in sure]
+        confidence[one.effect] = Confidence(*sure, alternatives=tuple(alternatives.values()))
     return confidence
 
 

@@ -73,8 +73,10 @@ def find_rivals(
     similarities = [similarity(selection, effect) for effect in missing]
     found: dict[EffectId, tuple[FittedRival, ...]] = {}
     for effect, among in progress(list(zip(missing, similarities, strict=True))):
-        exchanged = _exchanged(selection, effect)
-        among = {key: one for key, one in among.items() if one.similarity >= _SIMILARITY or key in exchanged}
+        exchanged, _ = selection.replacements(effect)
+        among = {
+            key: one for key, one in among.items() if one.similarity >= _SIMILARITY or exchanged.get(key.name) == key
+        }
         models = _refitted(selection, effect, among)
         rivals = list[FittedRival]()
         for (candidate, collinearity), model in zip(among.items(), models, strict=True):
@@ -115,16 +117,6 @@ def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Colline
         share = 1 - (after / before).item() if before > 0 else 0.0
         found[candidate] = Collinearity(similarity=share, start=start[own] + step)
     return found
-
-
-def _exchanged(selection: Selection, effect: EffectId) -> set[EffectId]:
-    """Effects that plausible models have in the place of a chosen one."""
-    return {
-        other
-        for one in selection.plausible
-        if effect.name not in one.model.spec.families
-        for other in one.model.spec.effects - selection.spec.effects
-    }
 
 
 def own_parameters(model: ValidatedFit, name: str) -> Bool[Tensor, " k"]:

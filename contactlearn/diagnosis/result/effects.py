@@ -22,15 +22,19 @@ class Verdict(StrEnum):
 
 
 class Level(StrEnum):
-    """Certainty of a name, by the probability that it is right: found ≥ 0.9, probable ≥ 0.5, else a candidate."""
+    """Certainty of a name, by the probability that it is right: found ≥ 0.9, probable ≥ 0.5, else a candidate.
+
+    Either: less than 0.5 itself, but at least that together with other effects that do as well in its place.
+    """
 
     FOUND = "found"
     PROBABLE = "probable"
+    EITHER = "either"
     CANDIDATE = "candidate"
 
     @classmethod
     def of(cls, probability: float) -> "Level":
-        """Return the level of a probability."""
+        """Return the level of the probability of one name."""
         return cls.FOUND if probability >= 0.9 else cls.PROBABLE if probability >= 0.5 else cls.CANDIDATE
 
 
@@ -226,7 +230,9 @@ class MissingEffect:
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
         confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
-        level: found or probable, by the confidence.
+        level: found or probable, by the confidence; either, by the joint confidence.
+        alternatives: what plausible models have in its place, the likeliest first; empty where it is probable itself.
+        joint_confidence: probability that it or one of the alternatives is right; None without any.
         inadmissible_before: share of impulses that gain energy, pull or leave penetration, on the rung before.
         inadmissible_after: the same on its rung.
         improvements: one for each region of the diagnosis, in that order.
@@ -245,10 +251,22 @@ class MissingEffect:
     level: Level
     inadmissible_before: float
     inadmissible_after: float
+    alternatives: tuple[EffectId, ...] = ()
+    joint_confidence: float | None = None
     reduction_on_all_trials: Interval | None = None
     improvements: tuple[Improvement, ...] = ()
     rivals: tuple[Rival, ...] = ()
     coefficient_ends: tuple[float, float] | None = None
+
+    @property
+    def claim_confidence(self) -> float:
+        """Probability of what the verdict says: that the effect, or else one of its alternatives, is missing."""
+        return self.confidence if self.joint_confidence is None else self.joint_confidence
+
+    @property
+    def claim_level(self) -> Level:
+        """Certainty of what the verdict says."""
+        return Level.of(self.claim_confidence)
 
 
 @dataclass(frozen=True, kw_only=True)

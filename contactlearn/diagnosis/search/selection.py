@@ -157,6 +157,19 @@ class Selection:
         predict_held_out(self.pool, self.folds, models)
         return [self.validated(model.spec) for model in models]
 
+    def replacements(self, effect: EffectId) -> tuple[dict[str, EffectId], float]:
+        """Find the effects that plausible models have in the place of a chosen one, by name, and these models' share.
+
+        The likeliest effect comes first, each in its likeliest form.
+        """
+        found, share = dict[str, EffectId](), 0.0
+        for one in self.plausible:
+            others = [other for other in one.model.spec.effects if other.name not in self.spec.families]
+            if others and effect.name not in one.model.spec.families:
+                found |= {other.name: other for other in others if other.name not in found}
+                share += one.share
+        return found, share
+
     def path(self) -> list[ScoredFit]:
         """List the best model of each smaller number of effects, and the chosen one."""
         return [*(_best_of(self.pool, [size]) for size in range(len(self.spec.effects))), self.chosen]

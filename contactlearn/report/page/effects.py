@@ -53,7 +53,7 @@ def effect_content(missing: MissingEffect, partial: Partial, diagnosis: Diagnosi
     inadmissible = phrase("inadmissible", missing)
     return {
         "name": str(missing.effect),
-        "label": effect_label(missing.effect),
+        "label": " or ".join(effect_label(one) for one in (missing.effect, *missing.alternatives)),
         "level": str(missing.level),
         "formula": missing.equation,
         "in_words": sentence(in_words(missing)) if missing.parameters else "",

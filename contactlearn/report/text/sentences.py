@@ -162,8 +162,20 @@ def undecided(diagnosis: Diagnosis) -> list[str]:
 
 
 def confidence(named: MissingEffect | Candidate) -> str:
-    """Write the probability that a name is correct; calibration on planted effects resolves no more than 99 %."""
-    return "a proxy?" if named.confidence is None else numbers.percent(min(named.confidence, 0.99))
+    """Write the probability that a name, or one of its alternatives, is correct; calibration resolves 99 % at most."""
+    sure = named.claim_confidence if isinstance(named, MissingEffect) else named.confidence
+    return "a proxy?" if sure is None else numbers.percent(min(sure, 0.99))
+
+
+def _brief_effect(missing: MissingEffect, only: bool) -> str:
+    """Name an effect and what does as well in its place, without forms; in full only where it is the only one."""
+    one, *others = [names.label(effect.name) for effect in (missing.effect, *missing.alternatives)]
+    if not others:
+        return one
+    if len(others) == 1:
+        return f"either {one} or {others[0]}" if only else f"{one} (or {others[0]})"
+    listed = join_words(names.shortened([one, *others], 3, "effect"))
+    return f"one of {listed}" if only else f"{one} (or another)"
 
 
 def misfit(diagnosis: Diagnosis) -> str:
@@ -315,7 +327,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         autoescape=False,  # plain text; a page escapes it
     )
     filters: dict[str, Any] = {
-        "brief_effect": lambda one: names.label(one.effect.name),
+        "brief_effect": _brief_effect,
         "capitalize_first": names.capitalize_first,
         "coefficient": names.COEFFICIENTS.__getitem__,
         "compared": numbers.compared,
