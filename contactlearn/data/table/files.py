@@ -350,10 +350,15 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     except Exception as error:  # a damaged file can break the library anywhere
         raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
     groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
-    of_impacts = dict[str, dict[str, np.ndarray]]()
-    for name, one in groups:  # the outermost that are whole
-        if _has_outcomes(one) and not any(name.startswith(f"{above}/") for above in of_impacts):
-            of_impacts[name] = one
+    own = {name: {key: one for key, one in arrays.items() if "." not in key} for name, arrays in groups}
+    whole = {name for name, arrays in own.items() if _has_outcomes(arrays)} or {
+        name for name, arrays in groups if _has_outcomes(arrays)  # with those of groups in them
+    }
+    of_impacts = {
+        name: arrays
+        for name, arrays in groups
+        if name in whole and not any(name.startswith(f"{above}/") for above in whole)
+    }
     if len(of_impacts) > 1:
         names = ", ".join(name.strip("/") for name in of_impacts)
         raise DataError(f"{path}: has several tables of impacts, {names}: export each as a file of its own")
