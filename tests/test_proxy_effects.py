@@ -101,7 +101,10 @@ def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     search = SearchResult(selection=chosen(curve, drag), notes=(), limits=None, regions=())
     smaller = search.reduced(chosen(linear), {})
     assert [one.effect for one in smaller.candidates] == [drag]
-    assert [one.effect for one in smaller.reduced(chosen(), {linear: Confidence(0.2, 0.2)}).candidates] == [drag, linear]
+    assert [one.effect for one in smaller.reduced(chosen(), {linear: Confidence(0.2, 0.2)}).candidates] == [
+        drag,
+        linear,
+    ]
 
 
 def test_a_moment_at_the_contact_is_no_more_than_a_candidate_where_the_shape_is_unknown():

@@ -78,7 +78,7 @@ def _statements(text: str, names: Sequence[str]) -> Iterator[tuple[str, str]]:
     for clause in re.split(r"[,;]\s*|\.(?:\s+|$)|\band\b", text):
         parts = _CLAUSE.fullmatch(clause.strip())
         unit = parts["unit"] if parts else clause.strip()
-        listing = listing or (parts is not None and name_words(parts["what"])[-1:] in (["unit"], ["units"]))
+        listing = listing or (parts is not None and name_words(parts["what"])[-1:] in (("unit",), ("units",)))
         if listing:
             yield from ((column, unit) for column in _QUANTITIES if unit_as_written(unit, column))
             continue
@@ -91,7 +91,7 @@ def _statements(text: str, names: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _column(what: str, names: Sequence[str]) -> str:
     """The column that a clause is about, or one of its quantity; empty if it is about neither."""
-    words = [word for word in name_words(what) if word not in _BESIDE]
+    words = tuple(word for word in name_words(what) if word not in _BESIDE)
     if words and _ANGULAR.intersection(words):
         return "omega" if len(words) == 1 or not _QUANTITIES["theta"].intersection(words) else ""
     quantity = next((column for column, known in _QUANTITIES.items() if words and known.issuperset(words)), "")

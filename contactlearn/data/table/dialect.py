@@ -461,7 +461,7 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     widths = [len(row) for row in rows]
     width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
     named_rows = _are_named(rows, width)
-    if rows and len(rows[0]) == width + 1 and name_words(text_of(rows[0][-1])) in (["comment"], ["comments"]):
+    if rows and len(rows[0]) == width + 1 and name_words(text_of(rows[0][-1])) in (("comment",), ("comments",)):
         rows = [rows[0][:-1], *rows[1:]]  # of LabVIEW, which has none
     rows = [["row", *rows[0]], *rows[1:]] if named_rows else rows
     full = [

@@ -35,7 +35,7 @@ _QUOTED = re.compile(r"""'([^']*)'|"([^"]*)\"""")  # the second of a name with a
 _ROWS = re.compile(rf"\((?:(?:{_QUOTED.pattern})(?:, )?)+\)")
 _UNPACKED = 2**30  # bytes of a spreadsheet when it is unpacked, at most
 _SHOWN = 60  # letters of a header, in errors
-_EVENTS = (["event"], ["type"], ["kind"], ["msg"], ["message"], ["topic"], ["ereignis"], ["typ"])
+_EVENTS = [(word,) for word in ("event", "type", "kind", "msg", "message", "topic", "ereignis", "typ")]
 _NUMERALS = 1000  # rows, at most, in which texts show how numbers are written
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
@@ -352,7 +352,9 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
     own = {name: {key: one for key, one in arrays.items() if "." not in key} for name, arrays in groups}
     whole = {name for name, arrays in own.items() if _has_outcomes(arrays)} or {
-        name for name, arrays in groups if _has_outcomes(arrays)  # with those of groups in them
+        name
+        for name, arrays in groups
+        if _has_outcomes(arrays)  # with those of groups in them
     }
     of_impacts = {
         name: arrays

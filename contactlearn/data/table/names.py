@@ -7,7 +7,7 @@ column is taken for ours if no other has the same words, and its unit is one tha
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from itertools import chain, product
 from unicodedata import normalize
 
@@ -243,13 +243,14 @@ def impact_vocabulary(space: Space) -> Vocabulary:
     return units
 
 
-def name_words(name: str) -> list[str]:
+@lru_cache(10_000)  # every reader of a table asks for the same names
+def name_words(name: str) -> tuple[str, ...]:
     """Return the words, numbers and signs of degree in a name, in small letters."""
     text = normalize("NFKC", name)
     for mark, word in _MARKS:
         text = re.sub(mark, word, text)
     parts = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    return re.findall(r"[^\W\d_]+|\d+|°", parts.lower())
+    return tuple(re.findall(r"[^\W\d_]+|\d+|°", parts.lower()))
 
 
 def time_of(name: str) -> str | None:
@@ -325,7 +326,7 @@ def _contact(sizes: Mapping[str, int]) -> dict[str, str]:
     return {
         name: " ".join(("r", *(word for word in one[1:] if word != "point")))
         for name, one in words.items()
-        if one[:1] == ["contact"]
+        if one[:1] == ("contact",)
     }
 
 
@@ -388,7 +389,7 @@ def are_outcomes(names: Sequence[str]) -> bool:
     return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
 
 
-def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, list[str]]:
+def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> dict[str, Sequence[str]]:
     """Words of names that an index tells apart, 1, i or 0 before and 2, f or 1 after, with words for these times.
 
     Both stand for the same velocities, and no other name says a time: v1 and v2 beside m1 and m2 are of two bodies.
@@ -399,7 +400,7 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
     if len(images_of_cameras(header)) > 1:  # u1, v1, u2, v2 beside times
         return {}
     for indices in ("12", "if", "01"):
-        found: dict[str, dict[str, list[str]]] = {index: {} for index in indices}
+        found: dict[str, dict[str, Sequence[str]]] = {index: {} for index in indices}
         ours: dict[str, set[str]] = {index: set() for index in indices}
         for name in header:
             for index, words in _without_index(name, indices):
@@ -417,7 +418,7 @@ def _indexed(header: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -
     return {}
 
 
-def _without_index(name: str, indices: str) -> Iterator[tuple[str, list[str]]]:
+def _without_index(name: str, indices: str) -> Iterator[tuple[str, Sequence[str]]]:
     """The index of a name, a word of it or the second or last letter of its first word, and its other words."""
     words = name_words(name)
     for k, word in enumerate(words[1:3], 1):

@@ -36,7 +36,7 @@ _PLACES = (*_PLACES, "pose_t", "trans", "origin")
 _RATES = ("fps", "rate", "frame_rate", "framerate", "frequency")
 _TIMES = ("time", "t", "timestamp", "stamp")
 _QUATERNION = ["qw", "qx", "qy", "qz"]  # of Julia's and Eigen's types, the scalar first
-_VARIABLES = [[word] for word in ("variable", "field", "quantity", "channel", "parameter", "signal", "metric", "axis",
+_VARIABLES = [(word,) for word in ("variable", "field", "quantity", "channel", "parameter", "signal", "metric", "axis",
               "component", "coordinate", "key", "name", "größe", "messgröße", "grandeur")]  # fmt: skip
 _TUM = "time x y z qx qy qz qw"
 
