@@ -4,8 +4,8 @@
 
     impacts = cl.read_table("drops.csv", shape=cl.shapes.Ellipse((0.035, 0.025)))
     found = cl.diagnose(impacts)
-    fit = cl.fit(impacts, found.law, found.effects)
-    print(fit.summary())
+    print(found)
+    print(found.fit().summary())
 
 The names below are loaded when they are first used, so that `import contactlearn` and the commands' `--help` stay fast;
 editors and type checkers see them all.  The rooms (`contactlearn.mechanics`, `contactlearn.inference` …) have the rest.

@@ -156,6 +156,7 @@ def test_models_are_compared_beside_the_rigid_bound():
     assert table.loc["wang_mason", "largest"] == error.max().item()
     assert (table["low"] < table["error"]).all()
     assert list(cl.compare({"mine": law}, DROPS, "velocity_error").index) == ["mine"]
+    assert cl.compare([law], DROPS, cl.metrics.mass_error).equals(cl.compare([law], DROPS))
     assert cl.plot.comparison(table).axes
 
 
@@ -226,3 +227,16 @@ def test_recordings_say_what_was_found_and_refused(tmp_path):
     assert repr(tracked).startswith(f"Tracked({len(tracked.impacts)} impacts in 8 recordings; refused: ")
     counts = [int(count) for count in re.findall(r"<td>(\d+)</td>", tracked._repr_html_())]
     assert sum(counts) == len(tracked.survey.refusals) > 0
+
+
+def test_the_fit_of_a_diagnosis_has_its_forms_and_its_corrected_data():
+    """A name alone stands for the first form of an effect."""
+    tilt = EffectId("surface_tilt", "seen")
+    found = made_up(60, tilt)
+    fit = found.fit()
+    assert fit.model.effects["surface_tilt"].id == tilt
+    assert torch.equal(fit.loss, cl.fit(found.record.impacts, "wang_mason", [str(tilt)]).loss)
+    assert not torch.equal(fit.loss, cl.fit(found.record.impacts, found.law, found.effects).loss)
+    assert not torch.equal(fit.loss, found.fit(DROPS).loss)
+    with pytest.raises(cl.ContactLearnError, match="no record of its trials, and so no model"):
+        found.without_record().fit()

@@ -40,7 +40,7 @@ from contactlearn.scatter.base import Component
 _DRAWS = 128  # of deviations: Sobol's points, whose variances are right to a few percent
 _AT_ONCE = 100_000  # impacts that are drawn at once
 
-Metric = Callable[[Impacts, Prediction], Tensor]
+ErrorOfImpacts = Callable[[Impacts, Prediction], Tensor]
 """Error [..., N] of each impact."""
 Deviations = Sequence[tuple[Component, Tensor]]
 """Components of the contact's scatter with the deviations [..., N, k] of each impact."""
@@ -110,7 +110,7 @@ class ContactModel:
             return self.base_prediction(impacts, deviations)
         return self.complete(impacts, self.regressor.predict(impacts)[0], deviations)
 
-    def score(self, impacts: Impacts, metric: Metric) -> Float[Tensor, "*batch"]:
+    def score(self, impacts: Impacts, metric: ErrorOfImpacts) -> Float[Tensor, "*batch"]:
         """Compute the mean error over the impacts, one for each leading axis of the model.
 
         Args:

@@ -59,7 +59,10 @@ from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.inference.identification import joint
+from contactlearn.inference.identification.joint import Fit
 from contactlearn.laws import Law, find
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
@@ -334,6 +337,22 @@ class Diagnosis:
         if self.record is None:
             raise ContactLearnError(f"the diagnosis has no record of its trials, and so no model: {self!r}")
         return self.record.model
+
+    def fit(self, impacts: Impacts | None = None) -> Fit:
+        """Fit the law with the given and the missing effects again, in their forms, with errors and covariance.
+
+        Args:
+            impacts: measurements, corrected as `corrections` say; those of the diagnosis, corrected, if None.
+
+        Raises:
+            ContactLearnError: the data were refused, or the diagnosis was read without its record.
+            DataError: fewer trials than the parameters need.
+        """
+        model = self.model
+        if impacts is None:
+            assert self.record is not None  # or there is no model
+            impacts = self.record.impacts
+        return joint.fit(impacts, model.law, model.effects)
 
     def law_impulses(self) -> LawImpulses:
         """What every law that was compared gives the trials of the record, and can give them.

@@ -9,7 +9,7 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, bootstrap
 from contactlearn.mechanics.impacts import Impacts, require_impacts
-from contactlearn.models.contact_model import ContactModel
+from contactlearn.models.contact_model import ContactModel, ErrorOfImpacts
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -19,14 +19,16 @@ RIGID_BOUND = "rigid bound"
 
 
 def compare(
-    models: Mapping[str, ContactModel] | Iterable[ContactModel], impacts: Impacts, metric: str = "mass_error"
+    models: Mapping[str, ContactModel] | Iterable[ContactModel],
+    impacts: Impacts,
+    metric: str | ErrorOfImpacts = "mass_error",
 ) -> "DataFrame":
     """Score models on the same impacts, best held out from their fits.
 
     Args:
         models: by name, or models alone, which are named by their law and effects.
         impacts: measurements.
-        metric: name of an error, see `metrics.METRICS`.
+        metric: an error of `contactlearn.metrics` or its name, see `metrics.METRICS`; of another there is no bound.
 
     Returns:
         A table with a row for each model, the best first: its mean `error`, `low` and `high` of its 95 % bootstrap
@@ -39,18 +41,20 @@ def compare(
     from pandas import DataFrame  # takes long to load
 
     require_impacts(impacts)
-    if metric not in METRICS:
-        raise UnknownNameError("metric", metric, METRICS)
+    if isinstance(metric, str):
+        if metric not in METRICS:
+            raise UnknownNameError("metric", metric, METRICS)
+        metric = METRICS[metric].error
     named = dict(models) if isinstance(models, Mapping) else _named(models)
     for model in named.values():
         if not isinstance(model, ContactModel):
             kind = type(model).__name__
             raise ContactLearnError(f"compare takes models, such as fit.model, in a list or by name; got a {kind}")
-    error, norm = METRICS[metric].error, METRICS[metric].norm
-    errors = {name: error(impacts, model.predict(impacts)) for name, model in named.items()}
+    norm = next((known.norm for known in METRICS.values() if known.error is metric), None)
+    errors = {name: metric(impacts, model.predict(impacts)) for name, model in named.items()}
     errors = dict(sorted(errors.items(), key=lambda item: item[1].mean().item()))
     if norm is not None:
-        errors[RIGID_BOUND] = error(impacts, irb(impacts, norm))
+        errors[RIGID_BOUND] = metric(impacts, irb(impacts, norm))
     rows = {}
     for name, each in errors.items():
         mean = bootstrap(each, torch.Generator().manual_seed(0), groups=impacts.groups)
