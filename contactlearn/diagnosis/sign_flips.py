@@ -48,6 +48,15 @@ def exceedance(statistic: Float[Tensor, " flips"]) -> float:
     return ((~(statistic[1:] < statistic[0])).sum().item() + 1) / len(statistic)
 
 
+def screened(neg_log_p: Float[Tensor, "flips k"], level: float) -> tuple[float, list[int]]:
+    """Compute the p-value of independence, and the statistics that refute it at a level, most significant first."""
+    every = neg_log_p.nan_to_num(0.0)  # of statistics that no sign changes
+    largest = every.amax(1)
+    chance, enough = exceedance(largest), largest[1:].quantile(1 - level)
+    refuting = int((every[0] > enough).sum()) if chance <= level else 0
+    return chance, every[0].argsort(descending=True, stable=True)[:refuting].tolist()
+
+
 def chance_of_gain(gain: Float[Tensor, " n"]) -> float:
     """Compute the probability of so large a sum of gains under random signs; a few large ones may make it."""
     return exceedance(random_signs(len(gain), _SIGNS_OF_GAINS) @ gain)

@@ -24,12 +24,12 @@ from torch import Tensor
 
 from contactlearn.diagnosis.result import DeviationDependence
 from contactlearn.diagnosis.sign_flips import (
-    exceedance,
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
     periodogram_peak,
     random_signs,
+    screened,
     window_spread,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -74,13 +74,9 @@ def screen_deviations(
         statistics += [gamma_neg_log_p(spread), gumbel_neg_log_p(peak)]
         labels += [(column, "order", 2.0 ** (k + 1)) for k in range(spread.shape[1])]
         labels.append((column, "period", 2 * len(u) / int(halves[0])))
-    every = torch.cat(statistics, 1).nan_to_num(0.0)
-    largest = every.amax(1)
-    enough = largest[1:].quantile(1 - thresholds.dependence_level).item()
-    if (p_value := exceedance(largest)) > thresholds.dependence_level:
-        return ()
+    p_value, refuting = screened(torch.cat(statistics, 1), thresholds.dependence_level)
     best: dict[tuple[str, str], DeviationDependence] = {}
-    for k in every[0].argsort(descending=True)[: int((every[0] > enough).sum())].tolist():
+    for k in refuting:
         column, variable, order = labels[k]
         component, u = columns[column]
         if (component, variable) not in best and sum(

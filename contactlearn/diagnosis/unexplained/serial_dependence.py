@@ -27,12 +27,12 @@ from torch.nn.functional import one_hot
 
 from contactlearn.diagnosis.result.remainder import Coefficient, LaggedVariable, SerialDependence
 from contactlearn.diagnosis.sign_flips import (
-    exceedance,
     gamma_neg_log_p,
     gumbel_neg_log_p,
     normal_neg_log_p,
     periodogram_peak,
     random_signs,
+    screened,
     window_spread,
 )
 from contactlearn.diagnosis.thresholds import Thresholds
@@ -75,7 +75,6 @@ class Association:
     coefficient: Coefficient | None
     memory: Memory
     values: Float[Tensor, " n"]
-    neg_log_p: float
 
     @property
     def variable(self) -> LaggedVariable:
@@ -125,23 +124,17 @@ def screen_associations(
     size = max(1, _NUMBERS // len(scores))
     parts = [_statistics(scores, terms, some) for some in signs.split(size)]
     spread, peak, frequency, memory = (torch.cat(part) for part in zip(*parts, strict=True))
-    neg_log_p = torch.cat((gamma_neg_log_p(spread), gumbel_neg_log_p(peak), normal_neg_log_p(memory)), 1).nan_to_num(
-        0.0
-    )  # no scores
-    chance = exceedance(neg_log_p.amax(1))
-    enough = neg_log_p[1:].amax(1).quantile(1 - level).item()
+    neg_log_p = torch.cat((gamma_neg_log_p(spread), gumbel_neg_log_p(peak), normal_neg_log_p(memory)), 1)
+    chance, refuting = screened(neg_log_p, level)
     D = scores.residual.shape[-1]
     historical = [(kind, memory, values) for memory, values in history.items() for kind in _kinds(memory, D)]
     names = [*_sequential(scores, spread.shape[1] // 2, frequency[0]), *historical]
-    associations = [
-        Association(coefficient=coefficient, memory=memory, values=x, neg_log_p=significance)
-        for (coefficient, memory, x), significance in zip(names, neg_log_p[0].tolist(), strict=True)
-        if significance > enough
-    ]
     best: dict[tuple[Coefficient | None, LaggedVariable], Association] = {}
-    for one in sorted(associations, key=lambda one: -one.neg_log_p):
-        best.setdefault((one.coefficient, one.variable), one)
-    return chance, tuple(best.values()) if chance <= level else ()
+    for k in refuting:
+        coefficient, memory, x = names[k]
+        association = Association(coefficient=coefficient, memory=memory, values=x)
+        best.setdefault((coefficient, association.variable), association)
+    return chance, tuple(best.values())
 
 
 def _statistics(

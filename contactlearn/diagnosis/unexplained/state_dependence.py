@@ -25,7 +25,7 @@ from torch.nn.functional import one_hot
 
 from contactlearn.core.numerics import wrapped
 from contactlearn.diagnosis.result.remainder import Coefficient, StateDependence, VariableShare
-from contactlearn.diagnosis.sign_flips import exceedance, gamma_neg_log_p, normal_neg_log_p, random_signs
+from contactlearn.diagnosis.sign_flips import gamma_neg_log_p, normal_neg_log_p, random_signs, screened
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.diagnosis.unexplained.remainder import FUNCTION_OF, total_indices, variable_shares
 from contactlearn.diagnosis.unexplained.scores import Scores
@@ -117,13 +117,8 @@ def screen_state_associations(
             largest.append(torch.cat((each, together), 1).nan_to_num(0.0).amax(1))
             strongest = orders[int(each[0].argmax())]
             associations.append(StateAssociation(coefficient=kind, orders=strongest, neg_log_p=largest[-1][0].item()))
-    overall = torch.stack(largest, 1).amax(1)
-    chance, enough = exceedance(overall), overall[1:].quantile(1 - level).item()
-    if chance > level:
-        return chance, ()
-    return chance, tuple(
-        sorted((one for one in associations if one.neg_log_p > enough), key=lambda one: -one.neg_log_p)
-    )
+    chance, refuting = screened(torch.stack(largest, 1), level)
+    return chance, tuple(associations[k] for k in refuting)
 
 
 def screened_functions(
