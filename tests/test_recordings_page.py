@@ -30,9 +30,9 @@ from contactlearn.report.page.page import render, reproduced
 from contactlearn.report.page.recordings import (
     FRAMES,
     MAX_RECORDINGS,
-    chosen,
     of_recording,
     of_recordings,
+    shown_recordings,
     write_recordings_page,
 )
 from contactlearn.report.text.tracks import tracks_facts, tracks_summary
@@ -61,17 +61,22 @@ def found(takes):
 
 
 @pytest.fixture(scope="module")
-def page(found, tmp_path_factory):
-    return write_recordings_page(tmp_path_factory.mktemp("page") / "recordings.html", found)
+def searched(found):
+    return [*found.reload({*shown_recordings(found)})]
+
+
+@pytest.fixture(scope="module")
+def page(found, searched, tmp_path_factory):
+    return write_recordings_page(tmp_path_factory.mktemp("page") / "recordings.html", found, searched)
 
 
 def recordings_of(content):
     return json.loads(gzip.decompress(base64.b64decode(content["block"])))
 
 
-def test_the_page_has_what_was_found(found, page):
+def test_the_page_has_what_was_found(found, page, searched):
     text, survey = html.unescape(page.read_text()), found.survey
-    content = of_recordings(found)
+    content = of_recordings(found, searched)
     recordings = recordings_of(content)
     title = f"{len(found.impacts)} impacts from 6 recordings, normal velocities before contact ±"
     assert content["title"].startswith(title)
@@ -88,7 +93,7 @@ def test_the_page_has_what_was_found(found, page):
     assert "has no column 'y'" in text
 
 
-def test_a_recording_has_its_frames_flights_and_contacts(found):
+def test_a_recording_has_its_frames_flights_and_contacts(found, searched):
     (one,) = found.reload({"0001"})
     contacts = [contact for contact in found.survey.contacts if contact.recording == "0001"]
     recording = of_recording(one, contacts, one.refusals)
@@ -104,7 +109,7 @@ def test_a_recording_has_its_frames_flights_and_contacts(found):
     assert shown["before"] == 0
 
 
-def test_long_recordings_are_thinned(found, tmp_path):
+def test_long_recordings_are_thinned(found, tmp_path, searched):
     (one,) = found.reload({"0001"})
     frames = 40 * len(one.track)
     time = np.arange(frames) * one.track.step
@@ -123,7 +128,7 @@ def test_long_recordings_are_thinned(found, tmp_path):
     refusals = [replace(rest, recording=f"{k:04d}", reason=Reason.SLIDING) for k in range(0, 1000, 2)]
     refusals += [replace(rest, recording=f"{k:04d}") for k in range(1000)]
     many = replace(survey, contacts=tuple(contacts), refusals=tuple(refusals), recordings=1000)
-    names = chosen(replace(found, survey=many))
+    names = shown_recordings(replace(found, survey=many))
     assert len(names) == len(set(names)) == MAX_RECORDINGS
     even = [int(name) for name in names if int(name) % 2 == 0]
     assert len(even) >= MAX_RECORDINGS // 2
@@ -131,10 +136,10 @@ def test_long_recordings_are_thinned(found, tmp_path):
     assert max(even) > 980
     assert (
         "6 of 1000 recordings are on this page"
-        in of_recordings(replace(found, survey=replace(survey, recordings=1000)))["_limits"]
+        in of_recordings(replace(found, survey=replace(survey, recordings=1000)), searched)["_limits"]
     )
-    content = of_recordings(found)
-    scores = standardised([*found.reload(set(chosen(found)))])
+    content = of_recordings(found, searched)
+    scores = standardised([*found.reload(set(shown_recordings(found)))])
     shown = [trace["y"] for trace in content["figures"]["residuals"]["data"] if trace["type"] == "bar"]
     for bars, score in zip(shown, scores.T, strict=True):
         assert sum(bars) * 0.2 == pytest.approx(1, abs=1e-3)
@@ -143,10 +148,10 @@ def test_long_recordings_are_thinned(found, tmp_path):
     assert f"x: standard deviation {scores[:, 0].std():.3g}, " in content["_residuals"][0]
     (tmp_path / "file").touch()
     with pytest.raises(DataError, match=r"recordings\.html: cannot be written"):
-        write_recordings_page(tmp_path / "file" / "recordings.html", found)
+        write_recordings_page(tmp_path / "file" / "recordings.html", found, searched)
 
 
-def test_names_are_text(found, page):
+def test_names_are_text(found, page, searched):
     text = page.read_text()
     assert "<img" not in text
     assert "<b>" not in text.partition("<script")[0]
@@ -154,13 +159,15 @@ def test_names_are_text(found, page):
     assert NAME in [one["name"] for one in data_of(page)["recordings"]]
     refusals = tuple(replace(one, recording=HOSTILE, message=HOSTILE) for one in found.survey.refusals)
     hostile = replace(found, survey=replace(found.survey, refusals=refusals))
-    assert "<script>window" not in render(of_recordings(hostile), "recordings.html.j2", scripts=("recordings.js",))
+    assert "<script>window" not in render(
+        of_recordings(hostile, searched), "recordings.html.j2", scripts=("recordings.js",)
+    )
     visible = re.sub(r'<script type="(application/json|text/plain)".*?</script>', "", text, flags=re.S)
     loads = re.findall(r"(?:src|href|action|data)\s*=\s*[\"']([^\"']*)", visible)
     assert all(target.startswith(("#", "data:")) for target in loads)
 
 
-def test_the_command_and_a_run_write_the_page(takes, tmp_path, found):
+def test_the_command_and_a_run_write_the_page(takes, tmp_path, found, searched):
     shape = f"data.shape={{kind: ellipse, semi_axes: {list(SEMI_AXES)}}}"
     folder = tmp_path / "takes"
     shutil.copytree(takes, folder, ignore=shutil.ignore_patterns("9_*"))

@@ -14,7 +14,7 @@ from contactlearn.data import table, tracks
 from contactlearn.report.events import progress
 from contactlearn.report.figures import style
 from contactlearn.report.figures.tracks import contact_figure, residuals_figure
-from contactlearn.report.page.recordings import write_recordings_page
+from contactlearn.report.page.recordings import shown_recordings, write_recordings_page
 from contactlearn.report.text.tracks import tracks_summary
 
 _CONTACTS, _MOST = 3, 24  # recordings whose contacts, and whose residuals, are drawn
@@ -49,7 +49,8 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     except OSError as error:
         raise DataError(f"{refused}: cannot be written: {error.strerror}") from error
     figures = draw_recordings(tracked, out.with_name(f"{out.stem}_figures"))
-    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked)
+    shown = tracked.reload({*shown_recordings(tracked)})
+    page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked, shown)
     return "\n".join([*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"])
 
 

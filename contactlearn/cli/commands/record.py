@@ -20,7 +20,7 @@ from contactlearn.report.figures import quality
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
 from contactlearn.report.page.page import RECORDINGS
-from contactlearn.report.page.recordings import write_recordings_page
+from contactlearn.report.page.recordings import shown_recordings, write_recordings_page
 from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
 from contactlearn.report.terminal import print_line
 from contactlearn.report.text.numbers import NO_INTERVAL
@@ -34,7 +34,7 @@ Scalars = Mapping[str, float | Interval]
 def save_recordings_page(folder: Path, tracked: Tracked | None) -> None:
     """Write recordings.html into a folder of a run whose data are recordings, and print what they are worth."""
     if tracked is not None:
-        write_recordings_page(folder / RECORDINGS, tracked)
+        write_recordings_page(folder / RECORDINGS, tracked, tracked.reload({*shown_recordings(tracked)}))
         print_line(f"{RECORDINGS}: {tracks_headline(tracked)}")
 
 

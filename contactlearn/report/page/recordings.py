@@ -12,7 +12,7 @@ spread evenly over those with impacts.
 import json
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,28 +51,36 @@ _MIN_WIDTH = 2.0  # width of a refused part
 _FAR_SIGMAS = 3  # standard deviations of a residual
 
 
-def write_recordings_page(path: Path, tracked: Tracked) -> Path:
+def write_recordings_page(path: Path, tracked: Tracked, searched: Iterable[SearchedTrack]) -> Path:
     """Write the page of what was found in recordings, whole or not at all.
+
+    Args:
+        path: of the page.
+        tracked: what was found in all recordings.
+        searched: the `shown_recordings` with their flights, from `Tracked.reload`.
 
     Raises:
         DataError: the file cannot be written.
     """
-    text = render(of_recordings(tracked), "recordings.html.j2", scripts=("recordings.js",))
+    text = render(of_recordings(tracked, searched), "recordings.html.j2", scripts=("recordings.js",))
     try:
         return save(path, text)
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def of_recordings(tracked: Tracked) -> dict[str, Any]:
-    """Return everything that the page of recordings says and draws; `block` holds the recordings."""
+def of_recordings(tracked: Tracked, searched: Iterable[SearchedTrack]) -> dict[str, Any]:
+    """Return everything that the page of recordings says and draws; `block` holds the recordings.
+
+    The arguments are those of `write_recordings_page`.
+    """
     contacts, refusals = defaultdict(list), defaultdict(list)
     for contact in tracked.survey.contacts:
         contacts[contact.recording].append(contact)
     for refusal in tracked.survey.refusals:
         refusals[refusal.recording].append(refusal)
     tracks = dict[str, SearchedTrack]()
-    for one in tracked.reload({*chosen(tracked)}):  # the first where two have one name
+    for one in searched:  # the first where two have one name
         tracks.setdefault(one.track.name, one)
     shown = [of_recording(one, contacts[name], refusals[name]) for name, one in tracks.items()]
     scores, floor, space = standardised([*tracks.values()]), tracked.floor, tracked.impacts.space
@@ -109,7 +117,7 @@ def of_recordings(tracked: Tracked) -> dict[str, Any]:
     }
 
 
-def chosen(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
+def shown_recordings(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
     refusals = [refusal for refusal in tracked.survey.refusals if refusal.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
