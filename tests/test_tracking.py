@@ -11,6 +11,7 @@ from commands import SMALL, TRAIN, run
 from logged import Events
 from observers import RecordingObserver
 from tensorboard.backend.event_processing.data_provider import MultiplexerDataProvider
+from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
 from tensorboard.backend.event_processing.plugin_event_multiplexer import EventMultiplexer
 from tensorboard.context import RequestContext
 from tensorboard.plugins.base_plugin import TBContext
@@ -322,7 +323,7 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     # Margin charts name tags that are there, with the mean inside; lines match something.
     for name, found in events.items():
         tags, charts = found.Tags()["scalars"], [chart for part in layout(found).values() for chart in part.values()]
-        assert next(iter(layout(found))) == HELD_OUT
+        assert HELD_OUT in layout(found)
         for chart in charts:
             for series in chart.margin.series:
                 for low, mean, high in zip(
@@ -353,6 +354,10 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     assert series.value == "ladder/mass_error"
     assert events.Scalars("mass_error/model")[0].value == torch.tensor(ladder[len(found.missing)]).item()
     assert "figures/ladder" in events.Tags()["images"]
+    assert next(iter(layout(events))) == "Ladder of a diagnosis"  # the headline first
+    (file,) = (folder / "diagnose").glob("events.*")
+    written = [one for event in EventFileLoader(str(file)).Load() for one in event.summary.value]
+    assert {one.tag: one.metadata.display_name for one in written}["figures/budget"] == "Budget"
     rows = card(events)
     assert "missing from the Wang–Mason law" in dict(row[:2] for row in rows)["Verdict"]
     assert dict(row[:2] for row in rows)["Verdict"] == result.headline
