@@ -98,6 +98,7 @@ const rows = [...document.querySelectorAll('#missing label')];
 for (const row of rows) row.style.outline = '';
 const row = rows.filter(x => x.textContent.toLowerCase().startsWith(arguments[0]))[0];
 row.style.outline = '3px solid #d95f02';
+row.style.outlineOffset = '-3px';
 return row.querySelector('input');
 """
 ABOVE = """
@@ -105,6 +106,10 @@ for (const row of document.querySelectorAll('#missing label')) row.style.outline
 const [bar, main] = ['bar', 'main'].map(id => document.getElementById(id));
 scrollTo(0, main.offsetTop - bar.offsetHeight);
 document.querySelector('#missing .effects').scrollTo(0, 0);
+"""
+TRIAL = """
+const head = document.getElementById('trial-status'), above = document.getElementById('bar').offsetHeight + 20;
+scrollTo({top: head.getBoundingClientRect().top + scrollY - above, behavior: 'instant'});
 """
 FLOOR = "document.querySelector('#floor .noise')"
 
@@ -140,7 +145,7 @@ def bench(browser):
         opened(sized(browser, 1400, 1000), f"{url}&effect=sampling_delay")
         until(browser, FLOOR)
         write(shot(browser), "workbench")
-        browser.execute_script("document.querySelector('#fails h3:last-of-type').scrollIntoView(); scrollBy(0, -130)")
+        browser.execute_script(TRIAL)
         time.sleep(3)
         write(shot(browser), "workbench_trial")
 

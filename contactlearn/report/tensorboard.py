@@ -26,7 +26,7 @@ from types import MappingProxyType
 
 from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
-from tensorboard.compat.proto.summary_pb2 import Summary, SummaryMetadata
+from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.compat.proto.tensor_pb2 import TensorProto
 from tensorboard.compat.proto.types_pb2 import DT_FLOAT
 from tensorboard.plugins.hparams import api_pb2, metadata
@@ -40,7 +40,6 @@ from contactlearn.core.numerics import Z_95, bin_edges
 from contactlearn.diagnosis.events import EffectsFound, Event, LimitsEstimated
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning.events import CurvePoint, RoundScored, TrainingRound
-from contactlearn.report.text.names import capitalize_first
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
 _KINDS: Mapping[type, tuple[str, int]] = {
@@ -229,8 +228,7 @@ class Tracker:
         """Log a picture as it is; `add_image` would encode it again, which takes longer than all else."""
         width, height = struct.unpack(">II", png[16:24])
         image = Summary.Image(height=height, width=width, colorspace=4, encoded_image_string=png)
-        shown = SummaryMetadata(display_name=capitalize_first(tag.rpartition("/")[2].replace("_", " ")))
-        self._add(Summary(value=[Summary.Value(tag=tag, image=image, metadata=shown)]), self._trained_on)
+        self._add(Summary(value=[Summary.Value(tag=tag, image=image)]), self._trained_on)
 
     def card(self, tables: Iterable[Sequence[Sequence[str]]]) -> None:
         """Log tables as text, the first row of each its header; no cell is taken as markup."""
