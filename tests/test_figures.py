@@ -213,6 +213,12 @@ def traces_of(shown):
     return {trace["meta"] or trace["name"]: trace for trace in shown["data"]}
 
 
+def test_a_browser_shows_symbols_with_subscripts():
+    figure = learning.learning_curve([10, 100], {"mirtich": TABLE}, {}, "Residual of P_n, my_x, v_n⁺ (mN s)")
+    words = "Residual of P<sub>n</sub>, my_x, v<sub>n</sub>⁺ (mN s)"
+    assert as_plotly(figure)["layout"]["yaxis"]["title"]["text"] == words
+
+
 def test_a_browser_shows_the_same_numbers_labels_and_scales(drops):
     figure = learning.learning_curve([10, 100], {"x1_wrench": TABLE, "mirtich": TABLE + 0.1}, {"irb": BOUND}, "e (–)")
     shown = as_plotly(figure)

@@ -60,7 +60,7 @@ def test_failures_on_a_launcher(launcher, tmp_path):
     status, printed = ended(started(tmp_path, *JOBS[:-2], "train.size=1000,10", f"hydra/launcher={launcher}"))
     assert status == 1
     assert "1 finished, 1 failed" in printed
-    assert "failed   train.size=1000: synthetic drops" in printed
+    assert "failed: train.size=1000: synthetic drops" in printed
     assert "Traceback" not in printed
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 from dataclasses import replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
@@ -502,6 +503,7 @@ def test_a_loop_of_commands(tmp_path):
     """Plan, measure, change a drop by hand, diagnose, plan from it: the looks and the rig go on."""
     said = run("contactlearn", "plan", *MYSTERY, *LIMITS, "count=22", "-o", "one", cwd=tmp_path, figures=True)
     assert "22 drops for a first design" in said
+    assert said.endswith(f"\nnext: contactlearn measure one {' '.join(MYSTERY)} -o drops.csv\n")
     assert {path.name for path in (tmp_path / "one").iterdir()} == {
         "plan.csv", "plan.json", "plan.png", "plan.pdf", "plan.html"
     }  # fmt: skip
@@ -544,6 +546,7 @@ def test_a_plan_for_measured_impacts_of_a_table(tmp_path):
     said = run("contactlearn", "plan", *words, cwd=tmp_path)
     assert "by chance" in said  # what is not named is drawn as it was measured
     assert "v_x" in said
+    assert said.endswith(f"\nnext: contactlearn diagnose {shlex.join(words[:3])}\n")
 
 
 BODY = "body={mass: 0.05, shape: {kind: disc, radius: 0.02}}"

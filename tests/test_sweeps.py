@@ -39,7 +39,7 @@ def undisturbed(tmp_path_factory):
     """The jobs of a sweep that nothing disturbed."""
     folder = tmp_path_factory.mktemp("undisturbed")
     printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={folder}")
-    assert f"sweep    {COUNT} finished" in printed
+    assert f"sweep: {COUNT} finished" in printed
     return folder
 
 
@@ -52,7 +52,7 @@ def test_finished_jobs_are_skipped(undisturbed):
     before = finished(undisturbed)
     with patch.object(job_module, "finish", side_effect=AssertionError):
         printed = run("train.py", "-m", *JOBS, f"hydra.sweep.dir={undisturbed}")
-    assert f"sweep    {COUNT} finished ({COUNT} before)" in printed
+    assert f"sweep: {COUNT} finished ({COUNT} before)" in printed
     assert finished(undisturbed) == before
 
 
@@ -112,12 +112,12 @@ def test_a_failing_job_stops_no_other(tmp_path):
     """The sweep goes where Hydra puts them; the same command goes on in the folder that it names."""
     words = ("-m", *SMALL, "train.size=1000,10")
     printed = run("train.py", *words, status=1, cwd=tmp_path)
-    assert "sweep    1 finished, 1 failed" in printed
+    assert "sweep: 1 finished, 1 failed" in printed
     (place,) = re.findall(r"The same command with (hydra.sweep.dir=multirun/\d{4}-\d\d-\d\d/\d\d-\d\d-\d\d) ", printed)
     words, cwd, tmp_path = (*words, place), tmp_path, tmp_path / place.partition("=")[2]
     typed = [word.lstrip("+") for word in OmegaConf.load(tmp_path / "multirun.yaml").hydra.overrides.task]
     assert typed == [*SMALL, "train.size=1000,10"]
-    assert "failed   train.size=1000: synthetic drops" in printed
+    assert "failed: train.size=1000: synthetic drops" in printed
     before = finished(tmp_path)
     assert [name.partition("-")[0] for name in before] == ["train.size=10"]
     (failed,) = tmp_path.glob("train.size=1000-*")
@@ -142,7 +142,7 @@ def test_an_unexpected_failure_stops_no_other(tmp_path):
     with patch.object(loading, "split", side_effect=first, wraps=loading.split):
         printed = run("train.py", *words, status=1)
     assert "1 finished, 1 failed" in printed
-    assert "failed   train.size=10: ZeroDivisionError: by chance" in printed
+    assert "failed: train.size=10: ZeroDivisionError: by chance" in printed
     (failed,) = tmp_path.glob("train.size=10-*")
     assert "loading.split" in json.loads((failed / FAILED).read_text())["traceback"]
     assert "2 finished" in run("train.py", *words)

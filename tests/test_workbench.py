@@ -29,6 +29,7 @@ from contactlearn.data import table
 from contactlearn.diagnosis.events import AuditFindings, EffectsFound, LawsCompared, RemainderLearned
 from contactlearn.diagnosis.result import Diagnosis, Formula, PlausibleModel, Verdict, WrenchComponent
 from contactlearn.effects import EffectId
+from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.evaluation.partial_residuals import partial_residuals
 from contactlearn.inference.evaluation.variables import map_variables
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
@@ -40,6 +41,7 @@ from contactlearn.workbench import background, commands, content, lines
 from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.background import BackgroundRuns, RunStatus, learned_steps
 from contactlearn.workbench.background_callbacks import diagnosis_progress
+from contactlearn.workbench.components import bar
 from contactlearn.workbench.files import FileCallbacks, SavedRuns, diagnosed_session
 from contactlearn.workbench.models import Cache, Models
 from contactlearn.workbench.session import Option, Session, Window
@@ -127,6 +129,12 @@ def test_an_address_is_the_session(session):
 def test_a_wrong_address_is_one_clear_error(address, message):
     with pytest.raises(ContactLearnError, match=message):
         Session.read(address)
+
+
+def test_a_bar_that_is_longer_than_there_is_room_fades_out():
+    inside, outside = bar(Interval(0.5, 0.4, 1.2), 1.0), bar(Interval(1.2, 1.1, 1.3), 1.0)
+    assert [one.className for one in (inside, outside)] == ["scale", "scale beyond"]
+    assert [len(one.children) for one in (inside, outside)] == [2, 1]  # no interval at an end that is none
 
 
 def test_a_tick_takes_the_place_of_another_form():

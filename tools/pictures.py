@@ -40,8 +40,8 @@ def diagnosis():
 
 
 def sized(browser, width, height, scale=1):
-    """The browser with a window of another size."""
-    size = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": False}
+    """The browser with a window of another size; a narrow one is that of a telephone."""
+    size = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": width < 500}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     return browser
 
@@ -76,10 +76,12 @@ def workbench():
         server, address = listen("127.0.0.1", 0, Models())
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
-        yield address.url + "".join(f"&{word}" for word in MYSTERY) + "&law=mirtich"
-        server.shutdown()
-        thread.join()
-        server.server_close()
+        try:
+            yield address.url + "".join(f"&{word}" for word in MYSTERY) + "&law=mirtich"
+        finally:
+            server.shutdown()
+            thread.join()
+            server.server_close()
 
 
 def opened(browser, url):
@@ -96,18 +98,27 @@ const rows = [...document.querySelectorAll('#missing label')];
 for (const row of rows) row.style.outline = '';
 const row = rows.filter(x => x.textContent.toLowerCase().startsWith(arguments[0]))[0];
 row.style.outline = '3px solid #d95f02';
+row.style.outlineOffset = '-3px';
 return row.querySelector('input');
 """
 ABOVE = """
 for (const row of document.querySelectorAll('#missing label')) row.style.outline = '';
-scrollTo(0, document.getElementById('missing').getBoundingClientRect().top + scrollY - 60);
+const [bar, main] = ['bar', 'main'].map(id => document.getElementById(id));
+scrollTo(0, main.offsetTop - bar.offsetHeight);
+document.querySelector('#missing .effects').scrollTo(0, 0);
 """
+TRIAL = """
+const head = document.getElementById('trial-status'), above = document.getElementById('bar').offsetHeight + 20;
+scrollTo({top: head.getBoundingClientRect().top + scrollY - above, behavior: 'instant'});
+"""
+FLOOR = "document.querySelector('#floor .noise')"
 
 
 def loop(browser):
     """The loop: the law alone, then an effect is ticked and the error falls, until only noise is left."""
     with workbench() as url:
-        opened(sized(browser, 1120, 1000), url)
+        opened(sized(browser, 1120, 900), url)
+        until(browser, FLOOR)
         browser.execute_script("document.getElementById('hints').hidden = true;" + ABOVE)
         time.sleep(1)
         frames = [(shot(browser), 1800)]
@@ -132,10 +143,11 @@ def bench(browser):
     """The workbench with the law alone, and its panes below."""
     with workbench() as url:
         opened(sized(browser, 1400, 1000), f"{url}&effect=sampling_delay")
+        until(browser, FLOOR)
         write(shot(browser), "workbench")
-        browser.execute_script("document.getElementById('hints').hidden = true;" + ABOVE)
-        time.sleep(1)
-        write(shot(browser), "workbench_missing")
+        browser.execute_script(TRIAL)
+        time.sleep(3)
+        write(shot(browser), "workbench_trial")
 
 
 CALLOUT = """
@@ -166,6 +178,13 @@ MARKED = (
 """Parts of the report, each with the places that get a number, which docs/reading.md explains."""
 
 
+UNCOVER = """
+const covered = document.querySelector('.switches').getBoundingClientRect().bottom;
+if (covered > 0 && covered < innerHeight / 3) scrollBy({top: -covered - 10, behavior: 'instant'});
+"""
+"""The effects to tick stay in view, over what is scrolled to."""
+
+
 def report(browser):
     """The first screen of a report, wide and as narrow as a telephone; and parts of it with numbers."""
     page = (diagnosis() / "report.html").as_uri()
@@ -181,7 +200,8 @@ def report(browser):
         for place in places:
             number += 1
             tops.append(browser.execute_script(CALLOUT, *place, number))
-        browser.execute_script("scrollTo(0, arguments[0])", min(tops) - 90)
+        browser.execute_script("scrollTo({top: arguments[0], behavior: 'instant'})", min(tops) - 30)
+        browser.execute_script(UNCOVER)
         time.sleep(2)
         write(shot(browser), name)
 

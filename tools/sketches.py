@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Ellipse, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
+from matplotlib.text import Text
 
 DOCS = Path(__file__).parent.parent / "docs"
 TARGET = DOCS / "pictures"
@@ -128,7 +129,7 @@ def inertia_error():
     middle, _ = body(ax)
     for scale, color, ls in ((0.5, FAINT, "--"), (0.78, EFFECT, "-")):
         ax.add_patch(Ellipse(middle, 2 * A * scale, 2 * B * scale, angle=np.degrees(0.4), fc="none", ec=color, ls=ls))
-    ax.text(middle[0] + 0.75, middle[1] + 0.35, "I e^κ", color=EFFECT, fontsize=9)
+    ax.text(middle[0] + 0.75, middle[1] + 0.35, "$I e^κ$", color=EFFECT, fontsize=9)
     return figure
 
 
@@ -351,7 +352,7 @@ def torsional_friction():
     ax.set_ylim(-0.9, 1.1)
     ax.add_patch(Circle((0, 0.1), 0.8, fc="#e8edf2", ec=INK))
     ax.add_patch(Circle((0, 0.1), 0.3, fc="#fdf0e6", ec=EFFECT))
-    turn(ax, (0, 0.1), 0.62, 10, 130, INK, "ω_n")
+    turn(ax, (0, 0.1), 0.62, 10, 165, INK, "ω_n")
     turn(ax, (0, 0.1), 0.3, 130, 10, EFFECT, "τ_n")
     ax.text(-1.45, -0.8, "from above", fontsize=8, color=FAINT)
     return figure
@@ -362,7 +363,7 @@ def gravity_impulse():
     floor(ax)
     body(ax, up=0.3)
     arrow(ax, (0, 0.8), (0, 0.75), FAINT, "v_y⁺")
-    arrow(ax, (0.25, 0.8), (0, 0.45), EFFECT, "v_y⁺ − g Δt", (0.04, -0.12))
+    arrow(ax, (0.25, 0.8), (0, 0.45), EFFECT, "v_y⁺ − g Δt", (0.48, -0.1))
     return figure
 
 
@@ -377,12 +378,13 @@ def side_drag():
 
 def axes():
     """World axes, the body's orientation θ, the contact point r, and the velocities."""
-    figure, ax = blank(6.4, 4.2)
+    figure, ax = blank(6.4, 3.5)
+    ax.set_ylim(-0.2, 1.44)
     floor(ax)
     middle, touch = body(ax, angle=0.45)
-    dot(ax, middle, INK, "centre of mass (x, y)", (0.08, -0.04))
+    dot(ax, middle, INK, "centre of\nmass (x, y)", (0.06, -0.22))
     dot(ax, touch, EFFECT)
-    arrow(ax, middle, (touch[0] - middle[0], touch[1] - middle[1]), EFFECT, "r = (r_x, r_y),  r_y < 0", (0.1, 0.05))
+    arrow(ax, middle, (touch[0] - middle[0], touch[1] - middle[1]), EFFECT, "r = (r_x, r_y), r_y < 0", (0.62, 0.04))
     arrow(ax, (-1.4, 0.15), (0.4, 0), LAW, "x, tangent t", (-0.3, -0.12))
     arrow(ax, (-1.4, 0.15), (0, 0.4), LAW, "y, normal n", (-0.05, 0.05))
     ax.plot([middle[0], middle[0] + 1.05], [middle[1]] * 2, color=FAINT, lw=1, ls=":")
@@ -454,10 +456,10 @@ def reliability():
                 va="top",
                 bbox={"fc": "white", "ec": "none", "pad": 0.5},
             )
-    ax.set(xlim=(0.45, 1.01), ylim=(0.4, 1.02), xlabel="stated probability of the name", ylabel="share of right names")
+    ax.set(xlim=(0.45, 1.01), ylim=(0.3, 1.02), xlabel="stated probability of the name", ylabel="share of right names")
     ax.spines[["top", "right"]].set_visible(False)
     figure.text(0.74, 0.42, "independent suite,\nhalf only scored", color=LAW, fontsize=9)
-    figure.text(0.74, 0.26, "authors E and F,\nhalf only scored", color=EFFECT, fontsize=9)
+    figure.text(0.74, 0.26, "author E,\nhalf only scored", color=EFFECT, fontsize=9)
     return figure
 
 
@@ -494,10 +496,19 @@ EFFECTS = (
     torsional_friction, gravity_impulse, side_drag,
 )  # fmt: skip
 
+
+def typeset(figure):
+    """The figure with subscripts in symbols such as v_n⁺."""
+    for text in figure.findobj(Text):
+        signs = re.sub(r"\b([^\W\d])_([a-z])(⁺?)", lambda m: f"${m[1]}_{m[2]}{'^+' if m[3] else ''}$", text.get_text())
+        text.set_text(signs)
+    return figure
+
+
 if __name__ == "__main__":
     mpl.rcParams.update({"svg.hashsalt": "contactlearn", "font.family": "sans-serif", "svg.fonttype": "path"})
     (TARGET / "effects").mkdir(parents=True, exist_ok=True)
     for draw in (axes, how_it_works, reliability, case_study_ladder, *EFFECTS):
         folder = TARGET / "effects" if draw in EFFECTS else TARGET
-        draw().savefig(folder / f"{draw.__name__}.svg", metadata={"Date": None})
+        typeset(draw()).savefig(folder / f"{draw.__name__}.svg", metadata={"Date": None})
     print(len(EFFECTS) + 4, "drawings in", TARGET)

@@ -330,7 +330,8 @@ def run_plan(options: argparse.Namespace) -> str:
 
     run, words = _path_and_words("plan", options)
     settings = PlanSettings.from_config(compose("plan", words))
-    return write_plan(settings, None if run is None else Path(run), Path(options.out), force=options.force)
+    data = [word for word in words if word.startswith(("data=", "data."))]
+    return write_plan(settings, None if run is None else Path(run), Path(options.out), force=options.force, data=data)
 
 
 def run_measure(options: argparse.Namespace) -> str:

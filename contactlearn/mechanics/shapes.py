@@ -572,10 +572,17 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     if not isinstance(spec, Mapping):
         raise DataError(f"a shape is given as {{kind: ellipse, semi_axes: [a, b]}}, got {spec!r}")
     entries = {key: one for key, one in spec.items() if key != "kind"}
-    kind, entries = _spelled(str(spec.get("kind", "none")), entries)
+    if any(isinstance(value, Mapping) for value in entries.values()):
+        raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
+    if "kind" not in spec:
+        fitting = [name for name, kind in KINDS.items() if entries and {*entries} <= {*signature(kind).parameters}]
+        kinds, given = fitting or [*KINDS], ", ".join(f"{key}: {value}" for key, value in entries.items())
+        raise DataError(
+            f"a shape needs its kind: add kind: {' or '.join(kinds)}, as in data.shape.kind={kinds[0]}; "
+            f"got {given or 'nothing'}"
+        )
+    kind, entries = _spelled(str(spec["kind"]), entries)
     if kind not in KINDS:
-        if any(isinstance(value, Mapping) for value in entries.values()):
-            raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
         raise UnknownNameError("shape kind", kind, (*KINDS, "rectangle", *_SAME_KIND))
     make = polyhedron if kind == "polyhedron" else KINDS[kind]
     try:

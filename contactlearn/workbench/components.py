@@ -61,15 +61,17 @@ def bars(errors: Iterable[tuple[str, Interval]], largest: float) -> Component:
 
 
 def bar(error: Interval, largest: float) -> Component:
-    """Return a bar up to the mean, with its interval."""
+    """Return a bar up to the mean, with its interval; one that is longer than there is room fades out."""
     low, high = (error.mean if math.isnan(end) else end for end in (error.low, error.high))
-    low, high = max(low, 0.0), min(high, largest)
+    whole, low, high = error.mean <= largest, max(low, 0.0), min(high, largest)
     mean = {"width": f"{100 * min(max(error.mean, 0.0), largest) / largest:.2f}%"}
     ends = {
         "left": f"{100 * min(low, largest) / largest:.2f}%",
         "width": f"{100 * max(high - low, 0.0) / largest:.2f}%",
     }
-    return html.Div([html.I(style=mean), html.B(style=ends)], className="scale")
+    return html.Div(
+        [html.I(style=mean), *([html.B(style=ends)] if whole else [])], className="scale" if whole else "scale beyond"
+    )
 
 
 def items(rows: list[list[Child]], head: str = "") -> list[Component]:

@@ -27,7 +27,7 @@ from contactlearn.report.text.names import (
     model_label,
     sentence,
 )
-from contactlearn.report.text.numbers import brief_interval, error, fix_spacing, percent, share_of_whole
+from contactlearn.report.text.numbers import brief_interval, error, fix_spacing, share_of_whole
 from contactlearn.report.text.sentences import (
     correct_setting,
     headline,
@@ -183,7 +183,8 @@ def effect_options(session: Session, gains: Sequence[PredictedGain], present: fl
     for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
         name = one.effect.name
         if one.gain > 0 and one.error < present:
-            text = f"{error(one.error)} ({percent(one.error / present - 1)})"
+            less = share_of_whole(1 - one.error / present)
+            text = f"{error(one.error)} ({less if less.startswith('<') else f'−{less}'})"
             options.append(_effect_option(name, effect_label(one.effect), text, True))
         else:
             options.append(_effect_option(name, label(name), "no predicted gain", False))

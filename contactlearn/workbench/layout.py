@@ -31,8 +31,9 @@ _WORDS = (
 HINTS = (
     (
         "Compare",
-        "These drops hide one to three physical effects. Under Compare every law stands next to the bounds: choose the "
-        "one with the smallest error. It does not reach the noise floor of the ladder, so something is missing.",
+        "These drops hide one to three physical effects. Under Compare, below the effects, every law stands next to "
+        "the bounds: choose the one with the smallest error. It does not reach the noise floor of the ladder, so "
+        "something is missing.",
     ),
     (
         "See where it fails",
@@ -73,7 +74,7 @@ def page_layout(largest: int) -> Component:
         dcc.Interval(id="diagnosis-clock", interval=1000, disabled=True),
         dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
-    panes = html.Main([_compare(), _fails(), _missing(), _model(), _plan(), _keep()], id="main", tabIndex="-1")
+    panes = html.Main([_missing(), _compare(), _fails(), _model(), _plan(), _keep()], id="main", tabIndex="-1")
     buttons = (action_button(*pair) for pair in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone")))
     estimated = note("The noise floor is being estimated …")
     bar: list[Component] = [

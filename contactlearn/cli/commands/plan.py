@@ -7,7 +7,8 @@ plan.html    the page
 """
 
 import json
-from collections.abc import Iterator, Mapping
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -48,7 +49,7 @@ _REACHED, _NEAR = 5.0, 0.02  # standard deviations of a setting, and share of it
 _SAME_DROPS = 0.9  # share of the drops of a plan in a row of trials from which on they are these
 
 
-def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bool) -> str:
+def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bool, data: Sequence[str] = ()) -> str:
     """Plan the next drops and write the plan; return a summary, line by line.
 
     Args:
@@ -56,6 +57,7 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
         run: folder of a diagnosis.
         out: folder for the files.
         force: whether a plan that is there is replaced.
+        data: words of the command line that name the data, for the command that comes next; a run has its own.
 
     Raises:
         ContactLearnError: nothing to plan for, or several; see also `contactlearn.planning.design.plan`.
@@ -68,7 +70,12 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
     if len(named) != 1:
         seen = " and ".join(named) or "none of them"
         raise ContactLearnError(f"a plan is for a run of diagnose, for body={{…}}, or for data=NAME; got {seen}")
-    known = _diagnosed(run) if run is not None else settings.body or _known(settings.data)
+    if run is None:
+        known = settings.body or _known(settings.data)
+    else:
+        diagnosed = _diagnosed(run)
+        known = replace(diagnosed.diagnosis, record=Record.load(run))
+        data = [word for word in shlex.split(diagnosed.use) if word.startswith(("data=", "data."))]
     chosen = plan(
         known,
         _rig(settings, before),
@@ -91,7 +98,21 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
     drops = f"drops: {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
-    return "\n".join([*plan_summary(chosen), drops, f"report: {page}"])
+    lines = [*plan_summary(chosen), drops, f"report: {page}"]
+    if chosen.stop is None:
+        lines.append(f"next: {_next_command(settings, out, data)}")
+    return "\n".join(lines)
+
+
+def _next_command(settings: PlanSettings, out: Path, data: Sequence[str]) -> str:
+    """The command that goes on from a plan: it measures the drops, or reads what was measured of them."""
+    if settings.body is not None:
+        words = ["init", "drops.csv", "--name", "mydata"]
+    elif settings.data is not None and settings.data.target in (_MYSTERY, _MUJOCO):
+        words = ["measure", str(out), *data, "-o", "drops.csv"]
+    else:
+        words = ["diagnose", *data]
+    return shlex.join(["contactlearn", *words])
 
 
 def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool = False) -> str:
@@ -203,11 +224,11 @@ def _rig(settings: PlanSettings, before: Plan | None) -> Rig:
     return Rig(limits=known | dict(settings.rig), noise=noise)
 
 
-def _diagnosed(run: Path) -> Diagnosis:
+def _diagnosed(run: Path) -> DiagnosisRun:
     result = read_result(run / "diagnosis.json") if (run / "diagnosis.json").exists() else None
     if not isinstance(result, DiagnosisRun):
         raise ContactLearnError(f"{run}: holds no diagnosis; give the folder of a run of diagnose")
-    return replace(result.diagnosis, record=Record.load(run))
+    return result
 
 
 def _known(source: SourceSettings | None) -> Impacts | Specimen:

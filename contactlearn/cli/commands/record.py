@@ -99,7 +99,7 @@ def tracker_of(run: Run, trained_on: int, metric: str, *, curves: bool = False, 
         rf"(interval/)?(\w+_error/model|ladder/{metric})(/low|/high)?|\w+_error/irb|{learned}.+|transfer_{metric}/.+"
         rf"|fit/(loss|{metric}|negative_log_density)|limits/.+|floor/.+"
     )
-    return Tracker(run.folder, trained_on, {HELD_OUT_CHARTS: chosen, **charts}, shown=shown)
+    return Tracker(run.folder, trained_on, {**charts, HELD_OUT_CHARTS: chosen}, shown=shown)
 
 
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:

@@ -61,7 +61,7 @@ def sweep(hydra: DictConfig, swept: Sequence[str]) -> Generator[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".probe-", dir=folder) as probe:  # fails now rather than in every job
         start = os.stat(probe).st_mtime_ns  # by the clock of the disk
-    print(f"sweep    in {relative(folder)}", flush=True)
+    print(f"sweep: in {relative(folder)}", flush=True)
     place = shlex.quote(f"hydra.sweep.dir={relative(folder)}")
     again = f"The same command with {place} runs what has no result, and nothing else."
 
@@ -136,11 +136,11 @@ def _show(folder: Path, start: int) -> bool:
     before = sum(_time(job / DONE) < start for job in finished)
     counts = [f"{len(finished)} finished" + (f" ({before} before)" if before else "")]
     counts += [f"{len(failed)} failed"] if failed else []
-    print(f"sweep    {', '.join(counts)}", flush=True)
+    print(f"sweep: {', '.join(counts)}", flush=True)
     for job, why in failed.items():  # last, where a user looks
         name = job.name.rpartition("-")[0] or job.name
         reason = _SILENT if why is None else why.reason
-        print(terminal_safe(f"failed   {name}: {reason}\n         {relative(job)}"), file=sys.stderr)
+        print(terminal_safe(f"failed: {name}: {reason}\n  {relative(job)}"), file=sys.stderr)
     return bool(failed)
 
 

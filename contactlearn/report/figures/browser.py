@@ -264,12 +264,14 @@ def _annotations(axes: Axes, number: str) -> list[_Trace]:
 
 
 def _text(words: str) -> str:
-    """Text of matplotlib as plotly takes it: sub- and superscripts for the formulas, all else as it is."""
+    """Text of matplotlib as plotly takes it: sub- and superscripts for formulas and for symbols such as v_n."""
     parts = re.split(r"(?<!\\)\$", words)
     for k, part in enumerate(parts):
         part = html.escape(part.replace(r"\$", "$"), quote=False)
         if k % 2:
             part = re.sub(r"_(?:\{([^}]*)\}|(.))", r"<sub>\1\2</sub>", part)
             part = re.sub(r"\^(?:\{([^}]*)\}|(.))", r"<sup>\1\2</sup>", part)
+        else:
+            part = re.sub(r"(?<![A-Za-z_])([^\W\d_])_([a-z])(?![A-Za-z_])", r"\1<sub>\2</sub>", part)
         parts[k] = part
     return "".join(parts).strip().replace("\n", "<br>")

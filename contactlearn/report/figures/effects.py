@@ -13,7 +13,7 @@ from torch import Tensor
 from contactlearn.core.numerics import wrapped
 from contactlearn.inference.evaluation.partial_residuals import Partial
 from contactlearn.report.figures import style as st
-from contactlearn.report.text.names import label
+from contactlearn.report.text.names import capitalize_first, label
 
 _Look = dict[str, Any]
 _BLUE, _RED, _ = st.CONTRAST
@@ -62,7 +62,7 @@ def effect_curve(partial: Partial, title: str | None = None, *, remaining: bool 
     if remaining:
         _plot(axes, middle, means(groups, measured - explained), _REST)
     axes.set_ylim(*ends)
-    title = label(partial.effect) if title is None else title
+    title = capitalize_first(label(partial.effect) if title is None else title)
     axes.set_title("\n".join(wrap(st.plain(title, 80), 40, break_on_hyphens=False)))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

@@ -55,7 +55,7 @@ def plan_summary(plan: Plan) -> list[str]:
     lines += [*known, *forecast_lines(plan)]
     if plan.hidden:
         lines.append(f"no drop within these limits shows {join_words([label(name) for name in plan.hidden], 'or')}")
-    return [*lines, "next: make these drops, then run contactlearn diagnose on all drops together"]
+    return [*lines, "make these drops, then diagnose them together with all before them"]
 
 
 def forecast_lines(plan: Plan) -> list[str]:
