@@ -9,13 +9,12 @@ import sys
 from pathlib import Path
 from unittest.mock import patch
 
-from diagnoses import few
+from diagnoses import TWO_COMPONENTS, few
 from matplotlib.figure import Figure
 
 from contactlearn.__main__ import main
 from contactlearn.cli import hydra_main
 from contactlearn.effects import catalogue
-from contactlearn.scatter import Normal, Restitution
 
 ROOT = Path(__file__).parent.parent
 SMALL = ("data.size=80", "train.size=20", "train.repetitions=4", "figures.repetitions=2", "bootstrap=50", "model=[]")
@@ -66,7 +65,7 @@ def small_search():
         patch("contactlearn.diagnosis.search.candidates.SEARCHED_LAWS", LAWS),
         patch("contactlearn.diagnosis.pipeline.all_candidates", first),
         patch("contactlearn.cli.commands.diagnose.all_candidates", first),
-        patch("contactlearn.inference.identification.scatter.COMPONENTS", (Restitution, Normal)),
+        patch("contactlearn.inference.identification.scatter.COMPONENTS", TWO_COMPONENTS),
     ):
         yield
 

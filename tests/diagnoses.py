@@ -13,6 +13,7 @@ from contactlearn.laws import PAPER_LAWS, find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.results.types import DataSource, Provenance
+from contactlearn.scatter import Normal, Restitution
 from contactlearn.simulation import synthetic
 
 ERROR = Interval(0.1, 0.09, 0.11)
@@ -21,6 +22,7 @@ SIX = (
     EffectId("inertia_error", "uniform"), EffectId("side_drag", "linear"), EffectId("sampling_delay"),
 )  # fmt: skip
 MOST = 6  # effects in play
+TWO_COMPONENTS = Restitution, Normal  # of scatter, where diagnoses are about something else
 
 
 def few(*names: str) -> dict[EffectId, Effect]:

@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import pytest
 import torch
-from diagnoses import ERROR, few, made_up, provenance_of
+from diagnoses import ERROR, TWO_COMPONENTS, few, made_up, provenance_of
 from drops import seeded
 from observers import RecordingObserver
 
@@ -128,6 +128,7 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     assert diagnosed == [300, 150]
 
 
+@patch("contactlearn.inference.identification.scatter.COMPONENTS", TWO_COMPONENTS)
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)
     law, events = find("mirtich"), RecordingObserver()

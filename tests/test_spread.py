@@ -7,7 +7,9 @@ import torch
 from diagnoses import few
 
 from contactlearn.core.errors import DataError
+from contactlearn.core.events import TaskProgress
 from contactlearn.data.audit.corrections import correct
+from contactlearn.diagnosis.events import AuditFindings, MeasurementsReplaced
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
 from contactlearn.laws import find
@@ -37,18 +39,37 @@ def alike(seed, size=100, spread=0.0):
     return true.replace(v_pre=v_pre + NOISE * draws[1], v_post=v_post + NOISE * draws[2])
 
 
+def corrections(impacts):
+    """Corrections of a diagnosis, which ends once they are made: where it begins to search effects."""
+
+    class Searching(Exception):
+        pass
+
+    made = []
+
+    def on_event(event):
+        if isinstance(event, AuditFindings | MeasurementsReplaced):
+            made.extend(one.correction for one in event.findings if one.correction is not None)
+        if isinstance(event, TaskProgress) and event.task == "effects":
+            raise Searching
+
+    with pytest.raises(Searching):
+        diagnose(impacts, LAW, options=DiagnoseOptions(candidates=few("surface_tilt"), laws=[LAW]), on_event=on_event)
+    return tuple(made)
+
+
 def test_scatter_is_no_effect():
     found = diagnose(alike(0, 100), LAW, options=DiagnoseOptions(laws=[LAW]))
     assert found.effects == ()
     assert found.verdict == "none"
     assert "averaged_vy" in [finding.correction for finding in found.findings]
+    assert found.record.impacts.v_pre[:, 1].std() < 1e-12
 
 
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
-    tilt = few("surface_tilt")
     for drops in (alike(0, spread=5.0), hidden_effects.draw(3, effects=[], size=120)[0]):
-        assert diagnose(drops, LAW, options=DiagnoseOptions(candidates=tilt, laws=[LAW])).corrections == ()
+        assert corrections(drops) == ()
     drops = alike(0)
     mended = correct(drops, ["averaged_vy"])
     torch.testing.assert_close(mended.v_pre[:, 1], drops.v_pre[:, 1].mean().expand(100))
@@ -57,13 +78,12 @@ def test_what_varies_is_measured():
 
 def test_contact_points_come_from_the_shape_where_they_are_known_better():
     """Measured points that scatter are replaced by those of the shape, but not where the contact itself scatters."""
-    drops, options = alike(0, spread=5.0), DiagnoseOptions(candidates=few("surface_tilt"), laws=[LAW])
+    drops = alike(0, spread=5.0)
     off = 0.001 * torch.randn(drops.r.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     seen = drops.replace(r=drops.r + off)
-    found = diagnose(seen, LAW, options=options)
-    assert found.corrections == ("contact_from_shape",)
-    torch.testing.assert_close(found.record.impacts.r, drops.r)
+    assert corrections(seen) == ("contact_from_shape",)
+    torch.testing.assert_close(correct(seen, ["contact_from_shape"]).r, drops.r)
     moved = ContactModel(LAW.at(0.12, 0.55)).predict(seen).v_post
-    assert diagnose(seen.replace(v_post=moved), LAW, options=options).corrections == ()
+    assert corrections(seen.replace(v_post=moved)) == ()
     with pytest.raises(DataError, match="no shape is stated"):
         correct(drops.replace(shape=None), ["contact_from_shape"])

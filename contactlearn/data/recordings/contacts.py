@@ -130,9 +130,8 @@ def fit_contact(
 
 def _differences(before: Flight, after: Flight, time: Array, skipped: Array) -> tuple[Array, Array, Array]:
     """Distance p⁻ − p⁺ [M, k], its variance and the difference of velocities, for each number of missing frames."""
-    d = away(before.poses(time), after.poses(time - skipped))
-    S = before.spread(time) ** 2 + after.spread(time - skipped) ** 2
-    return d, S, before.velocities(time) - after.velocities(time - skipped)
+    (p, u), (q, v) = before.states(time), after.states(time - skipped)
+    return away(p, q), before.spread(time) ** 2 + after.spread(time - skipped) ** 2, u - v
 
 
 def cut(

@@ -240,27 +240,25 @@ class Flight:
         """The state with the whole acceleration, shared and own."""
         return self.state + np.array((0.0, 0.0, 1.0, 0.0))[:, None] * self.air.pull()
 
-    def _in_space(self, tau: Float[Array, "*t"]) -> tuple[Float[Array, "*t 4"], Float[Array, "*t 3"]]:
-        """Quaternions and spins."""
-        assert self.turning is not None
-        turned, rate = (
-            np.einsum("...kj,jk->...k", move(tau.ravel()), self.state)[:, 3:]
-            for move in (self.air.slopes, self.air.rates)
+    def states(self, time: Float[Array, "*t"] | float) -> tuple[Float[Array, "*t m"], Float[Array, "*t k"]]:
+        """Poses and velocities at instants."""
+        when = np.asarray(time) - self.reference
+        tau = when.ravel()
+        pose, velocity = (
+            np.einsum("...kj,jk->...k", move, self._pulled) for move in (self.air.slopes(tau), self.air.rates(tau))
         )
-        q, spin = self.turning.placed(turned, rate, tau.ravel())
-        return q.reshape(*tau.shape, 4), spin.reshape(*tau.shape, 3)
+        if self.turning is not None:
+            q, spin = self.turning.placed(pose[..., 3:], velocity[..., 3:], tau)
+            pose, velocity = np.concatenate((pose[..., :3], q), -1), np.concatenate((velocity[..., :3], spin), -1)
+        return pose.reshape(*when.shape, pose.shape[-1]), velocity.reshape(*when.shape, self.air.k)
 
     def poses(self, time: Float[Array, "*t"] | float) -> Float[Array, "*t m"]:
         """Poses at instants, (x, y, θ), in space a position and a quaternion."""
-        tau = np.asarray(time) - self.reference
-        pose = np.einsum("...kj,jk->...k", self.air.slopes(tau), self._pulled)
-        return pose if self.turning is None else np.concatenate((pose[..., :3], self._in_space(tau)[0]), -1)
+        return self.states(time)[0]
 
     def velocities(self, time: Float[Array, "*t"] | float) -> Float[Array, "*t k"]:
         """Velocities (v_x, v_y, ω) at instants; in space six."""
-        tau = np.asarray(time) - self.reference
-        velocity = np.einsum("...kj,jk->...k", self.air.rates(tau), self._pulled)
-        return velocity if self.turning is None else np.concatenate((velocity[..., :3], self._in_space(tau)[1]), -1)
+        return self.states(time)[1]
 
     def spread(self, time: Float[Array, "*t"]) -> Float[Array, "*t k"]:
         """Standard deviations of the poses at instants, of the fit alone."""
@@ -272,7 +270,7 @@ class Flight:
         tau, k = np.asarray(time - self.reference), self.air.k
         errors, move = np.zeros((2, k, 2, k)), np.stack((self.air.slopes(tau), self.air.rates(tau)), 1)
         errors[:, range(k), :, range(k)] = move @ self.covariance @ move.transpose(0, 2, 1)
-        return self.poses(time), self.velocities(time), errors.reshape(2 * k, 2 * k)
+        return *self.states(time), errors.reshape(2 * k, 2 * k)
 
     def acceleration(self, time: float) -> Float[Array, "k"]:
         """Acceleration at an instant, without that of Euler's equations."""
