@@ -37,6 +37,7 @@ SUITES = (
     "author_g",
     "author_h",
     "author_i",
+    "author_j",
 )
 
 
