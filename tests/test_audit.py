@@ -594,6 +594,7 @@ def test_impossible_data_say_what_was_seen_most():
     )}  # fmt: skip
     (walls,) = [one for one in audit(clean.replace(**turned, validate=False)) if one.fatal]
     assert "the normal of the surface is not y, as of a wall or a racket that leans" in walls.sentence
+    assert "several walls, which want a table each" in walls.sentence
     assert "belong to the same trials" not in walls.sentence
     wrong = drops("triangle", seed=1, size=200)
     other = wrong.v_pre[:, 2:] + (wrong.v_post - wrong.v_pre)[:, 2:] * torch.where(wrong.r[:, :1] > 0, 4.0, 0.5)

@@ -6,6 +6,8 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 import torch
 from diagnoses import few
@@ -14,6 +16,7 @@ from spatial import in_space, tossed, velocities
 
 from contactlearn import laws
 from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameError
+from contactlearn.data import table
 from contactlearn.data.audit.corrections import correct
 from contactlearn.diagnosis.law_steps import less_error_of_steps
 from contactlearn.diagnosis.options import DiagnoseOptions
@@ -183,6 +186,18 @@ def test_weights_bring_the_law_nearer_to_the_truth():
     assert (after < 0.9 * before).any(), (before, after)
     assert (after < 1.1 * before).all(), (before, after)
     assert (after < 2 * stated).all(), (after, stated)
+
+
+def test_what_never_varies_has_weights_too():
+    """Heights of falls and rebounds: nothing is along the floor, and no spin."""
+    rng = np.random.default_rng(5)
+    speed = rng.uniform(1.5, 5.0, 60)
+    frame = pd.DataFrame({"vy": -speed, "vy_post": speed * (0.6 + 0.03 * rng.standard_normal(60))})
+    impacts = table.load(frame, shape={"kind": "disc", "radius": 0.05}, mass=2.0)
+    found = weighed(impacts, fit(impacts, "whittaker").model, FitOptions(), Thresholds())
+    assert found.whitening.isfinite().all()
+    eps = fit(found, "whittaker").model.law.coefficients[1].item()
+    assert eps == pytest.approx(0.6, abs=0.02)
 
 
 @pytest.mark.parametrize("structure", ["pose", "speed"])

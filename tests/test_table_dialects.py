@@ -525,11 +525,12 @@ def long(frame: pd.DataFrame) -> pd.DataFrame:
     return both.sort_index(kind="stable")
 
 
+MEANS = "'vx' without errors (±): rows may be means of trials, which scatter less than single ones"
 MARKED = {
     "units": (lambda x: f"{x!r} m/s", "'vx' in m/s, as its cells say"),
-    "errors": (lambda x: f"{x!r} ± 0.02", "'vx' without errors (±)"),
+    "errors": (lambda x: f"{x!r} ± 0.02", MEANS),
     "errors and units": (lambda x: f"{x!r} +/- 0.02 m/s", "'vx' in m/s, as its cells say"),
-    "digits of errors": (lambda x: f"{x!r}(12)", "'vx' without errors (±)"),
+    "digits of errors": (lambda x: f"{x!r}(12)", MEANS),
     "footnotes": (lambda x: f"{x!r}*" if x > 0 else f"{x!r}†", "'vx' without marks of footnotes"),
     "superscripts": (lambda x: f"{x!r}¹", "'vx' without marks of footnotes"),
     "Fortran": (lambda x: f"{x:.15E}".replace("E", "D"), None),
@@ -767,6 +768,8 @@ def test_speed_and_angle(frame):
         pytest.param(("Drop height h1 (m)", "Rebound height h2 (m)"), (0.5, 0.5), id="with indices"),
         pytest.param(("h0 [m]", "h1 [m]"), (0.5, 0.5), id="by indices"),
         pytest.param(("velocity v before (m/s)", "velocity v after (m/s)"), (1.0, 1.0), id="a velocity v"),
+        pytest.param(("Fallhöhe [m]", "Rückprallhöhe [m]"), (0.5, 0.5), id="another word in German"),
+        pytest.param(("Abwurfhöhe", "Abprallhöhe"), (0.5, 0.5), id="a third one in German"),
         pytest.param(("fallhöjd [m]", "studshöjd [m]"), (0.5, 0.5), id="in Swedish"),
         pytest.param(("valhoogte [m]", "stuithoogte [m]"), (0.5, 0.5), id="in Dutch"),
         pytest.param(("wysokość spadku [m]", "wysokość odbicia [m]"), (0.5, 0.5), id="in Polish"),
@@ -1243,11 +1246,12 @@ def test_the_height_of_a_known_shape_needs_no_column(frame):
         table.read(there.assign(rx=0.0, ry=-0.03), **BODY)
 
 
-@pytest.mark.parametrize("name", ["COR", "restitution coefficient (%)", "e_n"])
+@pytest.mark.parametrize("name", ["COR", "restitution coefficient (%)", "e_n", "e (–)", "ε [-]"])
 def test_a_drop_height_and_a_coefficient_of_restitution_are_bounces(tmp_path, name):
     rows = [(40, 38.2, 21.5), (100, 47.8, 45.7), (20, 34.2, 20.7)]
-    e = "{:.3f}" if name == "e_n" else "{:.1f}" if "%" in name else "{:.1f}%"
-    scale = 0.01 if name == "e_n" else 1
+    plain = name[0] in "eε"
+    e = "{:.3f}" if plain else "{:.1f}" if "%" in name else "{:.1f}%"
+    scale = 0.01 if plain else 1
     lines = [f'#{k},"{h}""",{t} °C,{e.format(scale * c)}' for k, (h, c, t) in enumerate(rows, 1)]
     path = tmp_path / "squash.csv"
     path.write_text("\n".join([f"Ball,Drop height,Temp.,{name}", *lines]), "utf-8")
@@ -1262,6 +1266,29 @@ def test_a_drop_height_and_a_coefficient_of_restitution_are_bounces(tmp_path, na
     if name == "COR":
         with refused(["'COR' is up to 47.8", "per cent", "no ratio of heights"]):
             table.read(path, **BALL)
+
+
+@pytest.mark.parametrize(("rotation", "sign"), [("counterclockwise", 1), ("clockwise", -1)])
+def test_the_sense_of_topspin_is_said_as_it_is_stated(frame, rotation, sign):
+    there = frame.rename(columns={"omega": "topspin", "omega_post": "topspin after"})
+    found = table.read(there, units={"rotation": rotation}, **BODY)
+    assert f"omega is 'topspin' in rad/s, positive {rotation.replace('counterc', 'counter-c')}" in found.read_as
+    torch.testing.assert_close(found.impacts.v_pre[:, 2], sign * torch.tensor(frame.omega.to_numpy()))
+
+
+def test_a_coefficient_of_restitution_is_no_velocity(tmp_path):
+    """As a paper has it: means of restitution at some speeds, which settings name by any column."""
+    path = tmp_path / "table3.csv"
+    rows = "\n".join(f"steel;{v};0.{90 - k} ± 0.012;10" for k, v in enumerate((0.5, 1.0, 2.0)))
+    path.write_text(f"Material;v_i (m/s);e (–);n\n{rows}\n", "utf-8")
+    found = table.read(path, **BALL)
+    np.testing.assert_allclose(found.impacts.v_post[:, 1].numpy(), [0.45, 0.89, 1.76], rtol=ROUNDING)
+    path.write_text(f"Material;u (m/s);Rückgabe;n\n{rows}\n", "utf-8")
+    named = table.read(path, **BALL, columns={"speed": "u (m/s)", "restitution": "Rückgabe"})
+    torch.testing.assert_close(named.impacts.v_post, found.impacts.v_post)
+    path.write_text(f"Material;u (m/s);e (–);n\n{rows}\n", "utf-8")
+    with refused(["'data.columns={restitution: \"e (–)\"}'", "no velocity"]):
+        table.read(path, **BALL, columns={"vy": "u (m/s)", "vy_post": "e (–)"})
 
 
 def test_numbers_that_cannot_be_groups_are_no_covariate(frame):

@@ -226,6 +226,15 @@ def test_few_frames_a_second_are_warned_of(tmp_path, rate, warned):
         assert re.match(r"only 50 a second: velocities after contact are uncertain by ± [\d.]+ mm/s", facts["frames"])
 
 
+def test_a_centre_of_mass_that_nothing_shows_is_said_to_be_assumed(tmp_path):
+    folder(tmp_path, size=3)
+    found = found_in(tmp_path, unit="m", angle="rad", sense="as_read")
+    assert "centre" not in dict(tracks_facts(found))
+    unseen = found.impacts.replace(apparatus=replace(found.rig, centre_a=None, centre_b=None))
+    facts = dict(tracks_facts(replace(found, impacts=unseen)))
+    assert facts["centre"] == "of mass, assumed: the point that was tracked; flights do not show where it is"
+
+
 def test_refusals_name_settings(tmp_path, plain):
     folder(tmp_path / "in", size=3)
     (tmp_path / "in" / "z.csv").write_text("x,y,theta\n1,2,3\n")

@@ -345,6 +345,28 @@ def test_a_video_in_slow_motion_is_told_its_frame_rate():
         find_gravity(of_bounces(4, slowed=8.0))
 
 
+@pytest.mark.parametrize(("unit", "scale"), [(None, 900.0), ("mm", 1000.0)], ids=["pixels", "mm"])
+@pytest.mark.parametrize("braked", [0.0, 0.4], ids=["air", "sliding"])
+def test_a_level_table_has_no_gravity_to_find(unit, scale, braked):
+    """A puck between four rails, which slows down by friction in m/s²: its velocity turns at rails alone."""
+    rng, step, recordings = np.random.default_rng(3), 1 / 120, list[Recording]()
+    for k in range(6):
+        turn = rng.uniform(0, 2 * np.pi)
+        position, velocity = np.array((0.6, 0.4)), 2.5 * np.array((np.cos(turn), np.sin(turn)))
+        pose = np.empty((300, 2))
+        for frame in pose:
+            frame[:] = position
+            position = position + step * velocity
+            velocity = velocity - braked * step * velocity / np.linalg.norm(velocity)
+            out = (position < 0) | (position > (1.2, 0.8))
+            velocity = np.where(out, -0.8 * np.sign(position - (0.6, 0.4)) * np.abs(velocity), velocity)
+        pose = scale * (pose + 3e-4 * rng.standard_normal(pose.shape))
+        time, angle = step * np.arange(300), np.zeros(300)
+        recordings.append(Recording(name=str(k), source="puck", time=time, position=pose, angle=angle, unit=unit))
+    with pytest.raises(DataError, match=r"nothing falls: .* level table .* a row a hit"):
+        find_frame(recordings, find_gravity(recordings))
+
+
 @pytest.mark.parametrize("contacts", [1, 3, 4])
 def test_a_floor_through_few_contacts_has_no_error(contacts):
     floor = SimpleNamespace(height=Estimate(value=-8.04e-3, error=0.0), rests=0, scatter=1e-9)

@@ -89,3 +89,23 @@ def test_a_file_whose_name_begins_with_a_digit(tmp_path: Path, monkeypatch: pyte
     file.write_text("time,x,y,theta\n" + "".join(f"{k / 100},{k / 100},1.0,0.5\n" for k in range(12)))
     write_settings(file, None)
     assert Path("data_2026_drops.yaml").is_file()
+
+
+@pytest.mark.parametrize("header", ["trial,x,y,vx,vy,omega", "x,y,vx before,vy before,omega before,w"])
+def test_values_before_contact_alone_are_no_recording(tmp_path: Path, header: str) -> None:
+    file = tmp_path / "drops.csv"
+    file.write_text("\n".join([header, *(f"{k},1.{k},0.5,{k % 3},-2.{k},{k}.5" for k in range(9))]) + "\n")
+    with pytest.raises(DataError, match="has no velocity after contact") as refused:
+        propose(file)
+    assert "contactlearn audit" in str(refused.value)
+    assert "position" not in str(refused.value)
+
+
+def test_numbers_that_count_the_trials_are_no_frames(tmp_path: Path) -> None:
+    """The page of a table whose rows grow evenly is that of impacts, once a name says so."""
+    file = tmp_path / "fall.csv"
+    rows = (f"{k};{2 + k // 9};{100 + k};{k % 4}" for k in range(20))
+    file.write_text("\n".join(["Nr.;Masse [kg];Fallhöhe [mm];Rest [mm]", *rows]) + "\n")
+    with pytest.raises(DataError, match=r"none of 'Nr\.', 'Rest \[mm\]' is known to be it") as refused:
+        propose(file)
+    assert "height? by its name" in str(refused.value)

@@ -209,7 +209,11 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         raise DataError(f"{first}: {why}")
     times = [times_in(name, opposite=False) for name in header]
     paired = times.count("pre") == times.count("post") > 0  # as families of numbers before and after contact
-    posed = not paired and (markers or ("x" in frames.names and {"y", "z"} & {*frames.names}))
+    recording = frames.names.get("recording")
+    clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, recording)
+    alone = recording in header and len({*cells.names(recording)}) == len(cells)  # a row a trial, and no frames
+    framed = not paired and (clock or not (alone or "pre" in times))
+    posed = framed and (markers or ("x" in frames.names and {"y", "z"} & {*frames.names}))
     if posed:
         if "recording" not in frames.names and (recording := recording_column(first_rows(first))) in frames.others:
             others = tuple(name for name in frames.others if name != recording)
@@ -220,18 +224,15 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         body = _body(path, markers, bodies or named, where)
         return _contents("tracks", (*body, *_layout(first, frames, markers)), cells)
     names = column_names(first) if first.suffix.lower() == ".parquet" else header
-    clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, frames.names.get("recording"))
-    timed = clock and not paired
-    if timed and frames.others:
+    if clock and framed and frames.others:
         return _contents("tracks", (*_body(path), *_open_layout(first, frames, names)), cells)
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
-    told = f"\n{_page(cells)}"
     if why := refusal_of_unmeasured(header):
-        raise UnknownLayoutError(f"{first}: {why}; its columns are{told}")
+        raise UnknownLayoutError(f"{first}: {why}; its columns are\n{_page(cells, 'table')}")
     raise UnknownLayoutError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
-        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are{told}"
+        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are\n{_page(cells)}"
     )
 
 

@@ -566,7 +566,8 @@ def _lead(best: Hypothesis) -> str:
         seen = "do not approach the floor" if means["approach"] >= means["push"] else "are pulled by it"
         return (
             f"That bodies {seen} has two likely causes: the normal of the surface is not {normal}, as of a wall or a "
-            "racket that leans, or the surface moves, and its velocity was not taken off"
+            "racket that leans, or of several walls, which want a table each, or the surface moves, and its velocity "
+            "was not taken off"
         )
     if best.balance.r_squared > EXPLAINED:
         return (

@@ -62,6 +62,8 @@ _SAME_ACCELERATION = 0.05  # relative distance of accelerations that are the sam
 _MAX_CANDIDATES = 300
 _BENT_SHARE = 0.6  # of second differences with one sign, from which on flights are seen: noise has half of them
 _SHORTEST_FLIGHT = 0.05  # s: 3 mm high, between two bounces; less is noise
+_COMMON = 0.5  # length of the mean direction of accelerations, up to which none is common; gravity has 1
+_STEADY = 0.5  # of the velocity, by which it changes between hits where nothing falls: a puck slows down
 _ROUNDS = 4
 
 
@@ -127,6 +129,7 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
         motions = _together([_motions(recording, k, lasting) for k, recording in enumerate(recordings)])
         if (found := _common(motions, drag)) is not None:
             return found
+    _refuse_level(recordings)
     step = mean_step(recordings[0].time)
     for lasting in _SLOWED:
         motions = _together([_motions(recording, k, lasting) for k, recording in enumerate(recordings)])
@@ -139,6 +142,31 @@ def find_gravity(recordings: Sequence[Recording], drag: float | None = None) -> 
     raise DataError(
         f"{recordings[0].source}: no free flight is seen: no acceleration is common to the recordings; {why}"
     )
+
+
+def _refuse_level(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings in which nothing falls: accelerations have no common direction, and change velocities little.
+
+    Raises:
+        DataError: what to write instead.
+    """
+    motions = _together([_motions(recording, k, _DURATIONS[0]) for k, recording in enumerate(recordings)])
+    runs = [motions[motions.flight == flight] for flight in np.unique(motions.flight)]
+    runs = [run for run in runs if len(run.flight) > _NARROWEST and run.velocity.any()]
+    if len(runs) < NEEDED.runs_without_gravity:
+        return
+    mean = np.stack([run.acceleration.mean(0) for run in runs])
+    sizes = np.linalg.norm(mean, axis=1, keepdims=True)
+    common = np.linalg.norm((mean / np.maximum(sizes, np.finfo(float).tiny)).mean(0))
+    changes = [
+        np.linalg.norm(run.velocity[-1] - run.velocity[0]) / np.linalg.norm(run.velocity, axis=1).max() for run in runs
+    ]
+    if common < _COMMON and np.median(changes) < _STEADY:
+        raise DataError(
+            f"{recordings[0].source}: nothing falls: between hits bodies move straight on, as on a level table seen "
+            "from above, and recordings need gravity in the plane of motion; fit a line to the frames before and after "
+            "each hit, and write a table of the velocities, a row a hit (docs/tables.md)"
+        )
 
 
 def _slowed(gravity: Gravity, step: float, unit: str | None) -> str:
@@ -393,7 +421,7 @@ def find_frame(
     """
     first = recordings[0]
     stated = replace(stated, unit=stated.unit or first.unit, order=stated.order or first.order)
-    scale, unit = _unit(gravity, stated.unit, first, limits)
+    scale, unit = _unit(gravity, stated.unit, recordings, limits)
     up, direction = _up(gravity, stated.up, first.source, limits)
     if in_space:
         frame = _in_space(first, up, scale, stated.order)
@@ -497,10 +525,10 @@ def _folds(recordings: Sequence[Recording], unit: float, limits: TrackThresholds
 
 
 def _unit(
-    gravity: Gravity, stated: str | float | None, first: Recording, limits: TrackThresholds
+    gravity: Gravity, stated: str | float | None, recordings: Sequence[Recording], limits: TrackThresholds
 ) -> tuple[float, Clue]:
     """Metres in the unit of length."""
-    source = first.source
+    first, source = recordings[0], recordings[0].source
     counts: dict[str | float, float] = {**UNITS}
     if stated is not None and stated not in counts:
         counts[stated] = 1 / float(stated)
@@ -510,6 +538,7 @@ def _unit(
     if stated is not None and abs(ratios[stated] - 1) > max(limits.scale, allowed):
         ratio = ratios[stated]
         other = next(iter(fits), None)
+        _refuse_level(recordings)
         _check_clock(gravity, first, limits)
         hint = (
             f"is the unit {other}?"
@@ -521,6 +550,7 @@ def _unit(
             "(data.unit, data.rate)"
         )
     if stated is None and len(fits) != 1:
+        _refuse_level(recordings)
         _check_clock(gravity, first, limits)
         raise DataError(
             f"{source}: gravity is {measured(gravity.size, gravity.error)} units of length per s², which is "

@@ -14,6 +14,8 @@ class Sufficiency:
     """Frames of a recording, which then has a time between two of them."""
     windows_of_gravity: int = 6
     """Windows with one acceleration that is taken for gravity: a few agree by chance."""
+    runs_without_gravity: int = 8
+    """Runs from hit to hit that show whether their accelerations have a direction in common."""
     flights_of_drag: int = 4
     """Flights for each unknown of gravity and drag, for the scatter between them to show the error of a drag."""
     flights_of_accelerations: int = 8

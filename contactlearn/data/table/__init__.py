@@ -306,9 +306,9 @@ def _read_as(named: NamedColumns) -> tuple[str, ...]:
     renamed = {column: name for column, name in named.cells.written.items() if name != column}
     ours = {column: column.replace(COVARIATE, "covariate ") for column in renamed}
     words = (f"{ours[column]} is {name!r} in {named.units.text(column)}" for column, name in renamed.items())
+    sense = "clockwise" if named.units.factor("theta") < 0 else "counter-clockwise"
     senses = (
-        ", positive counter-clockwise" if {"topspin", "backspin"} & {*name_words(name)} else ""
-        for name in renamed.values()
+        f", positive {sense}" if {"topspin", "backspin"} & {*name_words(name)} else "" for name in renamed.values()
     )
     said = (word.removesuffix(" in ") + sense for word, sense in zip(words, senses, strict=True))
     return (*named.cells.read_as, *said)

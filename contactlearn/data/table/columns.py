@@ -24,13 +24,13 @@ import numpy as np
 from contactlearn.core.errors import DataError, UnknownLayoutError, UnknownNameError, suggest
 from contactlearn.data.cameras import refusal_of_cameras
 from contactlearn.data.table.names import (
-    COEFFICIENTS,
     MOVING,
     NAMES,
     OTHERS,
     VECTORS,
     Recognised,
     impact_vocabulary,
+    is_coefficient,
     is_unit,
     name_words,
     recognise,
@@ -373,7 +373,7 @@ def refusal_of_unmeasured(header: Sequence[str]) -> str:
             "body is in flight for t = 2 v/g: write a row a bounce, with v_in = g t/2 of the flight before it and "
             "v_out = g t/2 of that after it, in m/s (docs/tables.md)"
         )
-    coefficients = [name for name, words in split.items() if "".join(words) in {*COEFFICIENTS, "et"}]
+    coefficients = [name for name, words in split.items() if is_coefficient(name) or "".join(words) == "et"]
     if coefficients:
         return (
             f"has no velocities before and after contact; the coefficients {', '.join(map(repr, coefficients))} give "
@@ -382,7 +382,7 @@ def refusal_of_unmeasured(header: Sequence[str]) -> str:
         )
     known = recognised_columns(header)[1]
     if _BEFORE.intersection(known.names) and not any(one.endswith("_post") for one in (*known.names, *known.doubtful)):
-        others = f"; {', '.join(map(repr, known.others))} do not replace it" if known.others else ""
+        others = f"; none of {', '.join(map(repr, known.others))} is known to be it" if known.others else ""
         return (
             "has no velocity after contact: vx_post, vy_post and omega_post, or a height of rebound, or a coefficient "
             f"of restitution must be measured{others} (docs/tables.md); a column with another name is stated by "
@@ -420,11 +420,16 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: 
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
             own = [one for one in known if not one.startswith(("cov_", "apparatus_"))]  # which only our tables have
             own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
-            own += (*VECTORS, *MOVING)
+            own += ("restitution", *VECTORS, *MOVING)
             raise UnknownNameError(f"column in data.columns{turned}:", column, [*dict.fromkeys(own)])
         if name is not None and name not in cells.header:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
+        if column.startswith("v") and column.endswith("_post") and is_coefficient(str(name)):
+            raise DataError(
+                f"{cells.path}: data.columns.{column}={name}: a coefficient of restitution by its name, and no "
+                f"velocity: 'data.columns={{restitution: {setting_text(str(name))}}}', beside a speed or a height"
+            )
     return names
 
 

@@ -25,15 +25,16 @@ from contactlearn.data.table.columns import columns_of, recognised_columns, sett
 from contactlearn.data.table.dialect import is_missing, with_one_unit, written_in
 from contactlearn.data.table.leaning import level
 from contactlearn.data.table.names import (
-    COEFFICIENTS,
     MOMENTA,
     MOVING,
     NAMES,
     OTHERS,
+    PER_CENT,
     SURFACES,
     VECTORS,
     Recognised,
     impact_vocabulary,
+    is_coefficient,
     name_words,
     time_of,
     unit_in,
@@ -66,7 +67,7 @@ _DIRECTED = {
 }
 """Words between a velocity of the body and the surface that says its direction: v along the wall."""
 _ANGLES = {"angle", "angles", "direction", "azimuth", "elevation", "winkel", "ángulo", "angulo", "angolo"}
-_OTHERS = (*(f"{other}{end}" for other in OTHERS for end in ("", "_post")), *MOVING)
+_OTHERS = ("restitution", *(f"{other}{end}" for other in OTHERS for end in ("", "_post")), *MOVING)
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
@@ -98,6 +99,7 @@ def restated(
     cells = by_repeat(by_flight(by_trial(replace(cells, gaps=gaps))))
     cells = _with_other_units(cells, chosen)
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
+    numbers |= {name for name in cells.header if is_coefficient(name)}
     mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
     cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
     phase = phase_column(cells)
@@ -515,13 +517,13 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
     Raises:
         DataError: they are above 1, and not said to be in per cent.
     """
-    names = [name for name in known.others if "".join(name_words(_PER_CENT.sub("", name))) in COEFFICIENTS]
+    names = [name for name in known.others if is_coefficient(name)]
     if len(names) != 1:
         return None
     name = names[0]
     found = with_one_unit([*cells.columns[cells.header.index(name)]])
     values = cells.measured(names).numbers(name, "1 or %")
-    if _PER_CENT.search(name) or (found is not None and found[1] == "%"):
+    if PER_CENT.search(name) or (found is not None and found[1] == "%"):
         return name, values / 100
     if (values > 1).any():
         raise DataError(
@@ -529,9 +531,6 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
             "if it is in per cent; it is the speed after contact over that before it, and no ratio of heights"
         )
     return name, values
-
-
-_PER_CENT = re.compile(r"[\[(]?\s*(?:%|per ?cent|pct)\s*[\])]?", re.IGNORECASE)
 
 
 def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None], *, asked: bool) -> Sheet:

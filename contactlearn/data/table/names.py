@@ -61,8 +61,11 @@ _WORDS = {
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova", "försök", "forsøg", "forsøk", "proef"), "trial"),
     **dict.fromkeys(("ensaio", "próba", "pokus", "опыт"), "trial"),
 }  # fmt: skip
-COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
+_COEFFICIENTS = {"en", "cor", "restitution", "restitutioncoefficient", "coefficientrestitution", "coeffrestitution"}
+_COEFFICIENTS |= {"e", "ε", "stoßzahl", "restitutionskoeffizient"}
 """Names of a coefficient of restitution along the normal."""
+PER_CENT = re.compile(r"[\[(]?\s*(?:%|per ?cent|pct)\s*[\])]?", re.IGNORECASE)
+"""A unit of such a coefficient."""
 SURFACES = {
     "racket",
     "racquet",
@@ -107,13 +110,12 @@ _ALIASES = {
     **{f"v{link}{surface}": column for surface in SURFACES for column, links in (
         ("vy", _ACROSS), ("vx", ("along", "parallelto", "alongside", "on"))) for link in links},
     "v": "speed", **dict.fromkeys(("h", "h0"), "height"), "dropheight": "height", "bounceheight": "height_post",
-    **dict.fromkeys(("hdrop", "fallhöhe", "fallhöjd", "faldhøjde", "fallhøyde", "valhoogte"), "height"),
-    **dict.fromkeys(("sprunghöhe", "rücksprunghöhe", "studshöjd", "stuithoogte", "terugstuithoogte"), "height_post"),
+    "hdrop": "height",
     **dict.fromkeys(("vkątowa", "úhlováv", "угловаяv", "backspin"), "omega"),
     **dict.fromkeys(("l", "lz", "angularmomentum", "momentumangular"), "angular_momentum"),
     **dict.fromkeys(("p", "linearmomentum"), "momentum"),
     **{name: f"p{axis}" for axis in "xyz" for name in (f"momentum{axis}", f"{axis}momentum", f"linearmomentum{axis}")},
-    **dict.fromkeys(("impactv", "vimpact"), "speed"), "impactangle": "direction",
+    **dict.fromkeys(("impactv", "vimpact", "vi"), "speed"), "impactangle": "direction",
     "incidence": "direction", "angleincidence": "direction", "incidenceangle": "direction",
     **{f"{start}from{reference}": f"direction_{kind}" for start in ("", "incidence", "reflection")
        for kind, references in {"normal": ("normal", "vertical"), "floor": (*SURFACES, "horizontal")}.items()
@@ -123,6 +125,10 @@ _ALIASES = {
        "boden")}.items() for reference in references for angle in ("angle", "direction", "theta")
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
+_OF_HEIGHT = re.compile(
+    r"(?:(?P<before>fall|fald|val|abwurf)|(?:rück|ab|terug)?(?:prall|sprung|studs|stuit))h(?:öhe|öjd|øjde|øyde|oogte)"
+)
+"""Words of which one is a height: Fallhöhe, Rückprallhöhe, studshöjd."""
 _WITH_UNIT = {
     **dict.fromkeys(("rotation", "rotationrate", "rot", "effet", "lift", "drall", "efecto", "effetto"), "omega"),
     **{"i": "inertia", "tid": "time", "drop": "height", "bounce": "height_post"},
@@ -384,6 +390,11 @@ def recognise(header: Sequence[str], vocabulary: Vocabulary) -> Recognised:
     )
 
 
+def is_coefficient(name: str) -> bool:
+    """Return whether a name is that of a coefficient of restitution along the normal."""
+    return "".join(name_words(PER_CENT.sub("", name))) in _COEFFICIENTS
+
+
 def are_outcomes(names: Sequence[str]) -> bool:
     """Return whether some names are those of velocities after contact."""
     return any({*space.components["v_post"]} & {*recognise(names, impact_vocabulary(space)).names} for space in BOTH)
@@ -456,13 +467,19 @@ def _unit(words: Sequence[str]) -> str:
     return _REVOLUTIONS.get(whole) or re.sub(r"(?<=[sn])\.1$", "", whole)  # of s⁻¹
 
 
+def _alias(name: str) -> str:
+    """Our column of which a name without its unit is another; empty if it is of none."""
+    height = _OF_HEIGHT.fullmatch(name)
+    return _ALIASES.get(name, "") if height is None else "height" if height["before"] else "height_post"
+
+
 def _without_symbol(words: Sequence[str]) -> Sequence[str]:
     """Words without a symbol behind them that says the same: drop height h1, angular velocity ω, velocity vx."""
     if words[0] == "v" and "".join(words[1:]) in ("vx", "vy", "vz"):
         return words[1:]
     for split in range(len(words) - 1, 0, -1):
         name, symbol = "".join(words[:split]), "".join(words[split:])
-        ours = _ALIASES.get(name, name).removesuffix("_post")
+        ours = (_alias(name) or name).removesuffix("_post")
         if ours in (_ALIASES.get(symbol, symbol), _ALIASES.get(symbol.rstrip("012"))):
             return words[:split]
     return words
@@ -502,7 +519,7 @@ def _match(words: Sequence[str], vocabulary: Vocabulary, *, opposite: bool) -> t
         name, unit = "".join(_without_symbol(words[:split])), _unit(words[split:])
         place = "" if of_impacts else _of_centre(words[:split])  # px; of impacts it is an impulse
         other = _WITH_UNIT.get(name, "") if unit else ""
-        alias = _ALIASES.get(name, "").removesuffix("_post" if "_post" in ends else "")  # a rebound height h'
+        alias = _alias(name).removesuffix("_post" if "_post" in ends else "")  # a rebound height h'
         for ours, end in product((name, alias, other, place, _QUATERNION.sub(r"q\1", name)), ends):
             if unit in vocabulary.get(ours + end, {}) and (end or len(ends) == 1 or ours in _UNTIMED):
                 return ours + end, vocabulary[ours + end][unit]

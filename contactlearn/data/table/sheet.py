@@ -142,7 +142,8 @@ class Sheet:
                 bare.setdefault(" and ".join(beside), []).append(name)
             said += [f"{name!r} in {unit}, as its cells say"] if unit else []
         for left_out, (first, *others) in bare.items():
-            said.append(f"{first!r}{f' and {len(others)} more columns' if others else ''} without {left_out}")
+            means = ": rows may be means of trials, which scatter less than single ones" if "±" in left_out else ""
+            said.append(f"{first!r}{f' and {len(others)} more columns' if others else ''} without {left_out}{means}")
         return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
 
     def measured(self, names: Collection[str]) -> "Sheet":

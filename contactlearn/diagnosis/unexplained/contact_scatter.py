@@ -32,6 +32,7 @@ from contactlearn.models.contact_model import ContactModel
 _TRIALS = 1500  # of an estimate, at most: as many as are tested for structure
 _DRAWS, _RESAMPLES = 16, 1000
 _MIN_VARIANCE_SHARE = 0.01  # of the mean variances, that each trial has at least, so that none decides alone
+_ROUNDING = 1e-12  # of the largest variance, up to which one is that of what never varies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +113,9 @@ def weighed(impacts: Impacts, model: ContactModel, options: FitOptions, threshol
     if not scatter.names or screen_deviations(scatter, some, thresholds):
         return None
     covariance = scatter.covariance(known)
-    covariance = covariance + _MIN_VARIANCE_SHARE * torch.diag(covariance.diagonal(dim1=-2, dim2=-1).mean(0))
+    least, mass = _MIN_VARIANCE_SHARE * covariance.diagonal(dim1=-2, dim2=-1).mean(0), impacts.mass_diagonal.mean(0)
+    largest = (mass * least).max() / mass  # of the same energy, for what never varies, as v_x of bounces straight down
+    covariance = covariance + torch.diag(torch.where(least > _ROUNDING * largest, least, largest))
     return impacts.replace(outcome_cov=covariance, outcome_shift=scatter.model.scatter_shift(impacts))
 
 

@@ -55,7 +55,7 @@ def tracks_headline(tracked: Tracked) -> str:
 
 def tracks_facts(tracked: Tracked) -> list[tuple[str, str]]:
     """List conventions with their evidence, the floor, errors and missing frames, by name."""
-    facts = [*map(_convention, tracked.survey.frame.clues), *_hull(tracked), *_floor(tracked), *_errors(tracked)]
+    facts = [*map(_convention, tracked.survey.frame.clues), *_body(tracked), *_floor(tracked), *_errors(tracked)]
     facts = [*_rate(tracked), *facts]
     missing = sum(contact.missing > 0 for contact in tracked.survey.contacts)
     if missing:
@@ -106,8 +106,11 @@ def _with_unit(quantity: str, value: float, unit: str) -> str:
     return f"{quantity} {number(value, 3)}{own}" if math.isfinite(value) else quantity
 
 
-def _hull(tracked: Tracked) -> list[tuple[str, str]]:
-    """State the contact points and their errors where the shape is the convex hull of the markers."""
+def _body(tracked: Tracked) -> list[tuple[str, str]]:
+    """State what is taken for the centre of mass, and contact points where the shape is the hull of the markers."""
+    if tracked.hull is None and tracked.rig.centre_a is None:
+        point = "the mean of the markers" if tracked.options.layout.markers else "the point that was tracked"
+        return [("centre", f"of mass, assumed: {point}; flights do not show where it is")]
     if tracked.hull is None or tracked.r_cov is None:
         return []
     x, y = (1e3 * np.sqrt(np.median(tracked.r_cov.diagonal(axis1=1, axis2=2), 0))).tolist()
