@@ -282,8 +282,8 @@ def test_identification_agrees_with_the_plane():
 def test_a_fit_refuses_what_does_not_exist_in_space():
     with pytest.raises(ContactLearnError, match=r"law mirtich .* exists for bodies that move in a plane alone"):
         joint.fit(SPATIAL, find("mirtich", "fazeli2017"))
-    with pytest.raises(ContactLearnError, match="effect directional_friction:instant exists for bodies that move in"):
-        joint.fit(SPATIAL, "whittaker", ["directional_friction"])
+    with pytest.raises(ContactLearnError, match="effect orientation_dependent_moment:harmonics exists for bodies"):
+        joint.fit(SPATIAL, "whittaker", ["orientation_dependent_moment"])
 
 
 OBJECTS = tuple(("oak", "beech", "ash")[k % 3] for k in range(300))
@@ -457,15 +457,27 @@ def test_a_ball_that_rolls_is_slowed_down_while_the_contact_lasts():
     assert np.abs(left[2:]).max() < 0.05 * np.abs(change[2:]).max()
 
 
-def test_friction_follows_the_slip_as_it_turns():
-    law, effect = find("wang_mason").at(0.1, 0.6), find_effect("velocity_dependent_friction", "stribeck_path")(1.5, 0.5)
+def stribeck(v):
+    return 1 + 1.5 * (-v.norm(dim=1, keepdim=True) / 0.5).exp()
+
+
+def on_pile(v):
+    return 1 + (v @ torch.tensor((0.5, -0.3)).double()[:, None]) / v.norm(dim=1, keepdim=True)
+
+
+@pytest.mark.parametrize(("effect", "factor"), [
+    (find_effect("velocity_dependent_friction", "stribeck_path")(1.5, 0.5), stribeck),
+    (find_effect("directional_friction", "path")(0.5, -0.3), on_pile),
+])  # fmt: skip
+def test_friction_follows_the_slip_as_it_turns(effect, factor):
+    law = find("wang_mason").at(0.1, 0.6)
     alone, found = (ContactModel(base=law, effects=e).predict(TOSSED).wrench[:, :3] for e in ({}, {"it": effect}))
     steps, v, P, slowest = 1000, TOSSED.v_c, torch.zeros_like(alone), torch.inf
     rise = (TOSSED.W @ alone[..., None])[:, 2, 0]
     for _ in range(steps):
         slip = v[:, :2].norm(dim=1, keepdim=True)
         slowest = slip.clamp_max(slowest)
-        friction = -0.1 * (1 + 1.5 * (-slip / 0.5).exp()) * v[:, :2] / slip
+        friction = -0.1 * factor(v[:, :2]) * v[:, :2] / slip
         force = torch.cat((friction, torch.ones_like(slip)), 1)
         rate = (TOSSED.W @ force[..., None])[..., 0]
         step = rise / steps / rate[:, 2]
@@ -484,6 +496,7 @@ PLANTED = {
     "surface": {"torsional_friction": [0.002], "tangential_restitution": [0.3]},
     "mass centre": {"com_offset": [0.003, -0.004, 0.006]},
     "floor": {"surface_tilt": [0.02, -0.03], "sampling_delay": [0.004]},
+    "pile and air": {"directional_friction:path": [0.3, -0.2], "side_drag:horizontal": [0.05]},
     "body": {"shape_error": [0.1, -0.05, 0.08], "orientation_offset": [0.05, -0.03, 0.02]},
 }
 
@@ -494,9 +507,11 @@ def test_effects_are_fitted_in_space(name):
     shape = Ellipsoid((0.08, 0.06, 0.04))
     bodies = TOSSED.replace(shape=shape, r=contact_point(shape, TOSSED.q[:, 3:]), validate=False)
     tossed = bodies[bodies.v_c[:, 2] < -0.2]
-    effects = {key: find_effect(key)().prepare(tossed) for key in PLANTED[name]}
-    truth = {key: effects[key].at(values) for key, values in PLANTED[name].items()}
+    kinds = [find_effect(*key.split(":")) for key in PLANTED[name]]
+    effects = {kind.name: kind().prepare(tossed) for kind in kinds}
+    values = PLANTED[name].values()
+    truth = {key: effect.at(own) for (key, effect), own in zip(effects.items(), values, strict=True)}
     model = ContactModel(base=find("whittaker").at(0.2, 0.4), effects=truth)
-    fit = joint.fit(tossed.replace(v_post=model.predict(tossed).v_post), "whittaker", list(effects))
-    wanted = torch.tensor([0.2, 0.4, *(x for values in PLANTED[name].values() for x in values)]).double()
+    fit = joint.fit(tossed.replace(v_post=model.predict(tossed).v_post), "whittaker", list(PLANTED[name]))
+    wanted = torch.tensor([0.2, 0.4, *(x for own in values for x in own)]).double()
     torch.testing.assert_close(fit.values, wanted, rtol=1e-4, atol=1e-5)

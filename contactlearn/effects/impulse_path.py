@@ -50,13 +50,18 @@ def perturbed_path(
     return columns(P_t, P_n, tau if arm is None else tau + arm * P_n)
 
 
+def _none(slip: Float[Tensor, "2 ..."]) -> Float[Tensor, "..."]:
+    """No change of friction."""
+    return torch.zeros_like(slip[0])
+
+
 def perturbed_path_in_space(
     state: State,
     wrench: Float[Tensor, "... n 6"],
     parameters: Sequence[Float[Tensor, "..."]],
     *,
     moment: Callable[[Float[Tensor, "3 ..."]], Float[Tensor, "3 ..."]] = torch.zeros_like,
-    friction: Callable[[Float[Tensor, "..."]], Float[Tensor, "..."]] = torch.zeros_like,
+    friction: Callable[[Float[Tensor, "2 ..."]], Float[Tensor, "..."]] = _none,
 ) -> Float[Tensor, "... n 6"]:
     """Return the wrench [..., N, 6] after a change that follows the spin or the slip of the instant, in steps.
 
@@ -65,13 +70,13 @@ def perturbed_path_in_space(
         wrench: of the law, in contact axes.
         parameters: of the change, [...] each.
         moment: dτ/dP_n [3, ..., N] in m at a spin [3, ..., N] in rad/s.
-        friction: change of μ at a speed of the slip [..., N] in m/s.
+        friction: change of μ at a slip [2, ..., N] in m/s.
     """
     rise = (state.contact_after(wrench)[..., -1] - state.v_n).clamp_min(0)
     mu = torch.as_tensor(state.coefficients[0]) + torch.zeros_like(rise)
     changed = mu + sum(torch.zeros_like(value) for value in parameters)
     after = _followed(state, rise, changed, moment, friction)
-    return wrench + (after - _followed(state, rise, mu, torch.zeros_like, torch.zeros_like))
+    return wrench + (after - _followed(state, rise, mu, torch.zeros_like, _none))
 
 
 def _followed(
@@ -91,7 +96,7 @@ def _followed(
     P, tau, change, step = torch.zeros_like(v), torch.zeros_like(v), torch.zeros_like(v), rise / _STEPS
     for _ in range(_STEPS):
         middle = v[:2] + change[:2] / 2  # of the step, as the last one went
-        mu_now = (mu + friction(smooth_norm(middle))).clamp_min(0)
+        mu_now = (mu + friction(middle)).clamp_min(0)
         per_push = moment(omega)
         push = W[:, 2] + torch.linalg.cross(applied(inverse, per_push), r, dim=0)  # of the contact point, 1/kg
         by_push, by_slip = against_slip(W, push[:2], v[:2])

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import Effect, parameter
 from contactlearn.effects.state import State, columns
-from contactlearn.mechanics.space import BOTH
+from contactlearn.mechanics.space import BOTH, SPACE
 
 _LEAST = 1e-9  # m/s, for the derivative of a body at rest
 
@@ -16,6 +16,7 @@ class SideDrag(Effect):
 
         linear       c, whatever the speed
         quadratic    k v/(1 + k v), which grows with the speed v, as in air
+        horizontal   in space c of (v_x, v_y) alone, while v_z stays: air that blows between walls, brushes
 
     It is not a lower restitution: v_x shrinks as well, however the contact ends.
     """
@@ -51,6 +52,21 @@ class QuadraticSideDrag(SideDrag):
     def velocity(self, state: State, v_post: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
         speed = (v_post[..., : state.space.d].square().sum(-1) + _LEAST**2).sqrt()
         return _slowed(state, v_post, 1 / (1 + self.k * speed))
+
+
+class HorizontalSideDrag(SideDrag):
+    """(v_x, v_y) → (1 − c) (v_x, v_y) of a body in space, whose v_z stays as it is (`LinearSideDrag`)."""
+
+    spaces = (SPACE,)
+    form = "horizontal"
+    formula = "(v_x⁺, v_y⁺) ← (1 − c) (v_x⁺, v_y⁺), v_z⁺ as it is"
+    in_words = "the body loses {c:%} of its velocity along the floor after contact"
+    c: Tensor | float = parameter("c", "–", 0.0, 0.5)
+
+    def velocity(self, state: State, v_post: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        v_x, v_y, *others = v_post.unbind(-1)
+        kept = 1 - torch.as_tensor(self.c)
+        return columns(kept * v_x, kept * v_y, *others)
 
 
 def _slowed(state: State, v_post: Float[Tensor, "... n D"], kept: Float[Tensor, "..."]) -> Float[Tensor, "... n D"]:

@@ -9,7 +9,7 @@ from torch import Tensor
 from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import ChangesFriction, Effect, parameter
 from contactlearn.effects.functions import SLIP, Argument, Spline
-from contactlearn.effects.impulse_path import perturbed_path_in_space
+from contactlearn.effects.impulse_path import perturbed_path_in_space, smooth_norm
 from contactlearn.effects.state import Coefficients, State
 from contactlearn.mechanics.space import BOTH, SPACE
 
@@ -64,8 +64,7 @@ class ViscousFrictionInSpace(_Viscous, VelocityDependentFriction):
     formula = "μ ← μ + c v, v the slip along the path of the contact"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        mu, _ = state.coefficients
-        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
+        return _along_path(self.at_slip, state, wrench, self.values)
 
 
 class _Stribeck(Frozen):
@@ -99,8 +98,7 @@ class StribeckFrictionInSpace(_Stribeck, VelocityDependentFriction):
     formula = "μ ← μ (1 + d exp(−v/v_s)), v the slip along the path of the contact"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        mu, _ = state.coefficients
-        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
+        return _along_path(self.at_slip, state, wrench, self.values)
 
 
 class _Curve(Spline):
@@ -130,8 +128,7 @@ class FrictionOverSlipInSpace(_Curve, VelocityDependentFriction):
     formula = "μ ← μ + s(v) along the path of the contact, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        mu, _ = state.coefficients
-        return perturbed_path_in_space(state, wrench, self.values, friction=lambda slip: self.at_slip(slip, mu))
+        return _along_path(self.at_slip, state, wrench, self.values)
 
 
 class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
@@ -141,6 +138,17 @@ class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP
+
+
+def _along_path(
+    change: Callable[[Tensor, Tensor], Tensor],
+    state: State,
+    wrench: Float[Tensor, "... n 6"],
+    parameters: Sequence[Float[Tensor, "..."]],
+) -> Float[Tensor, "... n 6"]:
+    """Wrench with a change of μ at each slip, given it and μ, along the path of a contact in space."""
+    mu, _ = state.coefficients
+    return perturbed_path_in_space(state, wrench, parameters, friction=lambda slip: change(smooth_norm(slip), mu))
 
 
 def _mean(
