@@ -732,6 +732,14 @@ def test_duplicates():
     assert mistakes(audit(correct(twice, ["drop_duplicates"]))) == []
 
 
+def test_velocities_that_do_not_change_are_no_impacts():
+    clean = drops(size=60)
+    copied = torch.where(torch.arange(60)[:, None] < 40, clean.v_pre, clean.v_post)
+    (finding,) = audit(clean.replace(v_post=copied, validate=False))
+    assert (finding.name, finding.fatal) == ("unchanged_velocities", True)
+    assert "in 40 of 60 trials: nothing was hit" in finding.sentence
+
+
 def test_a_single_number_repeats_by_chance():
     """Rebounds from one height, read in steps of a twentieth of their scatter: no trial is a copy for it."""
     height = 0.5 + 0.01 * torch.randn(60, generator=torch.Generator().manual_seed(3)).double()

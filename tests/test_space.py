@@ -272,6 +272,15 @@ def test_coefficients_are_identified_in_space(law):
     assert ((again.values - fit.values).abs() < 3 * fit.standard_errors).all()
 
 
+@pytest.mark.parametrize("effect", ["contact_patch:path", "rolling_resistance:path", "directional_friction:path"])
+def test_effects_along_the_path_are_fitted_beside_noise_before_contact(effect):
+    """Latent states are a batch of their own; the law's coefficients stay those of the data, which have none of it."""
+    noise = {"noise": (0.01,) * 3 + (0.1,) * 3, "noise_before": (1e-3,) * 3 + (1e-2,) * 3}
+    impacts = thrown("wang_mason", noise=0.01)
+    fit = joint.fit(impacts, "wang_mason", [effect], options=FitOptions(**noise, starts=2))
+    assert ((fit.values[:2] - torch.tensor((0.2, 0.4))).abs() < 4 * fit.standard_errors[:2]).all()
+
+
 def test_identification_agrees_with_the_plane():
     sizes = {"sizes": (60,), "repetitions": 2, "box": Box(nodes=16)}
     plane, space = (fit_subsets(one, "whittaker", **sizes) for one in (PLANAR, SPATIAL))

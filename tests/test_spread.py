@@ -9,6 +9,7 @@ from diagnoses import few
 from contactlearn.core.errors import DataError
 from contactlearn.core.events import TaskProgress
 from contactlearn.data.audit.corrections import correct
+from contactlearn.data.audit.model_checks import noise_notes
 from contactlearn.diagnosis.events import AuditFindings, MeasurementsReplaced
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
@@ -87,3 +88,14 @@ def test_contact_points_come_from_the_shape_where_they_are_known_better():
     assert corrections(seen.replace(v_post=moved)) == ()
     with pytest.raises(DataError, match="no shape is stated"):
         correct(drops.replace(shape=None), ["contact_from_shape"])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_one_state_shows_one_outcome(turned):
+    """Of discs the orientation is no state; an ellipse that falls as it likes has many."""
+    drops = alike(1)
+    if not turned:
+        drops = drops.replace(q=torch.zeros_like(drops.q), r=torch.tensor((0.0, -0.025)).expand(100, 2), shape=None)
+    notes = noise_notes(drops, drops.v_post + NOISE, lambda impacts: impacts.v_pre.std(0).sum().item())
+    assert [one.name for one in notes if one.name == "one_state"] == ([] if turned else ["one_state"])
+    assert {one.correction for one in notes} >= {"averaged_vx", "averaged_vy", "averaged_omega"}

@@ -1336,6 +1336,13 @@ def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
         table.read(tmp_path / "none.npz", **BODY)
 
 
+def test_a_pointer_of_git_lfs_is_no_table(tmp_path):
+    path = tmp_path / "drops.csv"
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 812345\n")
+    with refused(["is a pointer of Git LFS", "git lfs pull"]):
+        propose(path)
+
+
 @pytest.mark.parametrize("kind", ["one table", "before and after", "beside settings"])
 def test_groups_of_hdf5_are_tables_of_impacts(tmp_path, frame, kind):
     """With units in attributes; several tables are refused with their names."""

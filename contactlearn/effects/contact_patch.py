@@ -142,8 +142,12 @@ class ContactPatchInSpace(_AlongLever, ContactPatch):
     formula = "τ ← τ − k r_t × n P_n while the contact lasts, P responding"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        per_push = self.per_push(state).movedim(-1, 0)
-        return perturbed_path_in_space(state, wrench, self.values, moment=lambda spin: per_push + 0 * spin)
+        per_push = self.per_push(state)
+
+        def moment(spin: Float[Tensor, "3 ..."]) -> Float[Tensor, "3 ..."]:
+            return per_push.expand(*spin.shape[1:], 3).movedim(-1, 0)
+
+        return perturbed_path_in_space(state, wrench, self.values, moment=moment)
 
 
 class ContactPatchAfterInSpace(_AlongLever, ContactPatch):

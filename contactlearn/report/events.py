@@ -28,7 +28,7 @@ from contactlearn.report.text.sentences import (
     undecided,
 )
 
-_SAID = ("constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances")
+_SAID = ("one_state", "constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances")
 """Notes that limit what a verdict can say."""
 _LONG = 5.0  # s after which a task is named where no bar is seen
 

@@ -79,6 +79,7 @@ from contactlearn.data.audit.trials import (
     speed_findings,
     state_notes,
     trial_findings,
+    unchanged_findings,
 )
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE
@@ -110,6 +111,8 @@ def audit(
     sound = correct(sound, Audit(limited).corrections)
     findings += [*limited, *covariance_findings(impacts)]
     notes, plane = rig_notes(impacts), impacts.space is PLANE
+    if unchanged := unchanged_findings(sound):
+        return Audit((*unchanged, *findings, *notes))
     if len(sound) < _MIN_TRIALS:
         findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]

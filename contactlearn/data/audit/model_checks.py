@@ -39,6 +39,7 @@ _LISTED = 5  # trials that a sentence names
 _NOISY_SPREAD = 1.5  # standard deviation of a velocity before impact over the residual of flexible models after it
 _COMPUTED = 1e-4  # of the radius of gyration, up to which contact points are those of the shape but for rounding
 _SAME_SPEED = 0.15  # relative spread of |v_y| up to which it may be one speed with noise; a camera at 30 Hz makes 0.1
+_SAME_STATE = 1e-3  # m/s, rad/s, or of the radius of gyration, by which states differ that are not one
 _FLIPPED = {"spin after": "after", "spin before": "before"}
 
 
@@ -165,6 +166,14 @@ def noise_notes(
             evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", without))
             found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
             impacts, error = changed, without
+    differences = torch.cat((impacts.v_pre.std(0), impacts.r.std(0) / impacts.scales[0]))
+    if found and not (differences > _SAME_STATE).any():
+        sentence = (
+            "all trials begin in one state, within its noise: they show one outcome, and neither how it depends on "
+            "speed, slip and spin nor which law is right; μ and ε are those that this law needs there. Vary speed, "
+            "angle and spin"
+        )
+        found.append(Finding(name="one_state", sentence=sentence, evidence=(), mistake=False))
     return tuple(found)
 
 

@@ -36,6 +36,7 @@ _UNEVEN = 0.01  # of the median standard deviation; flights of few frames and of
 _RANK_CORRELATION = 0.8  # of time and order, from which on such times are a clock all the same
 _SORTED = 0.9  # rank correlation of the order and the state from which on trials are sorted by it: chance gives 0.5
 _MIN_SORTED = 20  # trials below which chance sorts them, and no dependence on the order is tested
+_UNCHANGED_SHARE = 0.5  # of the trials, whose velocities do not change, from which on they are no impacts
 _ROUNDING = 1e-9  # relative change of a quantity that counts as none
 _MAX_STRAY_SHARE = 0.01  # share of outliers up to which the others are no worse for them: dropping them is a note
 _COMPARED = 10_000  # trials, spread evenly, by which it is seen which components of an outcome were measured
@@ -98,6 +99,20 @@ def duplicate_findings(impacts: Impacts) -> list[Finding]:
     sentence = f"{count} of {len(impacts)} trials repeat an earlier trial to the last digit, the first is {first!r}"
     evidence = evidence_of(("trials", float(count), "trials"), ("share", count / len(impacts)), ("first", first))
     return [Finding(name="duplicated_trials", sentence=sentence, evidence=evidence, correction="drop_duplicates")]
+
+
+def unchanged_findings(impacts: Impacts) -> list[Finding]:
+    """Velocities after impact that are, to the last digit, those before it in most trials; fatal."""
+    same = (impacts.v_post == impacts.v_pre).all(-1)
+    count = int(same.sum())
+    if count <= _UNCHANGED_SHARE * len(impacts):
+        return []
+    sentence = (
+        f"the velocities after impact are those before it, to the last digit, in {count} of {len(impacts)} trials: "
+        "nothing was hit, or the columns before were copied to those after"
+    )
+    evidence = evidence_of(("trials", float(count), "trials"), ("share", count / len(impacts)))
+    return [Finding(name="unchanged_velocities", sentence=sentence, evidence=evidence, fatal=True)]
 
 
 def copied(impacts: Impacts) -> Bool[Tensor, " n"]:

@@ -217,6 +217,8 @@ def sniffed(path: Path, most: int = _ROWS) -> Dialect:
         text = codecs.getincrementaldecoder(encoding)("strict").decode(head, final=whole)
     except UnicodeDecodeError as error:
         raise DataError(f"{path}: is no {encoding} text, as it begins: {error}; save it as 'CSV UTF-8'") from None
+    if text.startswith("version https://git-lfs"):
+        raise DataError(f"{path}: is a pointer of Git LFS and not the file itself, which 'git lfs pull' fetches")
     if tables_in(text)[0]:
         return _marked_up(path, encoding)
     lines = [*io.StringIO(text, newline="")]
