@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from contactlearn.cli.commands.init import write_settings
@@ -109,3 +111,18 @@ def test_numbers_that_count_the_trials_are_no_frames(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"none of 'Nr\.', 'Rest \[mm\]' is known to be it") as refused:
         propose(file)
     assert "height? by its name" in str(refused.value)
+
+
+def test_a_guess_has_the_unit_of_its_column(tmp_path: Path) -> None:
+    """An angle is no spin, and revolutions are no speed; the speeds are in the file that init writes."""
+    file, generator = tmp_path / "cushion.tsv", np.random.default_rng(0)
+    speed, angle, spin = generator.uniform(1, 4, 40), generator.uniform(-60, 60, 40), generator.uniform(-9, 9, 40)
+    columns = {"V1 (m/s)": speed, "alpha1 (deg)": angle, "side1 (rev/s)": spin}
+    columns |= {"V2 (m/s)": 0.8 * speed, "alpha2 (deg)": 0.9 * angle, "side2 (rev/s)": 0.7 * spin - 0.01 * angle}
+    pd.DataFrame(columns).to_csv(file, sep="\t", index=False)
+    settings = {setting.name: setting.value for setting in propose(file).settings}
+    assert (settings["columns.speed"], settings["columns.speed_post"]) == ("V1 (m/s)", "V2 (m/s)")
+    assert settings["columns.direction_floor"] == OPEN
+    guessed = {line.split("  ")[1]: line for line in propose(file).page.splitlines() if line.startswith("  '")}
+    assert "omega? " in guessed["'side1 (rev/s)'"]
+    assert "?" not in guessed["'alpha1 (deg)'"]

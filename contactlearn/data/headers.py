@@ -410,7 +410,10 @@ def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> 
         if name != column:
             yield Setting(name=f"columns.{column}", value=name, comment=units.text(column) or "a name")
     for end, name in angles.items():
-        about = f"{name!r} if it is from the floor; if it is from the normal, write direction_normal{end} for this key"
+        if (speed := known.names[f"speed{end}"]) != f"speed{end}":
+            yield Setting(name=f"columns.speed{end}", value=speed, comment=units.text(f"speed{end}"))
+        angle = repr(name) if name else "the angle of this velocity"
+        about = f"{angle} if it is from the floor; if it is from the normal, write direction_normal{end} for this key"
         yield Setting(name=f"columns.direction_floor{end}", value=OPEN, comment=about)
     spins = spins_per_second(known.others)
     for column in lacking:

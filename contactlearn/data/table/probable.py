@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns, setting_text, without_unit
-from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise, times_in
+from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise, times_in, unit_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -261,6 +261,13 @@ def _accelerations(one: Float[np.ndarray, " n"], step: float) -> Float[np.ndarra
     return np.array([2 * np.polyfit(time, one[k : k + width], 2)[0] for k in _starts(one, width)] or [0.0])
 
 
+def _may_be(name: str, ours: str) -> bool:
+    """Whether the unit in a name is one of our column, or there is none."""
+    vocabulary = impact_vocabulary(PLANE)
+    units = {column for column in vocabulary if unit_in(name, column, vocabulary)}
+    return not units or ours in units
+
+
 def _of_impacts(whole: Columns, known: Guesses) -> Guesses:
     found = Guesses(known)
     for name, one in whole.items():
@@ -284,20 +291,23 @@ def _of_impacts(whole: Columns, known: Guesses) -> Guesses:
         found[name] = _Guess(ours="theta", why=f"fills three quarters of a turn or more: an angle in {unit}", unit=unit)
     left = [name for name in left if name not in found]
     told = {one.ours for one in known.values()}
-    normal = _pair(whole, left, opposite=True)
+    normal = _pair(whole, [name for name in left if _may_be(name, "vy")], opposite=True)
     if normal and not {"vy", "vy_post"} & told:
         before, after = normal
         ratio = float(np.median(np.abs(whole[after]) / np.abs(whole[before])))
         found[before] = _Guess(ours="vy", why=f"turns its sign at contact: {after!r} is {ratio:.2g} of it")
         found[after] = _Guess(ours="vy_post", why=f"has the other sign than {before!r}")
     pairs = list[tuple[str, str]]()
-    while pair := _pair(whole, [name for name in left if name not in found and name not in sum(pairs, ())]):
+    velocities = [name for name in left if _may_be(name, "vx") or _may_be(name, "omega")]
+    while pair := _pair(whole, [name for name in velocities if name not in found and name not in sum(pairs, ())]):
         pairs.append(pair)
     pairs.sort(key=lambda names: np.std(whole[names[0]]))
-    of_pairs = ("vx", "omega") if len(pairs) > 1 else ("vx",)
+    of_spins = [pair for pair in pairs if not _may_be(pair[0], "vx")]  # the unit says so
+    pairs = [*[pair for pair in pairs if pair not in of_spins], *of_spins]
+    of_pairs = ("vx", "omega") if len(pairs) > 1 else ("omega",) if of_spins else ("vx",)
     of_pairs = [ours for ours in of_pairs if not {ours, f"{ours}_post"} & told]
     for ours, (before, after) in zip(of_pairs, pairs, strict=False):
-        about = "the larger numbers are spins" if ours == "omega" else "along the floor"
+        about = "along the floor" if ours == "vx" else "by its unit" if of_spins else "the larger numbers are spins"
         found[before] = _Guess(ours=ours, why=f"correlated with {after!r}; {about}")
         found[after] = _Guess(ours=f"{ours}_post", why=f"correlated with {before!r}; {about}")
     return found
