@@ -41,6 +41,7 @@ SIZES = {
     "author_g": 60,
     "author_h": 56,
     "author_i": 24,
+    "author_j": 28,
 }
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}
@@ -130,7 +131,7 @@ def test_the_truth_speaks_the_words_of_the_package(suite):
         assert (truth.question == "measurement") == (truth.bad_data is True)
         if suite == "independent":
             assert truth.half == ("learn", "report")[sets[name]["seed"] % 2]
-        elif suite in ("author_e", "author_f", "author_g", "author_h", "author_i"):
+        elif suite in ("author_e", "author_f", "author_g", "author_h", "author_i", "author_j"):
             assert truth.half == ("learn", "report")[int(name) % 2]
         else:
             assert truth.half is None
