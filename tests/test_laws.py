@@ -16,6 +16,8 @@ from pairings import paired
 from contactlearn.core.errors import UnknownNameError
 from contactlearn.laws import PAPER_LAWS, catalogue, find, names
 from contactlearn.mechanics import rigid_body
+from contactlearn.models.contact_model import ContactModel
+from contactlearn.simulation import synthetic
 from contactlearn.testing import LawContract
 
 ROUNDING = 1e-9  # relative to |M_c v_c|, |v_c| and the incident energy: W is nearly singular for some
@@ -559,3 +561,16 @@ def test_names():
     assert torch.equal(held.impulse(c.W, c.v_c), impulse("mirtich", c.W, c.v_c, 0.2, 0.5, variant="fazeli2017"))
     with pytest.raises(dataclasses.FrozenInstanceError):
         held.mu = 0.3
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_contact_without_slip_has_the_derivative_of_one_that_sticks(name):
+    """A ball that falls straight down: control begins there."""
+    drops = synthetic.load(20, shape={"kind": "disc", "radius": 0.03})
+    model, found = ContactModel(find(name).at(0.3, 0.6)), []
+    for v_t in (0.0, 1e-6):
+        v_pre = torch.tensor((v_t, -2.0, 0.0), dtype=torch.float64).expand(20, 3).clone().requires_grad_()
+        v_post = model.outcome(drops.replace(v_pre=v_pre, validate=False)).v_post
+        found.append(torch.autograd.grad(v_post[:, 0].sum(), v_pre)[0])
+    torch.testing.assert_close(found[0], found[1], rtol=1e-6, atol=1e-9)
+    assert (found[0][:, 0] < 0.9).all()

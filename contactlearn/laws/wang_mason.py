@@ -66,7 +66,7 @@ def routh_path(contact: Contact, mu: Tensor, mu_back: Tensor | None = None, w_nt
     # |v_t| falls at this rate; at a rate ≤ 0 the slip never ends (and then stiffness > 0).
     braking = -(w_tn + slope * w_tt) * direction
     ends = braking > 0
-    p_slip = torch.where(ends, v_t.abs() / torch.where(ends, braking, 1.0), torch.inf)
+    p_slip = torch.where(ends, direction * v_t / torch.where(ends, braking, 1.0), torch.inf)  # with a derivative at 0
     v_slip = torch.where(ends, stiffness * torch.where(ends, p_slip, 0.0), torch.inf)
     return Path(slope, slope_after, stiffness, stiffness_after, p_slip, v_slip, v_n)
 
