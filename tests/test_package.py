@@ -169,3 +169,9 @@ def test_versions_that_are_not_there_are_no_success(words, message, versions, ca
     with pytest.raises(SystemExit, match="2"):
         versions.asked(words)
     assert message in capsys.readouterr().err
+
+
+def test_readme_names_the_extras_that_there_are():
+    (line,) = [line for line in (ROOT / "README.md").read_text("utf-8").splitlines() if line.startswith("Extras")]
+    of_developers = {"docs", "test", "fuzz", "bench"}
+    assert {*re.findall(r"`(\w+)`", line)} == {*PROJECT["optional-dependencies"]} - of_developers
