@@ -5,11 +5,9 @@ import os
 import re
 import shlex
 from pathlib import Path
-from unittest.mock import patch
 
 import pytest
 from commands import run
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import OmegaConf
 
 from contactlearn.cli.command_line import parse_command_line, parse_override, quoted, quoted_path
@@ -34,15 +32,6 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     return tmp_path
-
-
-def test_a_run_composes_its_configuration_once():
-    """Hydra alone would do it twice more, which takes as long as a small fit."""
-    load = ConfigLoaderImpl.load_configuration
-    with patch.object(ConfigLoaderImpl, "load_configuration", autospec=True, side_effect=load) as composed:
-        printed = run("train.py", "data=table", "data.path=nowhere.csv", status=2)
-    assert "nowhere.csv" in printed
-    assert composed.call_count == 1
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -18,12 +18,10 @@ from types import ModuleType
 from typing import NoReturn
 
 import hydra
-from hydra._internal.callbacks import Callbacks
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.utils import configure_log, run_job
 from hydra.errors import HydraException
-from hydra.types import HydraContext, RunMode
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -70,7 +68,7 @@ def _run(command: str, cfg: DictConfig) -> float | None:
     import torch
     from threadpoolctl import threadpool_limits
 
-    from contactlearn.cli import job
+    from contactlearn.cli.job import run_job
 
     prepare_process()  # also in a launcher's process
     # The tensors here are small: threads cost more than they give, and sweeps run jobs side by side.
@@ -80,7 +78,7 @@ def _run(command: str, cfg: DictConfig) -> float | None:
     logging.getLogger("fontTools").setLevel(logging.WARNING)  # it reports every glyph that a PDF embeds
     sweeping = HydraConfig.get().mode == RunMode.MULTIRUN
     try:
-        return job.run_job(command, _load_commands().COMMANDS[command], cfg)
+        return run_job(command, _load_commands().COMMANDS[command], cfg)
     except ContactLearnError as error:
         if sweeping:
             raise
@@ -139,32 +137,10 @@ def _command(name: str) -> Callable[[], None]:
                 elif line.several:
                     _sweep(run, name, words, line)
                 else:
-                    cfg = _composed(line.config_name or name, words, check=name)
-                    shown = {flag.partition("=")[0] for flag in line.flags} - {"--run", "--config-name"}
-                    if shown or cfg.hydra.mode == RunMode.MULTIRUN:
-                        run()
-                    else:
-                        _run_composed(cfg, job)
+                    _composed(line.config_name or name, words, check=name)
+                    run()
 
     return run_command
-
-
-def _run_composed(cfg: DictConfig, job: Callable[[DictConfig], float | None]) -> None:
-    """Run a job as Hydra would, which would compose its configuration twice more: a third of a short run."""
-    cfg.hydra.mode, name = RunMode.RUN, cfg.hydra.job.config_name
-    configure_log(cfg.hydra.hydra_logging, cfg.hydra.verbose)
-    with hydra.initialize_config_dir(version_base="1.3", config_dir=os.path.abspath(CONFIGS)):
-        callbacks, loader = Callbacks(cfg), GlobalHydra.instance().config_loader()
-        callbacks.on_run_start(config=cfg, config_name=name)
-        done = run_job(
-            task_function=job,
-            config=cfg,
-            job_dir_key="hydra.run.dir",
-            job_subdir_key=None,
-            hydra_context=HydraContext(config_loader=loader, callbacks=callbacks),
-        )
-        callbacks.on_run_end(config=cfg, config_name=name, job_return=done)
-    _ = done.return_value  # raises what the job raised
 
 
 def _sweep(run: Callable[[], None], command: str, words: list[str], line: CommandLine) -> None:
