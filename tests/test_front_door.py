@@ -166,8 +166,9 @@ def test_models_are_compared_beside_the_rigid_bound():
     (lambda: cl.compare([FIT], DROPS), "such as fit.model, .* got a Fit"),
     (lambda: cl.compare(FIT, DROPS), r"several models, such as \[fit.model\], then impacts; got a Fit first"),
     (lambda: cl.compare([FIT.model], DROPS, "mass_eror"), "did you mean 'mass_error'"),
+    (lambda: cl.compare([FIT.model], DROPS, 3), "a metric is a function, such as .*; got 3"),
     (lambda: FIT.model.score(DROPS, "mass_error"), "a metric is a function, such as contactlearn.metrics.mass_error"),
-], ids=["order", "none", "fit", "alone", "metric", "score"])  # fmt: skip
+], ids=["order", "none", "fit", "alone", "metric", "number", "score"])  # fmt: skip
 def test_a_slip_in_a_comparison_is_told(call, message):
     with pytest.raises((cl.ContactLearnError, UnknownNameError), match=message):
         call()

@@ -539,6 +539,12 @@ def test_a_loop_of_commands(tmp_path):
         assert f"drops.csv holds the drops of {name} already, as trials {trials};" in said
 
 
+def test_a_plan_from_a_run_in_a_laboratory_is_measured_there(tmp_path):
+    run("diagnose.py", *MYSTERY, "law=mirtich", "seconds=3", "hydra.run.dir=run", cwd=tmp_path)
+    said = run("contactlearn", "plan", "run", *LIMITS, "count=4", "-o", "two", cwd=tmp_path)
+    assert said.endswith(f"\nnext: contactlearn measure two {' '.join(MYSTERY)} -o drops.csv\n")
+
+
 def test_a_plan_for_measured_impacts_of_a_table(tmp_path):
     cl.data.table.save(cl.simulation.synthetic.load(40), tmp_path / "drops.csv")
     shape = "data.shape={kind: ellipse, semi_axes: [0.035, 0.025]}"

@@ -25,7 +25,7 @@ import torch
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.corrections import correct
-from contactlearn.data.audit.model_checks import find_model_outliers, noise_notes
+from contactlearn.data.audit.model_checks import find_model_outliers, noise_notes, one_state_notes
 from contactlearn.diagnosis.discrimination.experiment import Substitution, next_experiment
 from contactlearn.diagnosis.discrimination.rivals import FittedRival, find_rivals
 from contactlearn.diagnosis.drift import blocked_folds, drift_finding, measurement_drift, ordered_candidates
@@ -140,7 +140,7 @@ def diagnose_audited(
     comparison = compare_effects(question, search, rungs, generator)
     question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
     question.on_event(RemainderLearned(remainder=learned.remainder))
-    findings = (*findings, *search.notes)
+    findings = (*findings, *search.notes, *one_state_notes(search.selection.impacts))
     return trust_balance(_result(question, search, comparison, decomposition, confidence, fits, findings, generator))
 
 

@@ -21,7 +21,7 @@ class AnisotropicFriction(Effect):
     μ is e^s times the mean one along the bearing β and e^−s times across it, (p, q) = s (cos 2β, sin 2β), and friction
     is turned from the slip towards the rougher direction.  With P_t = D P̃_t, and D v_t in place of v_t, the cone is
     round again, so that Routh's path is the same in these variables; what that changes of it is added to what the law
-    gives.  It is not rougher one way than the opposite one: in a plane that is `directional_friction`.
+    gives.  It is not rougher one way than the opposite one (`directional_friction`).
     """
 
     spaces = (SPACE,)

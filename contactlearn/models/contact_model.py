@@ -120,8 +120,7 @@ class ContactModel:
         Raises:
             ContactLearnError: the metric is no function.
         """
-        if not callable(metric):
-            raise ContactLearnError(f"a metric is a function, such as contactlearn.metrics.mass_error; got {metric!r}")
+        require_metric(metric)
         return metric(impacts, self.predict(impacts)).mean(-1)
 
     def step(self, state: BodyState, *, uncertainty: bool = False) -> BodyOutcome:
@@ -452,6 +451,16 @@ class ContactModel:
             slope = slope @ turn
         slope = slope[..., : variance.shape[-1]]
         return (slope * variance[..., None, :]) @ slope.mT
+
+
+def require_metric(metric: object) -> None:
+    """Check that a metric is a function.
+
+    Raises:
+        ContactLearnError: it is none.
+    """
+    if not callable(metric):
+        raise ContactLearnError(f"a metric is a function, such as contactlearn.metrics.mass_error; got {metric!r}")
 
 
 def resolve(

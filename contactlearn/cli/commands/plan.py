@@ -71,11 +71,12 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
         seen = " and ".join(named) or "none of them"
         raise ContactLearnError(f"a plan is for a run of diagnose, for body={{…}}, or for data=NAME; got {seen}")
     if run is None:
-        known = settings.body or _known(settings.data)
+        known, source = settings.body or _known(settings.data), settings.data and settings.data.target
     else:
         diagnosed = _diagnosed(run)
         known = replace(diagnosed.diagnosis, record=Record.load(run))
         data = [word for word in shlex.split(diagnosed.use) if word.startswith(("data=", "data."))]
+        source = diagnosed.provenance.config.get("data", {}).get("_target_")
     chosen = plan(
         known,
         _rig(settings, before),
@@ -100,15 +101,18 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
     drops = f"drops: {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
     lines = [*plan_summary(chosen), drops, f"report: {page}"]
     if chosen.stop is None:
-        lines.append(f"next: {_next_command(settings, out, data)}")
+        lines.append(f"next: {_next_command(source, out, data)}")
     return "\n".join(lines)
 
 
-def _next_command(settings: PlanSettings, out: Path, data: Sequence[str]) -> str:
-    """The command that goes on from a plan: it measures the drops, or reads what was measured of them."""
-    if settings.body is not None:
+def _next_command(source: str | None, out: Path, data: Sequence[str]) -> str:
+    """The command that goes on from a plan: it measures the drops, or reads what was measured of them.
+
+    The source of a body is None.
+    """
+    if source is None:
         words = ["init", "drops.csv", "--name", "mydata"]
-    elif settings.data is not None and settings.data.target in (_MYSTERY, _MUJOCO):
+    elif source in (_MYSTERY, _MUJOCO):
         words = ["measure", str(out), *data, "-o", "drops.csv"]
     else:
         words = ["diagnose", *data]

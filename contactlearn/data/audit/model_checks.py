@@ -166,15 +166,20 @@ def noise_notes(
             evidence = evidence_of(("spread", spread, unit), ("error_before", error), ("error_after", without))
             found.append(Finding(name=name, sentence=sentence, evidence=evidence, correction=name, mistake=False))
             impacts, error = changed, without
-    differences = torch.cat((impacts.v_pre.std(0), impacts.r.std(0) / impacts.scales[0]))
-    if found and not (differences > _SAME_STATE).any():
-        sentence = (
-            "all trials begin in one state, within its noise: they show one outcome, and neither how it depends on "
-            "speed, slip and spin nor which law is right; μ and ε are those that this law needs there. Vary speed, "
-            "angle and spin"
-        )
-        found.append(Finding(name="one_state", sentence=sentence, evidence=(), mistake=False))
     return tuple(found)
+
+
+def one_state_notes(impacts: Impacts) -> tuple[Finding, ...]:
+    """Note that all trials begin in one state, once means have replaced what noise dominates; nothing is corrected."""
+    differences = torch.cat((impacts.v_pre.std(0), impacts.r.std(0) / impacts.scales[0]))
+    if (differences > _SAME_STATE).any():
+        return ()
+    sentence = (
+        "all trials begin in one state, within its noise: they show one outcome, and neither how it depends on "
+        "speed, slip and spin nor which law is right; μ and ε are those that this law needs there; vary speed, "
+        "angle and spin"
+    )
+    return (Finding(name="one_state", sentence=sentence, evidence=(), mistake=False),)
 
 
 _Doubt = tuple[str, str, float, str]  # a correction, the words before a spread, and that spread with its unit

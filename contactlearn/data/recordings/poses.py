@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 Array = np.ndarray
-_TINY = 1e-150
+_TINY = 1e-150  # by which one can still divide
 _NEXT, _LAST = np.array((1, 2, 0)), np.array((2, 0, 1))
 _SIGNS = np.array(((1.0, -1.0, -1.0, -1.0), (1.0, 1.0, 1.0, -1.0), (1.0, -1.0, 1.0, 1.0), (1.0, 1.0, -1.0, 1.0)))
 _PLACES = np.arange(4)[:, None] ^ np.arange(4)  # (p q)_i = Σ_j ± p_j q_k, k = i xor j
@@ -91,7 +91,7 @@ def conjugate(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def _length(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
-    """Lengths, 0 as the least positive number by which one can divide; NumPy's norm takes twice as long for a few."""
+    """Lengths of vectors, none below `_TINY`; NumPy's norm takes twice as long for a few."""
     return np.maximum(np.sqrt(np.einsum("...i,...i->...", vector, vector)), _TINY)
 
 

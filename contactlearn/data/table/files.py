@@ -351,10 +351,9 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
         raise DataError(f"{path}: is no readable file of arrays ({error}); export it as CSV") from error
     groups = [*_groups(content, "")] if isinstance(content, Mapping) else []
     own = {name: {key: one for key, one in arrays.items() if "." not in key} for name, arrays in groups}
-    whole = {name for name, arrays in own.items() if _has_outcomes(arrays)} or {
-        name
-        for name, arrays in groups
-        if _has_outcomes(arrays)  # with those of groups in them
+    # Arrays of a group in it count only where no group has outcomes of its own.
+    whole = {name for name, one in own.items() if _has_outcomes(one)} or {
+        name for name, one in groups if _has_outcomes(one)
     }
     of_impacts = {
         name: arrays

@@ -60,7 +60,7 @@ from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.impulse_space import LawImpulses
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import joint
-from contactlearn.inference.identification.joint import Fit
+from contactlearn.inference.identification.joint import Fit, FitOptions
 from contactlearn.laws import Law, find
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
@@ -294,8 +294,8 @@ class Diagnosis:
         """Write what a prompt shows, the story in a line; the fields have the rest."""
         story = [f"verdict={str(self.verdict)!r}", f"law={self.law!r}"]
         for one in self.missing:
-            sure = f"{100 * min(one.confidence, 0.99):.0f} %"
-            story.append(f"{one.effect} ({sure})")
+            sure = f"{100 * min(one.claim_confidence, 0.99):.0f} %"
+            story.append(f"{' or '.join(map(str, (one.effect, *one.alternatives)))} ({sure})")
         if self.budget is not None:
             story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")
         return f"Diagnosis({', '.join(story)})"
@@ -338,11 +338,12 @@ class Diagnosis:
             raise ContactLearnError(f"the diagnosis has no record of its trials, and so no model: {self!r}")
         return self.record.model
 
-    def fit(self, impacts: Impacts | None = None) -> Fit:
+    def fit(self, impacts: Impacts | None = None, *, options: FitOptions = FitOptions()) -> Fit:
         """Fit the law with the given and the missing effects again, in their forms, with errors and covariance.
 
         Args:
             impacts: measurements, corrected as `corrections` say; those of the diagnosis, corrected, if None.
+            options: of the fit, such as the noise that the diagnosis was given.
 
         Raises:
             ContactLearnError: the data were refused, or the diagnosis was read without its record.
@@ -352,7 +353,7 @@ class Diagnosis:
         if impacts is None:
             assert self.record is not None  # or there is no model
             impacts = self.record.impacts
-        return joint.fit(impacts, model.law, model.effects)
+        return joint.fit(impacts, model.law, model.effects, options=options)
 
     def law_impulses(self) -> LawImpulses:
         """What every law that was compared gives the trials of the record, and can give them.

@@ -9,7 +9,7 @@ from contactlearn.core.errors import ContactLearnError, UnknownNameError
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, bootstrap
 from contactlearn.mechanics.impacts import Impacts, require_impacts
-from contactlearn.models.contact_model import ContactModel, ErrorOfImpacts
+from contactlearn.models.contact_model import ContactModel, ErrorOfImpacts, require_metric
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,7 +36,7 @@ def compare(
 
     Raises:
         ContactLearnError: no model, or something else than models and impacts.
-        UnknownNameError: no such metric.
+        UnknownNameError: no metric of this name.
     """
     from pandas import DataFrame  # takes long to load
 
@@ -45,6 +45,7 @@ def compare(
         if metric not in METRICS:
             raise UnknownNameError("metric", metric, METRICS)
         metric = METRICS[metric].error
+    require_metric(metric)
     named = dict(models) if isinstance(models, Mapping) else _named(models)
     for model in named.values():
         if not isinstance(model, ContactModel):
