@@ -9,11 +9,12 @@ import torch
 from scipy import sparse
 from scipy.integrate import solve_ivp
 
-from contactlearn.laws import find
+from contactlearn.laws import find, names
 from contactlearn.laws.contact import SpatialContact
 from contactlearn.laws.hodograph import STEPS, Hodograph, after_impulse, after_work, until
 from contactlearn.laws.spring_dashpot import LEAST, damping
 from contactlearn.mechanics import rigid_body
+from contactlearn.mechanics.space import SPACE
 from contactlearn.testing.laws import Contacts
 
 CONTACTS = Contacts.draw_in_space(20_000, seed=4)
@@ -222,3 +223,21 @@ def test_the_slip_turns_in_space():
     P = torch.stack([solved(name) for name in ("whittaker", "anitescu_potra_newton", "wang_mason")])
     apart = (P - P[2]).norm(dim=-1) / P[2].norm(dim=-1)
     assert apart[:2].median() > 1e-3
+
+
+@pytest.mark.parametrize("name", [name for name in names() if SPACE in find(name).spaces])
+def test_a_contact_without_slip_has_its_derivatives(name):
+    """A box that falls straight down, where control begins; against differences where those of both sides agree."""
+    W, mu = CONTACTS.W[:300], torch.ones(300, dtype=torch.float64)
+    v_c, h = CONTACTS.v_c[:300] * torch.tensor((0.0, 0.0, 1.0)), 1e-7
+    law = find(name).at(mu, 0.6)
+    slopes = torch.autograd.functional.jacobian(lambda v: law.impulse(W, v).sum(0), v_c).permute(1, 0, 2)
+    here, steps = law.impulse(W, v_c), h * torch.eye(3, dtype=torch.float64)
+    before, after = (
+        (sign * torch.stack([law.impulse(W, v_c + sign * step) - here for step in steps], -1) / h) for sign in (-1, 1)
+    )
+    size = slopes.norm(dim=(-2, -1))
+    smooth = (after - before).norm(dim=(-2, -1)) < 1e-4 * size
+    assert smooth.sum() > 100
+    difference = (slopes - (before + after) / 2).norm(dim=(-2, -1))
+    assert (difference < 1e-6 * size)[smooth].all()

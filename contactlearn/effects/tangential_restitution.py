@@ -221,7 +221,7 @@ def _springs_in_space(
     compliance: Float[Tensor, "..."],
 ) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."], Float[Tensor, "..."]]:
     """The same along the slip, across it and along the normal: the stretch is a vector, and slips at the round cone."""
-    (w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_n), (mu, eps) = contact, coefficients
+    (w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, across, v_n), (mu, eps) = contact, coefficients
     stiffer = 1 / eps.clamp_min(_SOFTEST).square()
     det = w_11 * w_22 - w_12.square()
     coupling = (w_22 * w_1n.square() - 2 * w_12 * w_1n * w_2n + w_11 * w_2n.square()) / (det * w_nn)
@@ -231,8 +231,8 @@ def _springs_in_space(
     give, kept, scale = recall * compliance * w_nn, 1 - dt * recall, dt / w_nn
     h_11, h_12, h_22 = give + implicit * w_11, implicit * w_12, give + implicit * w_22
     whole = h_11 * h_22 - h_12.square()
-    v_1 = slip + torch.zeros_like(resilience)
-    v_2 = x_1 = x_2 = deepest = P_1 = P_2 = P_n = torch.zeros_like(resilience)
+    v_1, v_2 = slip + torch.zeros_like(resilience), across + torch.zeros_like(resilience)
+    x_1 = x_2 = deepest = P_1 = P_2 = P_n = torch.zeros_like(resilience)
     v_n = v_n + torch.zeros_like(resilience)
     depth = -0.5 * dt * v_n
     for _ in range(2 * _STEPS + 2):

@@ -41,11 +41,11 @@ class AnitescuPotraPoisson(Law):
 
     def solve_in_space(self, contact: SpatialContact, mu: Values, eps: Values) -> Impulse:
         """Return (P_1, P_2, P_n) in N s, of a circular cone."""
-        w_11, w_12, w_22, w_1n, w_2n, _, slip, v_n = contact
+        w_11, w_12, w_22, w_1n, w_2n, _, slip, across, v_n = contact
         c_1, c_2, n_c = complementary_in_space(contact, mu, -v_n)
         n_d = eps * n_c
         b_1 = slip + w_11 * c_1 + w_12 * c_2 + w_1n * (n_c + n_d)
-        b_2 = w_12 * c_1 + w_22 * c_2 + w_2n * (n_c + n_d)
+        b_2 = across + w_12 * c_1 + w_22 * c_2 + w_2n * (n_c + n_d)
         det, none = w_11 * w_22 - w_12**2, torch.zeros_like(n_d)
         d_1, d_2 = (w_12 * b_2 - w_22 * b_1) / det, (w_12 * b_1 - w_11 * b_2) / det
         u_1, u_2 = opposing((w_11, w_12, w_22), (b_1, b_2), mu * n_d, (none, none))

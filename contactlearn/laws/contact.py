@@ -41,7 +41,8 @@ class Contact(NamedTuple):
 class SpatialContact(NamedTuple):
     """W (1/kg) and v_c (m/s) by component in the axes of the slip, each [..., N]: 1 along the slip, 2 across, n up.
 
-    The slip across is 0.  Where there is no slip at all, 1 is along the slip that a normal impulse would start.
+    Where there is no slip at all, 1 is along the slip that a normal impulse would start.  The slip across is 0; it and
+    the slip have their derivatives there, too.
     """
 
     w_11: Values
@@ -51,6 +52,7 @@ class SpatialContact(NamedTuple):
     w_2n: Values
     w_nn: Values
     slip: Values
+    across: Values
     v_n: Values
 
     @classmethod
@@ -59,12 +61,12 @@ class SpatialContact(NamedTuple):
     ) -> "tuple[SpatialContact, tuple[Values, Values]]":
         """Take W and v_c apart; return also the cosine and sine of the direction of the slip."""
         w_xx, w_xy, w_xn, _, w_yy, w_yn, _, _, w_nn = W.flatten(-2).unbind(-1)
-        c, s, slip = rigid_body.slip_heading(W, v_c)
+        (c, s), (slip, across) = rigid_body.slip_heading(W, v_c)
         cc, cs, ss = c * c, c * s, s * s
         w_11, w_22 = cc * w_xx + 2 * cs * w_xy + ss * w_yy, ss * w_xx - 2 * cs * w_xy + cc * w_yy
         w_12 = cs * (w_yy - w_xx) + (cc - ss) * w_xy
         w_1n, w_2n = c * w_xn + s * w_yn, c * w_yn - s * w_xn
-        return cls(w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_c[..., 2]), (c, s)
+        return cls(w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, across, v_c[..., 2]), (c, s)
 
 
 def slip_direction(contact: Contact) -> Values:
@@ -102,14 +104,14 @@ def complementary(contact: Contact, mu: Values, target: Values) -> tuple[Values,
 
 def stick_in_space(contact: SpatialContact, target: Values) -> Impulse:
     """Return (P_1, P_2, P_n) that ends the slip, with v_n⁺ − v_n = `target` (m/s)."""
-    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, _ = contact
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, across, _ = contact
     a_11, a_1n, a_nn = w_22 * w_nn - w_2n**2, w_12 * w_2n - w_1n * w_22, w_11 * w_22 - w_12**2
-    a_12, a_2n = w_1n * w_2n - w_12 * w_nn, w_12 * w_1n - w_11 * w_2n
+    a_12, a_22, a_2n = w_1n * w_2n - w_12 * w_nn, w_11 * w_nn - w_1n**2, w_12 * w_1n - w_11 * w_2n
     det = w_11 * a_11 + w_12 * a_12 + w_1n * a_1n
     return (
-        (target * a_1n - slip * a_11) / det,
-        (target * a_2n - slip * a_12) / det,
-        (target * a_nn - slip * a_1n) / det,
+        (target * a_1n - slip * a_11 - across * a_12) / det,
+        (target * a_2n - slip * a_12 - across * a_22) / det,
+        (target * a_nn - slip * a_1n - across * a_2n) / det,
     )
 
 
@@ -119,10 +121,10 @@ def complementary_in_space(contact: SpatialContact, mu: Values, target: Values) 
     The normal impulse is eliminated: P_n = (target − w·P_t)/W_nn with w = W_tn, and v_t⁺ = A P_t + b with
     A = W_tt − w wᵀ/W_nn and b = v_t + w target/W_nn, so that P_t ends the slip or `opposes` it.
     """
-    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, _ = contact
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, across, _ = contact
     w_1, w_2 = w_1n / w_nn, w_2n / w_nn
     reduced = w_11 - w_1 * w_1n, w_12 - w_1 * w_2n, w_22 - w_2 * w_2n
-    u_1, u_2 = opposing(reduced, (slip + w_1 * target, w_2 * target), mu * target / w_nn, (mu * w_1, mu * w_2))
+    u_1, u_2 = opposing(reduced, (slip + w_1 * target, across + w_2 * target), mu * target / w_nn, (mu * w_1, mu * w_2))
     stuck = stick_in_space(contact, target)
     sticks = torch.hypot(stuck[0], stuck[1]) <= mu * stuck[2]
     n = target / torch.where(sticks, 1.0, w_nn + mu * (u_1 * w_1n + u_2 * w_2n))

@@ -47,15 +47,23 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
     On the cone it is (W + λ D) P = −v_c, D = diag(1, 1, −μ²), with λ > 0 for which |P_t| = μ P_n.  With x = μ λ and the
     adjugate of the matrix, P_t/P_n = μ T/N, all quadratic in x, and |T| = |N|; d = det(W_tt + λ) is positive.
     """
-    w_11, w_12, w_22, w_1n, w_2n, w_nn, slip, v_n = contact
+    w_11, w_12, w_22, w_1n, w_2n, w_nn, v_1, v_2, v_n = contact
     stuck = stick_in_space(contact, -v_n)
     sticks = torch.hypot(stuck[0], stuck[1]) <= mu * stuck[2]
     m = mu.clamp_min(_SMOOTH)
     det, trace, none = w_11 * w_22 - w_12 * w_12, w_11 + w_22, torch.zeros_like(sticks * v_n)
-    a_1, a_2 = w_12 * w_2n - w_22 * w_1n, w_12 * w_1n - w_11 * w_2n
-    T_1 = m * (slip * (w_22 * w_nn - w_2n**2) + v_n * a_1), slip * (w_nn - m**2 * w_22) - v_n * w_1n, -m * slip
-    T_2 = m * (slip * (w_1n * w_2n - w_12 * w_nn) + v_n * a_2), slip * m**2 * w_12 - v_n * w_2n, none
-    N = m**2 * (slip * a_1 + v_n * det), m * (v_n * trace - slip * w_1n), v_n
+    a_1, a_2, a_12 = w_12 * w_2n - w_22 * w_1n, w_12 * w_1n - w_11 * w_2n, w_1n * w_2n - w_12 * w_nn
+    T_1 = (
+        m * (v_1 * (w_22 * w_nn - w_2n**2) + v_2 * a_12 + v_n * a_1),
+        v_1 * (w_nn - m**2 * w_22) + v_2 * m**2 * w_12 - v_n * w_1n,
+        -m * v_1,
+    )
+    T_2 = (
+        m * (v_1 * a_12 + v_2 * (w_11 * w_nn - w_1n**2) + v_n * a_2),
+        v_1 * m**2 * w_12 + v_2 * (w_nn - m**2 * w_11) - v_n * w_2n,
+        none - m * v_2,
+    )
+    N = m**2 * (v_1 * a_1 + v_2 * a_2 + v_n * det), m * (v_n * trace - v_1 * w_1n - v_2 * w_2n), v_n
     d = m**2 * det, m * trace, none + 1
     with torch.no_grad():
         pole = (
@@ -78,7 +86,7 @@ def compression_in_space(contact: SpatialContact, mu: Values) -> Impulse:
     sign = value(N, x).detach().sign()
     u_1, u_2 = towards(-sign * value(T_1, x), -sign * value(T_2, x))
     form = w_11 * u_1 * u_1 + 2 * w_12 * u_1 * u_2 + w_22 * u_2 * u_2
-    n = (-v_n - mu * slip * u_1) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))
+    n = (-v_n - mu * (v_1 * u_1 + v_2 * u_2)) / (w_nn + mu * (2 * (w_1n * u_1 + w_2n * u_2) + mu * form))
     slides = mu * n * u_1, mu * n * u_2, n
     return where(sticks, stuck, slides)
 

@@ -113,7 +113,7 @@ class Hodograph:
 
     def __init__(self, contact: SpatialContact, mu: Tensor, steps: int | None = None):
         self.contact, self.mu, self.steps = contact, mu, steps or _steps.get()
-        w_11, w_12, w_22, w_1n, w_2n, _, _, _ = contact
+        w_11, w_12, w_22, w_1n, w_2n, *_ = contact
         det = torch.addcmul(w_11 * w_22, w_12, w_12, value=-1)
         self._inverse = w_22 / det, -w_12 / det, w_11 / det
         self._stuck = _times(self._inverse, (w_1n, w_2n))  # friction that keeps a slip that has ended
@@ -129,9 +129,15 @@ class Hodograph:
         self._rates_after = rate_1, rate_2, self.stiffness_after
 
     def start(self) -> Slide:
-        """Return the point before contact."""
-        slip, none = self.contact.slip, torch.zeros_like(self.q_1)
-        return Slide(slip + none, none, self.contact.v_n + none, none, none, none, none, slip + none == 0)
+        """Return the point before contact.
+
+        Where nothing slips and the contact sticks, the impulse is 0 with the derivative of the one that ends a slip.
+        """
+        none, (_, _, _, w_1n, w_2n, _, slip, across, v_n) = torch.zeros_like(self.q_1), self.contact
+        still = slip + none == 0
+        P_1, P_2 = (torch.where(still & (self._room >= 0), -P, none) for P in _times(self._inverse, (slip, across)))
+        v_n = v_n + w_1n * P_1 + w_2n * P_2
+        return Slide(slip + none, none, v_n, P_1, P_2, none, none, still)
 
     def compressed(self) -> Slide:
         """Return the point at which compression ends, v_n = 0 without rounding: restitution with ε = 0 ends there."""
@@ -206,7 +212,7 @@ class Hodograph:
 
     def _middle(self, v: Pair, square: Tensor, growth: Tensor, step: Tensor) -> Pair:
         """Friction −dP_t/dP_n in the middle of a step: implicit in v but for its length, which falls evenly."""
-        w_11, w_12, w_22, w_1n, w_2n, _, _, _ = self.contact
+        w_11, w_12, w_22, w_1n, w_2n, *_ = self.contact
         least = torch.maximum(torch.addcmul(square, step, growth), _LEFT * square).clamp_min(_NONE)
         share = self._half_mu * step * least.rsqrt()
         a_11, a_22 = torch.addcmul(self._one, share, w_11), torch.addcmul(self._one, share, w_22)
@@ -219,7 +225,7 @@ class Hodograph:
 
     def _rates(self, friction: Pair) -> Impulse:
         """dv_c/dP_n (1/kg) with a friction −dP_t/dP_n."""
-        w_11, w_12, w_22, w_1n, w_2n, w_nn, _, _ = self.contact
+        w_11, w_12, w_22, w_1n, w_2n, w_nn, *_ = self.contact
         rate_1, rate_2, rate_n = (
             torch.addcmul(torch.addcmul(rate, a, friction[0], value=-1), b, friction[1], value=-1)
             for rate, a, b in ((w_1n, w_11, w_12), (w_2n, w_12, w_22), (w_nn, w_1n, w_2n))

@@ -66,7 +66,7 @@ class SpringDashpot(Law):
         share, none = (eps / LEAST).clamp_max(1), torch.zeros_like(path.q_1)
         squeezed = list(path.points(path.start(), until(none)))
         released = list(path.points(squeezed[-1], after_work(none)))
-        force, P_n = -2 * zeta * contact.v_n, released[-1].P_n
+        force, P_n = -2 * zeta * squeezed[0].v_n, released[-1].P_n
         for first, last in pairwise(squeezed):
             moves = last.P_n - first.P_n > _LEAST_STEP * P_n
             force = _piece(first, last, force, zeta, w_nn, moves).passed(moves, w_nn * (last.P_n - first.P_n), force)

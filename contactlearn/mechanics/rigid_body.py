@@ -146,17 +146,19 @@ def contact_velocity(r: Float[Tensor, "*#batch d"], v: Float[Tensor, "*#batch D"
 
 def slip_heading(
     W: Float[Tensor, "*#batch 3 3"], v_c: Float[Tensor, "*#batch 3"]
-) -> tuple[Float[Tensor, "*#batch"], Float[Tensor, "*#batch"], Float[Tensor, "*#batch"]]:
-    """Cosine and sine [...] of the direction of the slip in space, and its speed in m/s.
+) -> tuple[tuple[Float[Tensor, "*#batch"], ...], tuple[Float[Tensor, "*#batch"], ...]]:
+    """Cosine and sine [...] of the direction of the slip in space, and the slip along it and across (0) in m/s.
 
-    Where there is no slip at all the direction is that of the slip that a normal impulse would start, else x.
+    Where there is no slip at all the direction is that of the slip that a normal impulse would start, else x.  It does
+    not turn with the velocity there, so the slip across has a derivative.
     """
     v_x, v_y = v_c[..., 0], v_c[..., 1]
     still = (v_x == 0) & (v_y == 0)
     a, b = torch.where(still, W[..., 0, 2], v_x), torch.where(still, W[..., 1, 2], v_y)
     a = torch.where((a == 0) & (b == 0), 1.0, a)
     length = torch.hypot(a, b)
-    return a / length, b / length, torch.where(still, 0.0, length)
+    c, s = a / length, b / length
+    return (c, s), (torch.where(still, c * v_x + s * v_y, length), torch.where(still, c * v_y - s * v_x, 0.0))
 
 
 def slip_axes(W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"]) -> Float[Tensor, "*#batch D D"]:
@@ -167,7 +169,7 @@ def slip_axes(W: Float[Tensor, "*#batch d d"], v_c: Float[Tensor, "*#batch d"]) 
     """
     if v_c.shape[-1] == 2:
         return torch.eye(3).to(v_c).expand(*v_c.shape[:-1], -1, -1)
-    c, s, _ = slip_heading(W, v_c)
+    (c, s), _ = slip_heading(W, v_c)
     none, one = torch.zeros_like(c), torch.ones_like(c)
     rows = (c, -s, none), (s, c, none), (none, none, one)
     turn = torch.stack([torch.stack(row, -1) for row in rows], -2)
