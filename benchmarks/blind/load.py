@@ -38,6 +38,7 @@ SUITES = (
     "author_h",
     "author_i",
     "author_j",
+    "author_k",
 )
 
 
