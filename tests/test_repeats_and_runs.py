@@ -162,7 +162,7 @@ def test_worksheets_of_one_header_are_recordings() -> None:
     cells = files._stacked_sheets(Path("a.xlsx"), frames)  # pyright: ignore[reportPrivateUsage]
     assert cells is not None
     assert cells.header == ["recording", "t", "x", "y"]
-    assert cells.columns[0] == ["T01"] * 3 + ["T02"] * 3
+    assert cells.columns["recording"] == ["T01"] * 3 + ["T02"] * 3
 
 
 def test_the_longer_axis_of_time_is_that_which_changes_less(tmp_path: Path) -> None:

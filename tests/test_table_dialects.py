@@ -1336,6 +1336,39 @@ def test_arrays_of_a_table_of_impacts(tmp_path, suffix):
         table.read(tmp_path / "none.npz", **BODY)
 
 
+def test_arrays_with_a_column_an_impact(tmp_path):
+    """Which way round arrays are is said; of three impacts in a plane it is not seen."""
+    from scipy.io import savemat
+
+    for rows in (30, 3):
+        drops, path = synthetic.load(size=rows), tmp_path / f"drops_{rows}.mat"
+        fields = {"pose": drops.q, "v_pre": drops.v_pre, "v_post": drops.v_post}
+        savemat(path, {"S": {name: one.T.numpy() for name, one in fields.items()}})
+        if rows == 3:
+            for reading in (lambda: table.read(path, mass=1, shape=SHAPE), lambda: propose(path)):  # noqa: B023
+                with refused(["'pose' is 3 × 3", "may be rows or columns"]):
+                    reading()
+            continue
+        found = table.read(path, mass=1, shape=SHAPE)
+        torch.testing.assert_close(found.impacts.v_post, drops.v_post, rtol=ROUNDING, atol=0)
+        assert "a column an impact in 'pose', 'v_pre', 'v_post'" in found.read_as
+        savemat(path, {"S": {name: one.numpy() for name, one in fields.items()}})
+        assert not any("a column an impact" in said for said in table.read(path, mass=1, shape=SHAPE).read_as)
+
+
+def test_columns_that_two_descriptions_name_are_refused(tmp_path, frame):
+    """Components of a vector beside columns of their names, and names that stand twice in the header."""
+    vectors = [f"[{x} {y}]" for x, y in zip(frame.vx, frame.vy, strict=True)]
+    frame.assign(velocity=vectors).to_csv(tmp_path / "vectors.csv", index=False)
+    (tmp_path / "twice.csv").write_text(frame.assign(again=frame.vx).to_csv(index=False).replace("again", "vx"))
+    for name in ("vectors.csv", "twice.csv"):
+        with refused(["column names must be unique; repeated: 'vx'"]):
+            table.read(tmp_path / name, **BODY)
+    unused = frame.assign(a="x", b="y").to_csv(index=False).replace(",a,b", ",note,note")
+    (tmp_path / "notes.csv").write_text(unused)
+    np.testing.assert_allclose(numbers(table.load(tmp_path / "notes.csv", **BODY)), frame, rtol=ROUNDING)
+
+
 def test_a_pointer_of_git_lfs_is_no_table(tmp_path):
     path = tmp_path / "drops.csv"
     path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 812345\n")

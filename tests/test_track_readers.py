@@ -19,12 +19,14 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.data import table
 from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.headers import propose, stated_by_header
+from contactlearn.data.recordings.conventions import find_frame, find_gravity
 from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
 from contactlearn.data.recordings.track import Recording, on_grid
 from contactlearn.data.tracks import track_options
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.simulation.camera import Camera
 from contactlearn.simulation.recordings import AXES, simulate, write_recordings
 
@@ -1224,6 +1226,25 @@ def test_analysis_of_sleap(tmp_path, points, preset):
     (found,) = read(tmp_path / "ball.analysis.h5", Layout(rate=250))
     assert np.flatnonzero(~found.seen).tolist() == [5, 7]
     np.testing.assert_allclose(found.position[8:], markers.mean(1)[8:], atol=1e-9)
+
+
+def test_arrays_with_a_column_a_frame(tmp_path):
+    """A structure of MATLAB with positions [3, T] or [T, 3], of which the first is said to be so."""
+    time = np.arange(50) / 250
+    noise = np.random.default_rng(0).normal(0, 1e-4, (50, 3))
+    fall = noise + np.column_stack((time, 0 * time, 1 - GRAVITY / 2 * time**2)), np.tile((1.0, 0.0, 0.0, 0.0), (50, 1))
+    for turned in (False, True):
+        position, quaternion = (values.T if turned else values for values in fall)
+        savemat(tmp_path / "fall.mat", {"S": {"time": time, "position": position, "quaternion": quaternion}})
+        (found,) = [*read(tmp_path / "fall.mat")]
+        assert isinstance(found, Recording)
+        np.testing.assert_array_equal(found.position, fall[0])
+        np.testing.assert_array_equal(found.quaternion, fall[1])
+        clues = find_frame([found], find_gravity([found]), in_space=True).clues
+        assert ("arrays" in {clue.convention for clue in clues}) == turned
+    savemat(tmp_path / "fall.mat", {"S": {"position": fall[0][:3], "quaternion": fall[1][:3]}})
+    with pytest.raises(DataError, match=r"position is 3 × 3: its frames may be rows or columns"):
+        [*read(tmp_path / "fall.mat", Layout(rate=250))]
 
 
 def test_objects_of_arrays_are_refused(tmp_path):

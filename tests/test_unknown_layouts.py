@@ -39,6 +39,13 @@ def test_names_that_repeat_otherwise_are_no_tables(header: str) -> None:
     assert not refusal_side_by_side(header.split(","))
 
 
+def test_a_cell_too_long_for_csv_is_refused_in_a_line(tmp_path: Path) -> None:
+    file = tmp_path / "drops.csv"
+    file.write_text(f"vx,vy\n{'1' * 200_000},2\n" * 3, encoding="utf-8")
+    with pytest.raises(DataError, match=r"drops\.csv: "):
+        propose(file)
+
+
 def test_a_column_a_trial_is_to_be_transposed(tmp_path: Path) -> None:
     file = tmp_path / "drops.csv"
     names = ("theta", "vx before", "vy before", "omega before", "vx after", "vy after", "omega after")

@@ -182,7 +182,7 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         table.preview(first, columns) if nested is None else replace(sheet_of(nested.head(_PREVIEWED)), path=first)
     )
     header = cells.header
-    if why := refusal_side_by_side(header):
+    if why := refusal_side_by_side(cells.repeated or header):
         raise DataError(f"{first}: {why}")
     space, impacts = recognised_columns(header)
     absent = [ours for ours, name in (columns or {}).items() if name is None]
@@ -210,8 +210,9 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
     times = [times_in(name, opposite=False) for name in header]
     paired = times.count("pre") == times.count("post") > 0  # as families of numbers before and after contact
     recording = frames.names.get("recording")
-    clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or _repeats(cells, recording)
-    alone = recording in header and len({*cells.names(recording)}) == len(cells)  # a row a trial, and no frames
+    named = {*cells.names(recording)} if recording in header else set[str]()
+    clock = "time" in frames.names or {*FRAME_NUMBERS} & {*header} or 0 < 2 * len(named) <= len(cells)
+    alone = bool(named) and len(named) == len(cells)  # a row a trial, and no frames
     framed = not paired and (clock or not (alone or "pre" in times))
     posed = framed and (markers or ("x" in frames.names and {"y", "z"} & {*frames.names}))
     if posed:
@@ -253,17 +254,14 @@ def _page(cells: Sheet, source: str | None = None) -> str:
     return probable_columns(Path(cells.path), cells, _frame_units(), stated, source=source)
 
 
-def _repeats(cells: Sheet, name: str | None) -> bool:
-    """Whether a column has each of its values in several rows, as that of the name of a recording."""
-    return name in cells.header and 2 * len({*cells.names(name)}) <= len(cells)
-
-
 def _impacts_of(first: Path, columns: Mapping[str, Any] | None) -> Sheet | None:
     """The cells of a file that is a table of impacts; None of a recording, and of what is no table."""
     if first.suffix.lower() not in table.READ:
         return None
     try:
         cells = table.preview(first, columns)
+    except UnknownLayoutError:
+        raise
     except DataError:
         return None
     space, impacts = recognised_columns(cells.header)

@@ -34,7 +34,13 @@ from contactlearn.data.recordings.angles import (
     search_reading,
     without_angles,
 )
-from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity, refuse_left_handed_words
+from contactlearn.data.recordings.conventions import (
+    Conventions,
+    find_flight_model,
+    find_frame,
+    find_gravity,
+    refuse_left_handed_words,
+)
 from contactlearn.data.recordings.flights import FlightOptions
 from contactlearn.data.recordings.floor import Floor, find_floor, off_the_floor
 from contactlearn.data.recordings.markers import (
@@ -378,8 +384,8 @@ def _on_shape(
     frame = find_frame(recordings, gravity, options.conventions, options.thresholds, in_space=in_space)
     places = places_on_corners(recordings, frame, shape)
     if places is None and isinstance(shape, Polygon | Ellipse | Disc):
-        _, model, _ = search_reading(recordings, gravity, options.conventions, options)
-        places = places_turned(recordings, frame, np.eye(2), np.array(model.centre))  # about the centre of mass
+        centre = find_flight_model(recordings, frame, gravity).centre
+        places = places_turned(recordings, frame, np.eye(2), np.array(centre))  # about the centre of mass
         centred = replace(options, layout=replace(options.layout, places=places.tolist()))
         moved = sample(files, centred.layout)
         if isinstance(shape, Disc):  # any zero of θ will do

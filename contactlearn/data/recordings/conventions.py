@@ -434,11 +434,15 @@ def find_frame(
         frame = Frame(scale=scale, axes=axes, folds=folds)
     else:
         frame, clues = _spatial(recordings, up, scale, stated.order, limits)
+    said = "frames in a column each, as many as times"
+    turned = Clue(
+        convention="arrays", value="turned", stated=False, quantity=said, number=len(first.time), unit="frames"
+    )
     return replace(
         frame,
         angle=ANGLES[stated.angle or "rad"],
         sense=SENSES[stated.sense or "as_read"],
-        clues=(unit, direction, *clues, *_drag(gravity, stated.drag)),
+        clues=(unit, direction, *clues, *_drag(gravity, stated.drag), *[turned] * first.turned),
     )
 
 

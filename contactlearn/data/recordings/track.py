@@ -51,6 +51,7 @@ class Recording:
         unit: of length, where the format says so.
         order: of the quaternion's components, where the format or the names of its columns say so.
         markers: mean places [m, d] in the body about the tracked point, where the pose is found from markers.
+        turned: whether the file's arrays have a column a frame.
 
     Raises:
         DataError: fewer than two frames, columns of unequal length, or time stamps that do not grow.
@@ -65,6 +66,7 @@ class Recording:
     unit: str | None = None
     order: str | None = None
     markers: Float[Array, "m d"] | None = None
+    turned: bool = False
 
     def __repr__(self) -> str:
         seconds = self.time[-1] - self.time[0]

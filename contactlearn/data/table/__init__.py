@@ -29,7 +29,7 @@ memory; a large one of text or Parquet is read in blocks of rows, once for every
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,7 @@ from contactlearn.data.table.columns import (
 from contactlearn.data.table.descriptions import by_settings, phase_column, restated
 from contactlearn.data.table.mapped import with_made_columns
 from contactlearn.data.table.names import NAMES, name_words
+from contactlearn.data.table.options import TableOptions
 from contactlearn.data.table.probable import probable_columns
 from contactlearn.data.table.reshaped import is_long, repeats_in
 from contactlearn.data.table.rows import filled_down, is_merged
@@ -76,7 +77,7 @@ from contactlearn.mechanics.bodies import (
     shapes_among,
 )
 from contactlearn.mechanics.impacts import COVARIATE, Impacts
-from contactlearn.mechanics.shapes import Disc, Shape, Sphere, require_dimension
+from contactlearn.mechanics.shapes import Shape, require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 if TYPE_CHECKING:
@@ -227,20 +228,16 @@ def read_blocks(
     Names are unique in each block alone.  The other arguments and the errors are those of `read`; with rows=None there
     is one block.
     """
-    known_shape, known_units = make_shapes(shape), Units(units)
-    stated = _stated(mass, inertia)
+    known_shape, known_units, body = make_shapes(shape), Units(units), _stated(mass, inertia)
     read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
     for cells in _sheets(path, rows):
         own = covariate_columns(cells, covariates)
-        mapped: Any = {**columns, **own} if isinstance(columns, Mapping) else own or columns
-        cells, mapped = by_settings(*with_made_columns(cells, mapped, gaps=drop_incomplete))
-        cells = restated(
-            cells.measured([*own.values()]), known_units, mapped, known_shape, stated=stated, gaps=drop_incomplete
-        )
-        shaped = known_shape is not None
-        turning = not (shaped and all(isinstance(each, (Disc, Sphere)) for each in shapes_among(known_shape).values()))
+        cells, mapped = with_made_columns(cells, columns, gaps=drop_incomplete)
+        cells, mapped = by_settings(cells, {**mapped, **own})
+        options = TableOptions(units=known_units, columns=mapped, shape=known_shape, body=body, gaps=drop_incomplete)
+        cells = restated(cells.measured(own.values()), options)
         try:
-            named = name_columns(cells, mapped, known_units, shaped=shaped, turning=turning, stated=[*stated])
+            named = name_columns(cells, options)
         except UnknownLayoutError as error:
             page = probable_columns(Path(cells.path), cells, source="table")
             raise UnknownLayoutError(f"{error}; its columns are\n{page}") from None
@@ -250,10 +247,10 @@ def read_blocks(
         read += len(cells)
         if len(kept):
             left = True
-            if named.space is PLANE and "inertia" in stated and stated["inertia"].ndim:
+            if named.space is PLANE and "inertia" in body and body["inertia"].ndim:
                 raise DataError(f"{_source(path)}: data.inertia is one number in a plane; three are of a body in space")
-            _refuse_other(kept, stated, named)
-            values |= {name: x.expand(len(kept), *x.shape) for name, x in stated.items()}
+            _refuse_other(kept, body, named)
+            values |= {name: x.expand(len(kept), *x.shape) for name, x in body.items()}
             values["covariates"] = _covariates(kept, numeric)
             impacts = _impacts(kept, values, named, known_shape, validate=validate)
             yield Table(impacts=impacts, unused=named.unused, computed=named.computed, read_as=_read_as(named))
@@ -280,7 +277,7 @@ def _refuse_other(cells: Sheet, stated: Mapping[str, Tensor], named: NamedColumn
     """Refuse a setting that states another number than the columns have, which may state it too."""
     for name, value in stated.items():
         parts = named.space.components[name]
-        columns = [column for column in dict.fromkeys((name, *parts)) if column in cells.header]
+        columns = [column for column in dict.fromkeys((name, *parts)) if column in cells.columns]
         numbers = dict(zip(parts, value.reshape(-1).expand(len(parts)).tolist(), strict=True))
         for column, number in product(columns, dict.fromkeys(numbers.values())):
             if numbers.get(column, number) != number:
@@ -337,15 +334,14 @@ def preview(path: Path, columns: Mapping[str, Any] | None = None) -> Sheet:
         UnknownNameError: a column that does not exist.
     """
     cells, mapped = by_settings(*with_made_columns(next(_sheets(path, _PREVIEWED)), columns, gaps=True))
-    cells = restated(cells, Units(STATED), mapped, asked=False, gaps=True)
+    cells = restated(cells, TableOptions(units=Units(STATED), columns=mapped, asked=False, gaps=True))
     names = checked_names(cells, mapped, [*columns_of(PLANE), *columns_of(SPACE)])
-    ours = {name: column for column, name in names.items() if name is not None}
-    return replace(cells, header=[ours.get(name, name) for name in cells.header])
+    return cells.renamed({name: column for column, name in names.items() if name is not None})
 
 
 def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
     """The names of the bodies of a table that has shapes by name."""
-    if "object" not in cells.header:
+    if "object" not in cells.columns:
         raise DataError(
             f"{cells.path}: data.shape has shapes of {', '.join(shapes)}, but the table has no column object with "
             "such names; 'data.columns={object: …}' says which column it is"
@@ -384,7 +380,7 @@ def _is_of_several_rows(cells: Sheet) -> bool:
         or repeats_in(cells.header)
         or runs_in(cells.header)
     )
-    return bool(several) or any(map(is_merged, cells.header, cells.columns))
+    return bool(several) or any(is_merged(name, column) for name, column in cells.columns.items())
 
 
 def _filled(cells: Sheet) -> Sheet:
@@ -398,14 +394,14 @@ def _impacts(
 ) -> Impacts:
     """Build impacts from the rows of a named table that are complete, and the values that are known already."""
     space, units = named.space, named.units
-    values |= {name: cells.names(name) for name in NAMES if name in cells.header}
+    values |= {name: cells.names(name) for name in NAMES if name in cells.columns}
     if space is SPACE and units.factor("theta") < 0:
         raise DataError(
             f"{cells.path}: data.units.rotation is of a plane; in space turn the axes into right-handed ones"
         )
     absent = [name for field in named.computed if field not in ("inertia", "r") for name in COMPUTED[space][field]]
     for field, names in space.components.items():
-        names = ("inertia",) if field == "inertia" and "inertia" in cells.header else names
+        names = ("inertia",) if field == "inertia" and "inertia" in cells.columns else names
         if names[-1] in (*cells.header, *absent):
             zeros = torch.zeros(len(cells), dtype=torch.float64)
             stacked = torch.stack([zeros if name in absent else _numbers(cells, name, units) for name in names], -1)
@@ -413,7 +409,7 @@ def _impacts(
     values |= {
         field: _covariance(cells, space, names, units)
         for field, names in space.covariances.items()
-        if names[0] in cells.header
+        if names[0] in cells.columns
     }
     if shape is not None:
         values |= _computed(cells.path, named.computed, shape, values)
@@ -436,7 +432,7 @@ def _impacts(
 def _covariates(cells: Sheet, numeric: dict[str, bool]) -> dict[str, Tensor | tuple[str, ...]]:
     """The covariates of a named table; `numeric` remembers over blocks which of them are numbers."""
     found: dict[str, Tensor | tuple[str, ...]] = {}
-    for column in (column for column in cells.header if column.startswith(COVARIATE)):
+    for column in (column for column in cells.columns if column.startswith(COVARIATE)):
         if numeric.setdefault(column, cells.is_numeric(column)):
             found[column.removeprefix(COVARIATE)] = torch.from_numpy(cells.numbers(column, "its unit"))
         else:
@@ -454,8 +450,8 @@ def _covariates(cells: Sheet, numeric: dict[str, bool]) -> dict[str, Tensor | tu
 def _numbered(cells: Sheet) -> dict[str, Any]:
     """Names and order of the rows by their numbers, for a table without such columns."""
     rows = range(cells.first + 1, cells.first + len(cells) + 1)
-    values = {} if "trial" in cells.header else {"trial": tuple(map(str, rows))}
-    return values if "order" in cells.header else values | {"order": torch.tensor(rows, dtype=torch.float64)}
+    values = {} if "trial" in cells.columns else {"trial": tuple(map(str, rows))}
+    return values if "order" in cells.columns else values | {"order": torch.tensor(rows, dtype=torch.float64)}
 
 
 def _numbers(cells: Sheet, column: str, units: Units) -> Tensor:
@@ -499,7 +495,7 @@ def _complete(cells: Sheet) -> tuple[Sheet, dict[str, Any]]:
     """The rows in which no number is missing, with their numbers for names and order, and the names of the others."""
     values = _numbered(cells)
     names = values.get("trial") or cells.names("trial")
-    bad = cells.missing([column for column in cells.header if column not in NAMES])
+    bad = cells.missing([column for column in cells.columns if column not in NAMES])
     left = sorted({*range(1, len(cells) + 1)} - {*bad})
     values = {name: value[[row - 1 for row in left]] for name, value in values.items() if name == "order"}
     values |= {"trial": tuple(names[row - 1] for row in left), "incomplete": tuple(names[row - 1] for row in bad)}

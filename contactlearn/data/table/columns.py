@@ -37,6 +37,7 @@ from contactlearn.data.table.names import (
     spins_per_second,
     unit_in,
 )
+from contactlearn.data.table.options import TableOptions
 from contactlearn.data.table.several import refusal_of_several
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import COMPOUND, SI, UNIT_FACTORS, Units, powers_of
@@ -54,15 +55,14 @@ def apparatus_of(cells: Sheet) -> Apparatus | None:
     Raises:
         DataError: a cell is no number, rows differ, or an error is negative.
     """
-    known = {
-        field: Estimate(
-            value=_one(cells, names[0], PROPERTIES[field]["unit"]),
-            error=_one(cells, names[1], PROPERTIES[field]["unit"], 0.0),
-            applied=_one(cells, had, PROPERTIES[field]["unit"]) if (had := APPLIED.get(field)) in cells.header else 0.0,
-        )
-        for field, names in PAIRS.items()
-        if names[0] in cells.header
-    }
+    known = dict[str, Estimate]()
+    for field, (value, error) in PAIRS.items():
+        unit, had = PROPERTIES[field]["unit"], APPLIED.get(field)
+        if value in cells.columns:
+            applied = _one(cells, had, unit) if had and had in cells.columns else 0.0
+            known[field] = Estimate(
+                value=_one(cells, value, unit), error=_one(cells, error, unit, 0.0), applied=applied
+            )
     return Apparatus(**{field: known.get(field) for field in PAIRS}) if known else None  # pyright: ignore[reportArgumentType]  (`NEEDED`)
 
 
@@ -107,7 +107,7 @@ that was not measured of the moments, and bounces along the normal alone have no
 
 def trial_column(cells: Sheet, names: Collection[str]) -> str | None:
     """Return the first of some columns that names trials, such as shot or run: nearly all of its cells differ."""
-    for name in cells.header:
+    for name in cells.columns:
         words = {*name_words(name)} if name.strip() not in ("#", "№") else {"nr"}
         if name in names and words and words <= _TRIALS:
             there = cells.names(name)
@@ -213,34 +213,18 @@ def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str
     return tuple(field for field in fields if not doubtful.get(field))
 
 
-def name_columns(
-    cells: Sheet,
-    mapped: Mapping[str, str | None] | None,
-    units: Units,
-    *,
-    shaped: bool,
-    turning: bool = True,
-    stated: Sequence[str] = (),
-) -> NamedColumns:
-    """Rename the columns of a table to ours.
-
-    Args:
-        cells: the table under its own names.
-        mapped: the file's column by ours, None where the file has none.
-        units: as settings state them.
-        shaped: whether the body's shape is known.
-        turning: whether the contact point depends on the orientation, as it does unless all bodies are discs.
-        stated: our columns for which a setting states one number.
+def name_columns(cells: Sheet, options: TableOptions) -> NamedColumns:
+    """Rename the columns of a table, which has its own names, to ours.
 
     Raises:
         DataError: columns that are missing or stated as well, incomplete groups, a name twice, one that looks like a
             slip, or units that no column has.
         UnknownNameError: a mapping of a column that does not exist.
     """
-    space, known = recognised_columns(cells.header, [*(mapped or ())])
-    every = columns_of(space)
-    every = (*every, *(one for one in (*cells.header, *(mapped or ())) if one.startswith(COVARIATE)))
-    names = checked_names(cells, mapped, every)
+    space, known = recognised_columns(cells.header, options.columns)
+    stated, shaped = options.body, options.shape is not None
+    every = (*columns_of(space), *(one for one in (*cells.header, *options.columns) if one.startswith(COVARIATE)))
+    names = checked_names(cells, options.columns, every)
     taken = {name for name in names.values() if name is not None}
     if names:
         known = recognise([name for name in cells.header if name not in taken], impact_vocabulary(space))
@@ -251,8 +235,8 @@ def name_columns(
         ours["trial"] = trial
     _refuse_repeated(cells, [*ours.values()])
     of_all_axes: tuple[str, ...] = ()
-    if space is SPACE and ("inertia" in stated or "inertia" in cells.header):  # one for all axes
-        ours |= {"inertia": "inertia"} if "inertia" in cells.header else {}
+    if space is SPACE and ("inertia" in stated or "inertia" in cells.columns):  # one for all axes
+        ours |= {"inertia": "inertia"} if "inertia" in cells.columns else {}
         of_all_axes = SPACE.inertia
     unused = tuple(name for name in cells.header if name not in ours.values())
     spins = spins_per_second(cells.header)
@@ -268,7 +252,7 @@ def name_columns(
     bounces = {column for column in ("vy", "vy_post") if names.get(column)}  # settings say that there is no more
     computed = computed_fields(space, lacking, () if len(bounces) == 2 else unused)
     given = [field for field in computed if shaped or (field not in ("inertia", "r") and "r" not in computed)]
-    given = [field for field in given if field != "orientation" or not turning]
+    given = [field for field in given if field != "orientation" or not options.turning]
     spared = {column for field in given for column in COMPUTED[space][field]}
     needed = [column for column in lacking if column not in spared]
     free = [column for column in every if column not in known_elsewhere and column not in names]
@@ -284,12 +268,11 @@ def name_columns(
         unknown = len(needed) > max(_MAX_LISTED, len(cells.header) - len(unused))
         raise (UnknownLayoutError if unknown else DataError)(f"{cells.path}: {why}")
     _refuse_incomplete(space, cells, [*ours])
-    place = cells.header.index
-    columns = [cells.columns[place(name)] for name in ours.values()]
+    columns = {column: cells.columns[name] for column, name in ours.items()}
     return NamedColumns(
         space=space,
-        cells=replace(cells, header=[*ours], columns=columns, written=ours),
-        units=_with_columns(cells, units, space, ours),
+        cells=replace(cells, columns=columns, written=ours),
+        units=_with_columns(cells, options.units, space, ours),
         unused=unused,
         computed=computed,
     )
@@ -401,20 +384,15 @@ def _doubtful(known: Recognised, needed: Sequence[str]) -> str | None:
     return None
 
 
-def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: Sequence[str]) -> dict[str, str | None]:
-    """Return the mapping of names, with the file's as text.
+def checked_names(cells: Sheet, mapped: Mapping[str, str | None], known: Sequence[str]) -> dict[str, str | None]:
+    """Return the mapping of names, those of the file with their units.
 
     Raises:
-        DataError: no mapping, or no such column in the file.
+        DataError: no such column in the file.
         UnknownNameError: no column of ours.
     """
-    if mapped is None:
-        return {}
-    if not isinstance(mapped, Mapping):
-        raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
-    names = {str(column): None if name is None else str(name) for column, name in mapped.items()}
-    plain = {name: [one for one in cells.header if without_unit(one) == name] for name in names.values() if name}
-    names = {column: plain[name][0] if name and len(plain[name]) == 1 else name for column, name in names.items()}
+    plain = {name: [one for one in cells.header if without_unit(one) == name] for name in mapped.values() if name}
+    names = {column: plain[name][0] if name and len(plain[name]) == 1 else name for column, name in mapped.items()}
     for column, name in names.items():
         if column not in known:
             turned = f" (our name comes first: {{{name}: {column}}})" if name in known else ""
@@ -422,7 +400,7 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: 
             own += [f"{one}{end}" for one in OTHERS for end in ("", "_post") if one not in ("direction", column)]
             own += ("restitution", *VECTORS, *MOVING)
             raise UnknownNameError(f"column in data.columns{turned}:", column, [*dict.fromkeys(own)])
-        if name is not None and name not in cells.header:
+        if name is not None and name not in cells.columns:
             near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
         if column.startswith("v") and column.endswith("_post") and is_coefficient(str(name)):
@@ -435,8 +413,7 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None] | None, known: 
 
 def _refuse_repeated(cells: Sheet, names: Sequence[str]) -> None:
     """Refuse a name that stands twice in the header, or fills two of our columns."""
-    twice = [name for name, count in Counter(cells.header).items() if count > 1 and name in names]
-    if twice:
+    if twice := [name for name, count in Counter(cells.repeated).items() if count > 1 and name in names]:
         raise DataError(f"{cells.path}: column names must be unique; repeated: {', '.join(map(repr, twice))}")
     for name, count in Counter(names).items():
         if count > 1:

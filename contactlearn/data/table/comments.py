@@ -14,17 +14,8 @@ from contactlearn.data.table.units import powers_of
 from contactlearn.mechanics.space import PLANE
 
 _QUANTITIES = {
-    "x": {
-        "length",
-        "lengths",
-        "position",
-        "positions",
-        "distance",
-        "distances",
-        "coordinate",
-        "coordinates",
-        "heights",
-    },
+    "x": {f"{word}{end}" for word in ("length", "position", "distance", "coordinate") for end in ("", "s")}
+    | {"heights"},
     "vx": {"velocity", "velocities", "speed", "speeds"},
     "theta": {"angle", "angles", "orientation", "orientations"},
     "mass": {"mass", "masses"},

@@ -39,10 +39,11 @@ from contactlearn.data.table.names import (
     time_of,
     unit_in,
 )
+from contactlearn.data.table.options import TableOptions
 from contactlearn.data.table.reshaped import are_vectors, by_component, by_flight, by_repeat, by_trial
-from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet
+from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet, taken
 from contactlearn.data.table.units import Units, powers_of
-from contactlearn.mechanics.bodies import AnyShape, contact_points
+from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import require_dimension
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -71,60 +72,32 @@ _OTHERS = ("restitution", *(f"{other}{end}" for other in OTHERS for end in ("", 
 _VELOCITIES = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", *OTHERS)
 
 
-def restated(
-    cells: Sheet,
-    units: Units,
-    mapped: Mapping[str, str | None] | None = None,
-    shape: AnyShape | None = None,
-    *,
-    stated: Mapping[str, torch.Tensor] | None = None,
-    asked: bool = True,
-    gaps: bool = False,
-) -> Sheet:
-    """Return a table with a row an impact and velocities by components.
-
-    Args:
-        cells: the table as the file has it.
-        units: of settings.
-        mapped: names that settings map, which are left as they are.
-        shape: of the body, where it is known.
-        stated: mass and inertia of settings, in SI.
-        asked: whether what the table leaves open, such as which end of a quaternion is its scalar, is refused.
-        gaps: whether numbers may be missing, with which those made of them are, or are refused.
+def restated(cells: Sheet, options: TableOptions) -> Sheet:
+    """Return a table with a row an impact and velocities by components; columns that settings name stay as they are.
 
     Raises:
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
-    chosen = {str(name) for name in mapped.values()} if isinstance(mapped, Mapping) else set[str]()
-    cells = by_repeat(by_flight(by_trial(replace(cells, gaps=gaps))))
-    cells = _with_other_units(cells, chosen)
+    chosen = options.chosen
+    cells = _with_other_units(by_repeat(by_flight(by_trial(replace(cells, gaps=options.gaps)))), chosen)
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     numbers |= {name for name in cells.header if is_coefficient(name)}
-    mapped_numbers = {str(name) for ours, name in (mapped or {}).items() if ours not in NAMES} if chosen else ()
-    cells = by_component(cells.unmarked(numbers, mapped_numbers), chosen)
+    mapped = {name for ours, name in options.columns.items() if name is not None and ours not in NAMES}
+    cells = by_component(cells.unmarked(numbers, mapped), chosen)
     phase = phase_column(cells)
-    cells = cells if phase is None else _paired(cells, phase)
-    cells = _with_quaternion(_without_angles(cells, units), chosen, shape, units, asked=asked)
-    mapped = mapped if isinstance(mapped, Mapping) else {}
-    cells = _without_momenta(cells, units, mapped, shape, stated or {}, asked=asked)
-    cells = _relative_to_surface(_with_changes(cells, units, mapped), units, mapped, asked=asked)
-    cells = _by_components(cells, units, chosen, asked=asked)
-    return replace(level(cells, units, mapped), gaps=False)
+    cells = _without_angles(cells if phase is None else _paired(cells, phase), options.units)
+    for step in (_with_quaternion, _without_momenta, _with_changes, _relative_to_surface, _by_components, level):
+        cells = step(cells, options)
+    return replace(cells, gaps=False)
 
 
-def by_settings(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[Sheet, Mapping[str, str | None] | None]:
+def by_settings(cells: Sheet, mapped: Mapping[str, str | None]) -> tuple[Sheet, dict[str, str | None]]:
     """Return the table with names of other descriptions that settings map, such as height, and the other mappings."""
-    if not isinstance(mapped, Mapping):
-        return cells, mapped
     whole = {without_unit(name): name for name in cells.header} | {name: name for name in cells.header}
-    mapped = {
-        ours: whole.get(str(name), name) if ours in (*VECTORS, *_OTHERS) else name for ours, name in mapped.items()
-    }
-    named = {
-        str(name): ours
-        for ours, name in mapped.items()
-        if ours in (*VECTORS, *_OTHERS) and str(name) in {*cells.header} - {*columns_of(PLANE)}
-    }
+    other = (*VECTORS, *_OTHERS)
+    mapped = {ours: whole.get(name, name) if name and ours in other else name for ours, name in mapped.items()}
+    free = {*cells.header} - {*columns_of(PLANE)}
+    named = {name: ours for ours, name in mapped.items() if ours in other and name is not None and name in free}
     for name, ours in named.items():
         if ours in VECTORS and not are_vectors(cells, name):
             raise DataError(f"{cells.path}: data.columns.{ours}={name}: that column has no vectors in its cells")
@@ -134,27 +107,23 @@ def by_settings(cells: Sheet, mapped: Mapping[str, str | None] | None) -> tuple[
         for name, ours in named.items()
         for stated in [unit_in(name, ours, vocabulary)]
     }
-    others = {ours: name for ours, name in mapped.items() if ours not in named.values()}
-    return replace(cells, header=[renamed.get(name, name) for name in cells.header]), others
+    return cells.renamed(renamed), {ours: name for ours, name in mapped.items() if ours not in named.values()}
 
 
 def _with_other_units(cells: Sheet, chosen: set[str]) -> Sheet:
     """The table with units of cells in the names of columns that these exclude: T in °C is no time."""
     known = {name: ours for ours, name in recognised_columns(cells.header)[1].names.items() if powers_of(ours)}
-    header = [*cells.header]
-    for place, name in enumerate(cells.header):
-        column = cells.columns[place]
-        if name not in known or name in chosen or not isinstance(column, list):
-            continue
-        first = next((cell for cell in column if not is_missing(cell)), None)
-        if isinstance(first, str) and written_in(first) is None and (found := with_one_unit(column)):
-            header[place] = f"{name} [{found[1]}]"
-    return replace(cells, header=header)
+    names = dict[str, str]()
+    for name in known.keys() - chosen:
+        first = next((cell for cell in cells.columns[name] if not is_missing(cell)), None)
+        if isinstance(first, str) and written_in(first) is None and (found := with_one_unit(cells.columns[name])):
+            names[name] = f"{name} [{found[1]}]"
+    return cells.renamed(names)
 
 
 def phase_column(cells: Sheet) -> str | None:
     """Return the column that says of each row whether it is before or after contact, if there is one."""
-    for name, column in zip(cells.header, cells.columns, strict=True):
+    for name, column in cells.columns.items():
         if not isinstance(column, list) or not column or not time_of(str(column[0])):
             continue  # as most columns, which are long
         if {time_of(cell) for cell in {*map(str, column)}} == {"pre", "post"}:
@@ -162,10 +131,13 @@ def phase_column(cells: Sheet) -> str | None:
     return None
 
 
+_TIMES: dict[str | None, str] = {"pre": "before", "post": "after"}
+
+
 def _paired(cells: Sheet, phase: str) -> Sheet:
     """The rows before contact, with velocities and poses of the row after it beside them."""
     known = recognised_columns(cells.header)[1].names
-    times = [time_of(str(cell)) for cell in cells.columns[cells.header.index(phase)]]
+    times = [time_of(str(cell)) for cell in cells.columns[phase]]
     name = known.get("trial") or _pairing(cells, phase, times)
     trials = cells.names(name) if name else [str(k // 2) for k in range(len(times))]
     if name and (sessions := _sessions(cells, trials, times, [name, phase])):
@@ -176,15 +148,15 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
         if time in pair:
             word = f"column {name}: trial {trial!r} has" if name else "without a column of trials, there are"
             raise DataError(
-                f"{cells.path}: row {row + 1}, {word} two rows {_said(time)} contact in column {phase!r}, a row before "
-                "and a row after are needed",
+                f"{cells.path}: row {row + 1}, {word} two rows {_TIMES[time]} contact in column {phase!r}, a row "
+                "before and a row after are needed",
                 row=row + 1,
             )
         pair[time] = row
     for trial, pair in rows.items():
         if len(pair) < 2 and not cells.gaps:
             row = next(iter(pair.values())) + 1
-            lacking = _said(next(time for time in ("pre", "post") if time not in pair))
+            lacking = next(word for time, word in _TIMES.items() if time not in pair)
             few = f"row {row}, trial {trial!r} has no row {lacking} contact"
             raise DataError(f"{cells.path}: {few}: add it, or {LEAVE_OUT}", row=row)
     before, after = ([pair.get(time) for pair in rows.values()] for time in ("pre", "post"))
@@ -192,20 +164,12 @@ def _paired(cells: Sheet, phase: str) -> Sheet:
     whole = [(pair["pre"], pair["post"]) for pair in rows.values() if len(pair) == 2]
     changing = [name for ours, name in known.items() if ours in _VELOCITIES]
     poses = [name for ours, name in known.items() if ours in _POSES]
-    column_of = dict(zip(cells.header, cells.columns, strict=True)) | ({name: [*trials]} if name else {})
-    if any(column_of[name][k] != column_of[name][later] for name in poses for k, later in whole):
+    columns = {**cells.columns, **({name: [*trials]} if name else {})}
+    if any(columns[name][k] != columns[name][later] for name in poses for k, later in whole):
         changing += poses
-    header, columns = list[str](), list[Cells]()
-    for name, column in column_of.items():
-        if name != phase:
-            header.append(name)
-            columns.append(_taken(column, before if name in changing else either))
-    for name in changing:
-        header.append(f"{name} after")
-        columns.append(_taken(column_of[name], after))
-    lines = None if cells.lines is None else [cells.lines[k] for k in either]
-    read_as = (*cells.read_as, f"two rows an impact, by {phase!r}")
-    return replace(cells, header=header, columns=columns, lines=lines, read_as=read_as)
+    first = ((one, taken(columns[one], before if one in changing else either)) for one in columns if one != phase)
+    later = ((f"{one} after", taken(columns[one], after)) for one in changing)
+    return cells.gathered(either).with_columns([*first, *later], f"two rows an impact, by {phase!r}")
 
 
 def _sessions(
@@ -230,23 +194,11 @@ def _sessions(
 
 def _pairing(cells: Sheet, phase: str, times: Sequence[str | None]) -> str | None:
     """The first column in which every cell stands once before contact and once after it."""
-    for name, column in zip(cells.header, cells.columns, strict=True):
+    for name, column in cells.columns.items():
         ends = {(str(cell), time) for cell, time in zip(column, times, strict=True)} if name != phase else set()
         if len(ends) == len(times) and len({cell for cell, _ in ends}) == len(times) / 2:
             return name
     return None
-
-
-def _said(time: str | None) -> str:
-    return "before" if time == "pre" else "after"
-
-
-def _taken(column: Cells, rows: Sequence[int | None]) -> Cells:
-    """The cells of some rows, which are empty where there is no row."""
-    there = [k for k in rows if k is not None]
-    if isinstance(column, np.ndarray) and len(there) == len(rows):
-        return column[there]
-    return [None if k is None else column[k] for k in rows]
 
 
 def _without_angles(cells: Sheet, units: Units) -> Sheet:
@@ -264,33 +216,30 @@ def _without_angles(cells: Sheet, units: Units) -> Sheet:
         said = of_angle.text("theta")
     turns = [cells.numbers(names[turn], said) * factor for turn, factor in zip(_TURNS, factors, strict=True)]
     quaternions = Rotation.from_euler("xyz", np.stack(turns, -1)).as_quat()
-    kept = [k for k, name in enumerate(cells.header) if name not in names.values()]
-    return replace(
-        cells,
-        header=[*(cells.header[k] for k in kept), *_ORDERS["last"]],
-        columns=[*(cells.columns[k] for k in kept), *quaternions.T],
-        read_as=(*cells.read_as, f"roll, pitch and yaw in {said}, about the fixed axes x, y, z in this order"),
-    )
+    kept = ((name, column) for name, column in cells.columns.items() if name not in names.values())
+    made = zip(_ORDERS["last"], quaternions.T, strict=True)
+    said = f"roll, pitch and yaw in {said}, about the fixed axes x, y, z in this order"
+    return cells.with_columns([*kept, *made], said)
 
 
 _TURNS = ("roll", "pitch", "yaw")
 
 
-def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, units: Units, *, asked: bool) -> Sheet:
+def _with_quaternion(cells: Sheet, options: TableOptions) -> Sheet:
     """The table with qw, qx, qy, qz in place of four numbered components, if signs or heights tell the scalar."""
     numbered = {
         words[1]: name for name in cells.header if len(words := name_words(name)) == 2 and words[0] in _QUATERNIONS
     }
     digits = sorted(numbered)
-    if digits not in (list("0123"), list("1234")) or chosen & {*numbered.values()}:
+    if digits not in (list("0123"), list("1234")) or options.chosen & {*numbered.values()}:
         return cells
     names = [numbered[digit] for digit in digits]
-    place, why = _scalar_by_sign(cells, names) or _scalar_by_height(cells, names, shape, units) or ("", "")
+    place, why = _scalar_by_sign(cells, names) or _scalar_by_height(cells, names, options) or ("", "")
     if not place:
         first, last = (
             ", ".join(f"{ours}: {name}" for ours, name in zip(order, names, strict=True)) for order in _ORDERS.values()
         )
-        if asked:
+        if options.asked:
             raise DataError(
                 f"{cells.path}: the scalar of the quaternion {names[0]} … {names[3]} may be first, "
                 f"'data.columns={{{first}}}', or last, 'data.columns={{{last}}}': neither signs nor heights over "
@@ -298,8 +247,7 @@ def _with_quaternion(cells: Sheet, chosen: set[str], shape: AnyShape | None, uni
             )
         why = "its scalar is first or last, which the body's shape may tell"
     renamed = dict(zip(names, _ORDERS[place or "first"], strict=True))
-    read_as = (*cells.read_as, f"quaternion {names[0]} … {names[3]}: {why}")
-    return replace(cells, header=[renamed.get(name, name) for name in cells.header], read_as=read_as)
+    return cells.renamed(renamed, f"quaternion {names[0]} … {names[3]}: {why}")
 
 
 def _scalar_by_sign(cells: Sheet, names: Sequence[str]) -> tuple[str, str] | None:
@@ -311,15 +259,13 @@ def _scalar_by_sign(cells: Sheet, names: Sequence[str]) -> tuple[str, str] | Non
     return place, f"the scalar is {place}, for it is never negative"
 
 
-def _scalar_by_height(
-    cells: Sheet, names: Sequence[str], shape: AnyShape | None, units: Units
-) -> tuple[str, str] | None:
+def _scalar_by_height(cells: Sheet, names: Sequence[str], options: TableOptions) -> tuple[str, str] | None:
     """Where the scalar is, by heights: the lowest point of a body in contact lies on the floor."""
-    known = recognised_columns([*cells.header, *_ORDERS["first"]])[1]
+    known, shape = recognised_columns([*cells.header, *_ORDERS["first"]])[1], options.shape
     if shape is None or isinstance(shape, Mapping) or "z" not in known.names:
         return None
     require_dimension(str(cells.path), shape, SPACE)
-    z = torch.from_numpy(cells.numbers(known.names["z"], "", Units(units.stated, known.units).factor("z")))
+    z = torch.from_numpy(cells.quantity(known.names["z"], "z", Units(options.units.stated, known.units)))
     components = [torch.from_numpy(cells.numbers(name, "1")) for name in names]
     whole = torch.stack([z, *components]).isfinite().all(0)
     z, components = z[whole], [component[whole] for component in components]
@@ -339,18 +285,11 @@ _QUATERNIONS = ("q", "quat", "quaternion")
 _ORDERS = {"first": ("qw", "qx", "qy", "qz"), "last": ("qx", "qy", "qz", "qw")}
 
 
-def _without_momenta(
-    cells: Sheet,
-    units: Units,
-    mapped: Mapping[str, str | None],
-    shape: AnyShape | None,
-    stated: Mapping[str, torch.Tensor],
-    *,
-    asked: bool,
-) -> Sheet:
+def _without_momenta(cells: Sheet, options: TableOptions) -> Sheet:
     """The table with velocities in place of momenta that stand in it before and after contact."""
-    known = recognised_columns([name for name in cells.header if name not in mapped.values()], mapped)[1]
-    own = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    chosen, shape, stated = options.chosen, options.shape, options.body
+    known = recognised_columns([name for name in cells.header if name not in chosen], options.columns)[1]
+    own = options.names(cells, known)
     ends = ("", "_post")
     momenta = {
         f"{momentum}{end}": f"{velocity}{end}"
@@ -360,67 +299,62 @@ def _without_momenta(
     }
     if not momenta:
         return cells
-    sheet_units = Units(units.stated, known.units)
+    units = Units(options.units.stated, known.units)
 
     def of_body(column: str) -> np.ndarray | None:
         if name := own.get(column):
-            return cells.numbers(name, sheet_units.text(column), sheet_units.factor(column))
+            return cells.quantity(name, column, units)
         return stated[column].numpy() if column in stated and not stated[column].ndim else None
 
     mass, inertia = of_body("mass"), of_body("inertia")
     if inertia is None and mass is not None and shape is not None and not isinstance(shape, Mapping):
         require_dimension(str(cells.path), shape, PLANE)
         inertia = mass * float(shape.gyration_squared())
-    header, columns = [*cells.header], [*cells.columns]
+    changes = dict[str, dict[str, Cells]]()
     for momentum, velocity in momenta.items():
         name, turning = known.names[momentum], momentum.startswith("angular")
         divisor = inertia if turning else mass
-        if divisor is None and asked:
+        if divisor is None and options.asked:
             needed = (
                 "moment of inertia in kg m², data.inertia=…, or its mass and shape" if turning else "mass, data.mass=…"
             )
             raise DataError(f"{cells.path}: {name!r} looks like a momentum, whose velocity needs the body's {needed}")
-        values = cells.numbers(name, sheet_units.text(momentum), sheet_units.factor(momentum))
-        place = header.index(name)
-        header[place] = f"{velocity} [{'rad/s' if turning else 'm/s'}]"
-        columns[place] = values / (1.0 if divisor is None else divisor)
+        values = cells.quantity(name, momentum, units) / (1.0 if divisor is None else divisor)
+        changes[name] = {f"{velocity} [{'rad/s' if turning else 'm/s'}]": values}
     said = f"velocities by the momenta {', '.join(repr(known.names[one]) for one in momenta)} over the mass"
     said += " or the moment of inertia" if any(one.startswith("angular") for one in momenta) else ""
-    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+    return cells.edited(changes, said)
 
 
-def _with_changes(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+def _with_changes(cells: Sheet, options: TableOptions) -> Sheet:
     """The table with velocities after contact, or before it, in place of their changes, after minus before."""
     bare = {
         name: match["of"] or f"{match['before']}{match['end']}" if (match := _CHANGE.fullmatch(name)) else ""
         for name in cells.header
-        if name not in mapped.values()
+        if name not in options.chosen
     }
     changes = recognised_columns([one for one in bare.values() if one])[1]
     changed = {column: name for column, one in changes.names.items() for name in bare if bare[name] == one}
     changed = {column: name for column, name in changed.items() if column in _VELOCITIES and column not in OTHERS}
-    space, own = recognised_columns([name for name in cells.header if name not in changed.values()], mapped)
-    names = {**own.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    space, own = recognised_columns([name for name in cells.header if name not in changed.values()], options.columns)
+    names = options.names(cells, own)
     outcomes = [column for column in space.components["v_post"] if column in names]
     if outcomes and any(column in names for column in space.components["v_pre"]):
         return cells  # they may be errors of the velocities
-    known, of_change = Units(units.stated, own.units), Units(units.stated, changes.units)
-    header, columns, used = [*cells.header], [*cells.columns], list[str]()
+    known, of_change = (Units(options.units.stated, one.units) for one in (own, changes))
+    changes_of = dict[str, dict[str, Cells]]()
     for column, name in changed.items():
         given, made, sign = (f"{column}_post", column, -1) if outcomes else (column, f"{column}_post", 1)
         if given not in names:
             continue
         there = cells.numbers(names[given], known.text(given))
         change = cells.numbers(name, of_change.text(column), of_change.factor(column) / known.factor(given))
-        place = header.index(name)
-        header[place] = made + (f" [{known.text(given)}]" if given in own.units else "")
-        columns[place] = there + sign * change
-        used.append(name)
-    if not used:
+        made += f" [{known.text(given)}]" if given in own.units else ""
+        changes_of[name] = {made: there + sign * change}
+    if not changes_of:
         return cells
     rule = "before contact are those after it less" if outcomes else "after contact are those before it and"
-    read_as = (*cells.read_as, f"velocities {rule} the changes {', '.join(map(repr, used))}")
-    return replace(cells, header=header, columns=columns, read_as=read_as)
+    return cells.edited(changes_of, f"velocities {rule} the changes {', '.join(map(repr, changes_of))}")
 
 
 _CHANGE = re.compile(
@@ -430,19 +364,20 @@ _CHANGE = re.compile(
 )
 
 
-def _by_components(cells: Sheet, units: Units, chosen: set[str], *, asked: bool) -> Sheet:
+def _by_components(cells: Sheet, options: TableOptions) -> Sheet:
     """The table with vx and vy in place of speeds and directions."""
+    chosen = options.chosen
     known = recognised_columns([name for name in cells.header if name not in chosen])[1]
     if {"vx", "vy", "vx_post", "vy_post"} & {*known.names} or not {"speed", "height"} & {*known.names}:
         return cells
     if "speed" not in known.names or "speed_post" not in known.names or not direction_in(known):
-        return _along_normal(cells, known, units, asked=asked)
-    header, columns = [*cells.header], [*cells.columns]
-    sheet_units = Units(units.stated, known.units)
+        return _along_normal(cells, known, options)
+    made, used = dict[str, Cells](), set[str]()
+    units = Units(options.units.stated, known.units)
     for end, sign in (("", -1.0), ("_post", 1.0)):
         direction = next((f"{one}{end}" for one in OTHERS[3:] if f"{one}{end}" in known.names), None)
         if direction is None:
-            if not asked:
+            if not options.asked:
                 return cells
             names = {one: direction_in(known, one) or next(iter(known.others), "…") for one in ("", "_post")}
             mapped = ", ".join(f"direction_floor{one}: {setting_text(name)}" for one, name in names.items())
@@ -452,19 +387,17 @@ def _by_components(cells: Sheet, units: Units, chosen: set[str], *, asked: bool)
                 "floor' or 'angle from normal', with its unit"
             )
         speed, angle = known.names[f"speed{end}"], known.names[direction]
-        values = cells.numbers(speed, sheet_units.text(f"speed{end}"))
-        turn = cells.numbers(angle, sheet_units.text(direction), abs(sheet_units.factor(direction)))
+        values = cells.numbers(speed, units.text(f"speed{end}"))
+        turn = cells.numbers(angle, units.text(direction), abs(units.factor(direction)))
         along, up = (np.sin(turn), np.cos(turn)) if "normal" in direction else (np.cos(turn), np.sin(turn))
-        unit = f" [{sheet_units.text(f'speed{end}')}]" if f"speed{end}" in known.units else ""
-        header += [f"vx{end}{unit}", f"vy{end}{unit}"]
-        columns += [values * along, sign * values * up]
-        for name in (speed, angle):
-            del columns[header.index(name)]
-            header.remove(name)
-    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, "velocities by speed and angle"))
+        unit = f" [{units.text(f'speed{end}')}]" if f"speed{end}" in known.units else ""
+        made |= {f"vx{end}{unit}": values * along, f"vy{end}{unit}": sign * values * up}
+        used |= {speed, angle}
+    kept = ((name, column) for name, column in cells.columns.items() if name not in used)
+    return cells.with_columns([*kept, *made.items()], "velocities by speed and angle")
 
 
-def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool) -> Sheet:
+def _along_normal(cells: Sheet, known: Recognised, options: TableOptions) -> Sheet:
     """The table with vy in place of speeds, or heights from which bodies fall and to which they rebound in vacuum."""
     ends = {
         end: next((f"{one}{end}" for one in ("speed", "height") if f"{one}{end}" in known.names), None)
@@ -473,42 +406,36 @@ def _along_normal(cells: Sheet, known: Recognised, units: Units, *, asked: bool)
     coefficient = _coefficient(cells, known) if ends["_post"] is None else None
     if ends[""] is None or (ends["_post"] is None and coefficient is None):
         return cells
-    speeds = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
+    named = [known.names[column] for column in ends.values() if column and column.startswith("speed")]
     vocabulary = impact_vocabulary(PLANE)
     angles = [
         name
         for name in known.others
         if _ANGLES.intersection(name_words(name)) or unit_in(name, "theta", vocabulary).get("angle") == "deg"
     ]
-    if speeds and angles and not asked:
+    if named and angles and not options.asked:
         return cells
-    if speeds and angles:
+    if named and angles:
         raise DataError(
-            f"{cells.path}: {angles[0]!r} may be the direction of {speeds[0]!r}: name it 'angle from floor' or 'angle "
+            f"{cells.path}: {angles[0]!r} may be the direction of {named[0]!r}: name it 'angle from floor' or 'angle "
             "from normal', with its unit, or leave it out of the table"
         )
     told = next((known.units[column] for column in ends.values() if column and column in known.units), {})
-    alike = "length" not in units.stated  # the one end without a unit is in that of the other
+    stated = options.units.stated
+    alike = "length" not in stated  # the one end without a unit is in that of the other
     of_ends = {column: known.units.get(column, told if alike else {}) for column in ends.values() if column}
-    header, columns, sheet_units = [*cells.header], [*cells.columns], Units(units.stated, of_ends)
-    factor = Units(units.stated).factor("vy")
+    units, factor = Units(stated, of_ends), Units(stated).factor("vy")
+    changes, speeds = dict[str, dict[str, Cells]](), np.zeros(0)
     for end, column in ends.items():
-        if column is None:
-            continue
-        place = header.index(known.names[column])
-        values = cells.numbers(known.names[column], sheet_units.text(column), sheet_units.factor(column))
-        speeds = np.sqrt(2 * GRAVITY * np.abs(values)) if column.startswith("height") else np.abs(values)
-        header[place], columns[place] = f"vy{end}", (speeds if end else -speeds) / factor
-    used = [known.names[column] for column in ends.values() if column]
-    if coefficient is not None:
-        name, values = coefficient
-        place = header.index(name)
-        header[place], columns[place] = "vy_post", -values * np.asarray(columns[header.index("vy")], float)
-        used.append(name)
-    said = " and ".join(map(repr, used))
+        if column is not None:
+            values = np.abs(cells.quantity(known.names[column], column, units))
+            speeds = np.sqrt(2 * GRAVITY * values) if column.startswith("height") else values
+            changes[known.names[column]] = {f"vy{end}": (speeds if end else -speeds) / factor}
+        elif coefficient is not None:
+            changes[coefficient[0]] = {"vy_post": coefficient[1] * speeds / factor}
+    said = " and ".join(map(repr, changes))
     said += f", both in {told['length']}" if alike and told and len(of_ends) > len({*known.units} & {*of_ends}) else ""
-    read_as = (*cells.read_as, f"bounces along the normal by {said}")
-    return replace(cells, header=header, columns=columns, read_as=read_as)
+    return cells.edited(changes, f"bounces along the normal by {said}")
 
 
 def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | None:
@@ -521,7 +448,7 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
     if len(names) != 1:
         return None
     name = names[0]
-    found = with_one_unit([*cells.columns[cells.header.index(name)]])
+    found = with_one_unit(cells.columns[name])
     values = cells.measured(names).numbers(name, "1 or %")
     if PER_CENT.search(name) or (found is not None and found[1] == "%"):
         return name, values / 100
@@ -533,20 +460,20 @@ def _coefficient(cells: Sheet, known: Recognised) -> tuple[str, np.ndarray] | No
     return name, values
 
 
-def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | None], *, asked: bool) -> Sheet:
+def _relative_to_surface(cells: Sheet, options: TableOptions) -> Sheet:
     """The table with velocities relative to a racket, club or floor whose own velocity stands in it."""
     moving = {
         name: _SURFACE.sub(" ", name).strip()
         for name in cells.header
         if SURFACES.intersection(words := name_words(name)) and not _DIRECTED.intersection(words)
     }
-    for name in mapped.values():
-        moving.pop(str(name), None)
+    for name in options.chosen:
+        moving.pop(name, None)
     surface = recognised_columns([*moving.values()])[1]
     by_bare = {bare: name for name, bare in moving.items()}
     own = recognised_columns([name for name in cells.header if name not in moving])[1]
-    names = {**own.names, **{ours: name for ours, name in mapped.items() if name in cells.header}}
-    columns, used = [*cells.columns], dict[str, None]()
+    names = options.names(cells, own)
+    changes, used = dict[str, dict[str, Cells]](), dict[str, Mapping[str, Cells]]()
     with_speeds = {*names}
     if not {"speed", "speed_post"} <= {*names} or not _have_senses(cells, names["speed"], names["speed_post"]):
         with_speeds.discard("speed")  # of numbers without signs it is not known whether the surface goes with the body
@@ -557,15 +484,14 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
             if source not in surface.names or f"{column}{end}" not in names or column not in with_speeds:
                 continue
             name, moved = names[f"{column}{end}"], by_bare[surface.names[source]]
-            units_of = [Units(units.stated, known.units) for known in (own, surface)]
-            factors = [known.factor(one) for known, one in zip(units_of, (f"{column}{end}", source), strict=True)]
-            velocity = cells.numbers(moved, units_of[1].text(source), factors[1] / factors[0])
-            place = cells.header.index(name)
-            columns[place] = cells.numbers(name, units_of[0].text(f"{column}{end}")) - velocity
-            used[moved] = None
+            ours, theirs = (Units(options.units.stated, known.units) for known in (own, surface))
+            factor = theirs.factor(source) / ours.factor(f"{column}{end}")
+            velocity = cells.numbers(moved, theirs.text(source), factor)
+            changes[name] = {name: cells.numbers(name, ours.text(f"{column}{end}")) - velocity}
+            used[moved] = {}
     left = by_bare.get(surface.names.get("speed", ""))
     told = _with_senses(names)
-    if asked and left not in (None, *used) and told is not None:
+    if options.asked and left not in (None, *used) and told is not None:
         racket = setting_text(str(left))
         raise DataError(
             f"{cells.path}: {left!r} is a velocity of what the body hits, which is taken off: along its normal, away "
@@ -575,9 +501,7 @@ def _relative_to_surface(cells: Sheet, units: Units, mapped: Mapping[str, str | 
     if not used:
         return cells
     said = f"velocities relative to the surface: {' and '.join(map(repr, used))} taken off before and after contact"
-    kept = [k for k, name in enumerate(cells.header) if name not in used]
-    header, columns = [cells.header[k] for k in kept], [columns[k] for k in kept]
-    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+    return cells.edited(changes | used, said)
 
 
 def _with_senses(names: Mapping[str, str]) -> str | None:

@@ -7,7 +7,8 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice, zip_longest
@@ -97,7 +98,7 @@ def written_in(text: str) -> Written | None:
     return Written(number=plain, unit=unit, beside=tuple(beside)) if is_numeral(plain) else None
 
 
-def with_one_unit(cells: Sequence[Any]) -> tuple[list[Any], str] | None:
+def with_one_unit(cells: Iterable[Any]) -> tuple[list[Any], str] | None:
     """Return the numbers of a column all of whose cells have a number and one unit, whatever it is, and the unit."""
     numbers, units = list[Any](), set[str]()
     for cell in cells:
@@ -194,11 +195,8 @@ class Dialect:
         parts += ["decimal commas"] if self.numerals.decimal == "," else []
         parts += ["grouped thousands"] if self.numerals.grouped else []
         parts += [_ENCODINGS.get(self.encoding, "UTF-16")] * (not self.encoding.startswith("utf-8"))
-        parts += (
-            [f"{self.comments} comment {'line' if self.comments == 1 else 'lines'} above the header"]
-            if self.comments
-            else []
-        )
+        lines = f"{self.comments} comment {'line' if self.comments == 1 else 'lines'} above the header"
+        parts += [lines] * bool(self.comments)
         return (*parts, *self.header.read_as)
 
 
@@ -231,7 +229,11 @@ def sniffed(path: Path, most: int = _ROWS) -> Dialect:
     separator = _separator(path, body)
     rows = _rows(body, separator)
     if not rows:
-        rule = "is not CSV: check its quotes" if body else "the file is empty; its first line must name the columns"
+        rule = (
+            "is not CSV: check its quotes"
+            if body or not whole
+            else "the file is empty; its first line must name the columns"
+        )
         raise DataError(f"{path}: {rule}")
     titled = _rows(comments[-1].strip().lstrip("#%/! "), separator) if comments else []
     names = [name.strip() for name in titled[0]] if titled else []
@@ -352,6 +354,12 @@ def _rows(text: str, separator: str) -> list[list[str]]:
     return rows
 
 
+def _width(rows: Sequence[Sequence[Any]]) -> int:
+    """The number of cells that most rows have, the larger of two."""
+    counts = Counter(map(len, rows))
+    return max(counts, key=lambda width: (counts[width], width), default=0)
+
+
 def _separator(path: Path, text: str) -> str:
     """The separator that makes a table of numbers; a comma if none does.
 
@@ -361,8 +369,7 @@ def _separator(path: Path, text: str) -> str:
     shares: dict[str, float] = {}
     for separator in _SEPARATORS:
         rows = _rows(text, separator)
-        widths = [len(cells) for cells in rows]
-        width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+        width = _width(rows)
         if width > 1:
             cells = [cell for row in rows if len(row) == width for cell in row]
             of_numbers = sum(len(row) for row in rows if any(map(is_numeral, row)))
@@ -381,11 +388,10 @@ def _is_wide(text: str) -> bool:
     shares, counts = list[float](), list[int]()
     for separator in (" ", WIDE):
         rows = _rows(text, separator)
-        widths = [len(row) for row in rows]
-        width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+        width = _width(rows)
         cells = [cell for row in rows if len(row) == width for cell in row if not is_missing(cell)]
         shares.append(sum(written_in(cell) is not None for cell in cells) / max(len(cells), 1) if width > 1 else 0)
-        counts.append(widths.count(width))
+        counts.append([*map(len, rows)].count(width))
     return counts[1] > counts[0] and shares[1] >= _MIN_SHARE * shares[0]
 
 
@@ -460,8 +466,7 @@ def header_of(rows: Sequence[Sequence[Any]], source: str) -> Header:
     Raises:
         DataError: there is none.
     """
-    widths = [len(row) for row in rows]
-    width = max({*widths}, key=lambda n: (widths.count(n), n), default=0)
+    width = _width(rows)
     named_rows = _are_named(rows, width)
     if rows and len(rows[0]) == width + 1 and name_words(text_of(rows[0][-1])) in (("comment",), ("comments",)):
         rows = [rows[0][:-1], *rows[1:]]  # of LabVIEW, which has none

@@ -19,7 +19,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from contactlearn.core.errors import ContactLearnError, DataError, install_hint
+from contactlearn.core.errors import ContactLearnError, DataError, UnknownLayoutError, install_hint
 from contactlearn.data.array_files import HDF5, loaded, tables_in_hdf5
 from contactlearn.data.json_files import json_content
 from contactlearn.data.packed import for_library, on_disk
@@ -66,10 +66,10 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                 )
                 numeric = kept.numeric
                 cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
-                columns: list[Cells] = [[row[i] for row in cells] for i in range(len(header))]
+                columns = ((name, [row[i] for row in cells]) for i, name in enumerate(header))
                 lines = [line for line, _ in kept.rows]
-                said = (*read_as, *kept.read_as)
-                yield Sheet(path, header, columns, lines, first=first, numerals=dialect.numerals, read_as=said)
+                sheet = Sheet(path=path, lines=lines, first=first, numerals=dialect.numerals, read_as=read_as)
+                yield sheet.with_columns(columns, *kept.read_as)
                 first += len(cells)
                 if not block:
                     return
@@ -116,8 +116,8 @@ def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:
         with parquet.ParquetFile(for_library(path), page_checksum_verification=True, pre_buffer=False) as file:
             whole = rows is None or file.metadata.num_rows <= rows
             for block in [file.read()] if whole else file.iter_batches(rows):
-                names = [*map(_joined, block.schema.names)]
-                yield Sheet(path, names, [_cells(column) for column in block.columns], first=first)
+                columns = zip(map(_joined, block.schema.names), map(_cells, block.columns), strict=True)
+                yield Sheet(path=path, first=first).with_columns(columns)
                 first += len(block)
     except DataError:
         raise
@@ -188,13 +188,12 @@ def _of_worksheet(path: Path, frame: "DataFrame", said: tuple[str, ...] = ()) ->
     cells = [(line, row) for line, row in enumerate(frame.values.tolist(), 1) if not all(map(is_blank, row))]
     top = header_of([row for _, row in cells[:_HEAD]], str(path))
     body = impactful(cells[top.rows :], top, str(path))
-    columns: list[Cells] = [
-        [None if is_blank(row[i]) else row[i] for _, row in body.rows] for i in range(len(top.names))
-    ]
+    columns = (
+        (name, [None if is_blank(row[i]) else row[i] for _, row in body.rows]) for i, name in enumerate(top.names)
+    )
     numerals = numerals_of(str(path), [row for _, row in body.rows[:_NUMERALS]])
-    read_as = (*said, *top.read_as, *body.read_as, *(["decimal commas"] if numerals.decimal == "," else []))
-    lines = [line for line, _ in body.rows]
-    return Sheet(path, top.names, columns, lines, numerals=numerals, read_as=read_as)
+    said = (*said, *top.read_as, *body.read_as, *(["decimal commas"] if numerals.decimal == "," else []))
+    return Sheet(path=path, lines=[line for line, _ in body.rows], numerals=numerals).with_columns(columns, *said)
 
 
 def _stacked_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
@@ -204,12 +203,10 @@ def _stacked_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | No
     if first is None or len(sheets) < 2 or any(one.header != first.header for one in sheets.values()):
         return None
     names = [name for name, one in sheets.items() for _ in range(len(one))]
-    columns: list[Cells] = [
-        [cell for one in sheets.values() for cell in one.columns[k]] for k in range(len(first.header))
-    ]
+    columns = ((name, [cell for one in sheets.values() for cell in one.columns[name]]) for name in first.columns)
     word = "session" if are_outcomes(first.header) else "recording"
     said = f"{len(sheets)} worksheets with one header, their names in the column {word!r}"
-    return replace(first, header=[word, *first.header], columns=[names, *columns], lines=None, read_as=(said,))
+    return replace(first, lines=None, read_as=()).with_columns([(word, names), *columns], said)
 
 
 def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | None:
@@ -222,9 +219,15 @@ def _joined_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | Non
     if (found := rows_joined(by_name)) is None or not are_outcomes([*found[0][0]]):
         return None
     rows, said = found
-    columns: list[Cells] = [[None if is_blank(row[name]) else row[name] for row in rows] for name in rows[0]]
-    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
-    return Sheet(path, [*rows[0]], columns, numerals=numerals, read_as=(said,))
+    columns = ((name, [None if is_blank(row[name]) else row[name] for row in rows]) for name in rows[0])
+    return _of_values(path, columns, said)
+
+
+def _of_values(path: Path | str, columns: Iterable[tuple[str, Cells]], *said: str) -> Sheet:
+    """The sheet of cells that are numbers or text, of which the first rows show how numbers are written."""
+    cells = Sheet(path=path).with_columns(columns, *said)
+    texts = (column[:_NUMERALS] for column in cells.columns.values() if isinstance(column, list))
+    return replace(cells, numerals=numerals_of(str(path), [*zip(*texts, strict=True)]))
 
 
 def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -240,9 +243,7 @@ def read_json(path: Path, rows: int | None) -> Iterator[Sheet]:
     header = [*dict.fromkeys(name for record in records for name in record)]
     if not header:
         raise DataError(f"{path}: its records are empty")
-    columns: list[Cells] = [[record.get(name) for record in records] for name in header]
-    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
-    yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
+    yield _of_values(path, ((name, [record.get(name) for record in records]) for name in header), *read_as)
 
 
 def _of_one_event(records: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
@@ -312,25 +313,22 @@ def read_database(path: Path, rows: int | None) -> Iterator[Sheet]:
     del rows  # a database is read as a whole
     if on_disk(path).stat().st_size > _UNPACKED:
         raise DataError(f"{path}: has more than {_UNPACKED / 2**30:.0f} GiB; export its table as Parquet or CSV")
-    tables = dict[str, tuple[list[str], list[Cells]]]()
+    tables = dict[str, dict[str, Cells]]()
     try:
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
             names = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             for (name,) in names:
                 found = base.execute('SELECT * FROM "{}"'.format(name.replace('"', '""')))
-                header = [column[0] for column in found.description]
-                content = found.fetchall()
-                tables[name] = header, [[row[k] for row in content] for k in range(len(header))]
+                header, content = [column[0] for column in found.description], found.fetchall()
+                tables[name] = {column: [row[k] for row in content] for k, column in enumerate(header)}
     except sqlite3.Error as error:
         raise DataError(f"{path}: is no readable database of SQLite ({error}); export its table as CSV") from None
-    of_impacts = {name: one for name, one in tables.items() if are_outcomes(one[0])} or tables
+    of_impacts = {name: one for name, one in tables.items() if are_outcomes([*one])} or tables
     if len(of_impacts) != 1:
         seen = ", ".join(map(repr, of_impacts)) or "none"
         raise DataError(f"{path}: has several tables, {seen}: export that of the impacts as CSV")
-    ((name, (header, columns)),) = of_impacts.items()
-    numerals = numerals_of(str(path), [*zip(*(column[:_NUMERALS] for column in columns), strict=True)])
-    read_as = (f"table {name}",) if len(tables) > 1 else ()
-    yield Sheet(path, header, columns, numerals=numerals, read_as=read_as)
+    ((name, columns),) = of_impacts.items()
+    yield _of_values(path, columns.items(), *[f"table {name}"] * (len(tables) > 1))
 
 
 def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
@@ -340,6 +338,7 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
 
     Raises:
         DataError: the file cannot be read, or its arrays are not of one length.
+        UnknownLayoutError: an array has as many components as impacts.
         ContactLearnError: the library that reads the format is not installed.
     """
     del rows  # arrays are read as a whole
@@ -366,23 +365,27 @@ def read_arrays(path: Path, rows: int | None) -> Iterator[Sheet]:
     arrays = next(iter(of_impacts.values()), groups[-1][1] if groups else {})
     lengths = Counter(max(one.shape) for one in arrays.values() if one.size > 1)
     size = max(lengths, key=lambda length: (lengths[length], length), default=0)
-    header, columns = list[str](), list[Cells]()
+    columns, turned = dict[str, Cells](), list[str]()
     for name, one in arrays.items():
+        if of_impacts and one.shape == (size, size) and size > 1:
+            raise UnknownLayoutError(
+                f"{path}: {name!r} is {size} × {size}: its impacts may be rows or columns; write columns of their own, "
+                "such as vx, vy, omega, or a CSV"
+            )
         if one.size == 1:
-            columns.append([one.item()] * size)
+            columns[name] = [one.item()] * size
         elif size in one.shape:
             table = one if one.shape[0] == size else one.T
-            columns.append(table.reshape(size).astype(float) if table.size == size else table.tolist())
-        else:
-            continue
-        header.append(name)
+            turned += [name] * (table is not one and min(one.shape) > 1)
+            columns[name] = table.reshape(size).astype(float) if table.size == size else table.tolist()
     if not columns or lengths[size] < 2:
         seen = ", ".join(map(str, content)) if isinstance(content, Mapping) else "one array"
         raise DataError(
             f"{path}: is no table of impacts, which is arrays of one length, a row an impact; it has {seen}; export it "
             "as CSV with a column for each component, such as vx, vy, omega, vx_post, vy_post, omega_post"
         )
-    yield Sheet(path, header, [_without_gaps(column) for column in columns])
+    said = [f"a column an impact in {', '.join(map(repr, turned))}"] * bool(turned)
+    yield Sheet(path=path).with_columns(((name, _without_gaps(one)) for name, one in columns.items()), *said)
 
 
 def _groups(content: Mapping[str, Any], name: str) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
@@ -445,13 +448,12 @@ def sheet_of(frame: "DataFrame") -> Sheet:
         raise DataError("DataFrame: has no rows; at least one is needed")
     levels = [name for name in frame.index.names if name not in frame.columns] if all(frame.index.names) else []
     named = frame.reset_index(level=levels) if levels else frame
-    columns: list[Cells] = []
-    for _, values in named.items():
+    columns = list[tuple[str, Cells]]()
+    for name, values in named.items():
         plain = values.dtype.kind in "fiu" and not values.hasnans
-        columns.append(values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist())
-    names = [" ".join(map(str, name)).strip() if isinstance(name, tuple) else str(name) for name in named.columns]
-    texts = [column[:_NUMERALS] for column in columns if isinstance(column, list)]
-    return Sheet("DataFrame", names, columns, numerals=numerals_of("DataFrame", [*zip(*texts, strict=True)]))
+        cells = values.to_numpy() if plain else values.astype(object).where(values.notna(), None).tolist()
+        columns.append((" ".join(map(str, name)).strip() if isinstance(name, tuple) else str(name), cells))
+    return _of_values("DataFrame", columns)
 
 
 def write_csv(frames: Iterable["DataFrame"], path: Path) -> None:

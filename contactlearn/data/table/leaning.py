@@ -8,7 +8,6 @@ otherwise: those of a ball change as its velocity along the surface does.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +15,7 @@ from jaxtyping import Float
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns, setting_text
 from contactlearn.data.table.names import SURFACES, impact_vocabulary, name_words, unit_in
+from contactlearn.data.table.options import TableOptions
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -30,27 +30,25 @@ _VELOCITIES = ("vx", "vy", "vx_post", "vy_post")
 _SPINS = ("omega", "omega_post")
 
 
-def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet:
+def level(cells: Sheet, options: TableOptions) -> Sheet:
     """Return the table in axes along the surface and its normal, where it has a tilt that differs from row to row.
 
-    Args:
-        cells: a table in the plane, else it is returned as it is.
-        units: of settings.
-        mapped: names in the table by ours, of settings; a tilt among them is left as it is.
+    A table of bodies in space is returned as it is, and so is a tilt that settings name.
 
     Raises:
         DataError: the velocities do not tell the face that is hit, or places would have to be turned as well.
     """
-    tilt = next((name for name in cells.header if name not in mapped.values() and _is_tilt(name)), None)
-    space, known = recognised_columns([name for name in cells.header if name != tilt], mapped)
-    names = {**known.names, **{column: name for column, name in mapped.items() if name in cells.header}}
+    chosen, units = options.chosen, options.units
+    tilt = next((name for name in cells.header if name not in chosen and _is_tilt(name)), None)
+    space, known = recognised_columns([name for name in cells.header if name != tilt], options.columns)
+    names = options.names(cells, known)
     if tilt is None or space is SPACE or not {*_VELOCITIES} <= {*names}:
         return cells
     if _OF_SURFACE.intersection(name_words(names["vy"])):  # in its axes already
         return cells
     stated = unit_in(tilt, "theta", impact_vocabulary(PLANE))
     of_tilt, own = Units(units.stated, {"theta": stated} if stated else {}), Units(units.stated, known.units)
-    angle = cells.numbers(tilt, of_tilt.text("theta"), of_tilt.factor("theta"))
+    angle = cells.quantity(tilt, "theta", of_tilt)
     whole = np.isfinite(angle)
     if not whole.any() or np.ptp(angle[whole]) < _MIN_LEAN:
         return cells
@@ -70,13 +68,17 @@ def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet
             f"normal; {otherwise}"
         )
     columns_read = [*_VELOCITIES, *(column for column in _SPINS if column in names)]
-    v = {column: cells.numbers(names[column], own.text(column), own.factor(column)) for column in columns_read}
+    v = {column: cells.quantity(names[column], column, own) for column in columns_read}
     turned = {
         (sense, face): _turned(v, normal + sign * angle)
         for sense, sign in (("counter-clockwise", 1), ("clockwise", -1))
         for face, normal in _FACES.items()
     }
-    hit = {key: one for key, one in turned.items() if _faces(one["vy"][whole], one["vy_post"][whole])}
+    hit = {  # nearly all normal velocities approach the face, and leave it
+        key: one
+        for key, one in turned.items()
+        if min(np.mean(one["vy"][whole] < 0), np.mean(one["vy_post"][whole] > 0)) > _FACING
+    }
     by_sense = {sense: [key for key in hit if key[0] == sense] for sense, _ in turned}
     chosen = _sense({keys[0]: hit[keys[0]] for keys in by_sense.values() if len(keys) == 1}, v, "theta" in names)
     if chosen is None:
@@ -85,19 +87,14 @@ def level(cells: Sheet, units: Units, mapped: Mapping[str, str | None]) -> Sheet
             f"surface and its normal; {otherwise}"
         )
     sense, face = chosen
-    columns = [*cells.columns]
-    for column, values in hit[chosen].items():
-        columns[cells.header.index(names[column])] = values / own.factor(column)
+    changes = {names[column]: {names[column]: one / own.factor(column)} for column, one in hit[chosen].items()}
     turn = _FACES[face] - np.pi / 2 + (angle if sense == "counter-clockwise" else -angle)
     for column in ("theta", "theta_post"):
         if column in names:
             values = cells.numbers(names[column], own.text(column)) - turn / own.factor(column)
-            columns[cells.header.index(names[column])] = values
-    place = cells.header.index(tilt)
+            changes[names[column]] = {names[column]: values}
     said = f"velocities turned into the axes of the surface by {tilt!r}, positive {sense}; its normal at 0 is {face}"
-    header = [*cells.header[:place], *cells.header[place + 1 :]]
-    columns = [*columns[:place], *columns[place + 1 :]]
-    return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, said))
+    return cells.edited({**changes, tilt: {}}, said)
 
 
 def _turned(
@@ -110,11 +107,6 @@ def _turned(
         found[f"vx{time}"] = vx * np.sin(normal) - vy * np.cos(normal)
         found[f"vy{time}"] = vx * np.cos(normal) + vy * np.sin(normal)
     return found
-
-
-def _faces(before: Float[np.ndarray, " m"], after: Float[np.ndarray, " m"]) -> bool:
-    """Whether nearly all normal velocities approach a face, and leave it."""
-    return bool(min(np.mean(before < 0), np.mean(after > 0)) > _FACING)
 
 
 def _sense(

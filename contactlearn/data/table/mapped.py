@@ -33,7 +33,7 @@ class StatedColumn:
     factor: float
 
 
-def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, Any]:
+def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, dict[str, str | None]]:
     """Return the table with the columns that settings make, and settings that map ours to their names.
 
     Args:
@@ -42,12 +42,13 @@ def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, 
         gaps: whether numbers may be missing.
 
     Raises:
-        DataError: an entry has neither column nor value or both, no such column, or another unit.
+        DataError: no mapping; an entry has neither column nor value or both, no such column, or another unit.
         UnknownNameError: an entry that does not exist.
     """
-    if not isinstance(mapped, Mapping):
-        return cells, mapped
-    entries = {str(ours): one for ours, one in mapped.items() if isinstance(one, Mapping)}
+    if mapped is not None and not isinstance(mapped, Mapping):
+        raise DataError(f"data.columns is given as {{vx: speed_x, vy: speed_y}}, our name first, got {mapped!r}")
+    mapped = {str(ours): one for ours, one in (mapped or {}).items()}
+    entries = {ours: one for ours, one in mapped.items() if isinstance(one, Mapping)}
     made, names, sources, said = dict[str, Cells](), dict[str, str](), set[str](), list[str]()
     for ours, entry in entries.items():
         one = stated_column(f"{cells.path}: data.columns.{ours}", entry, ours, cells.header)
@@ -60,7 +61,7 @@ def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, 
             own = source[len(bare) :].strip(" []()")
             if one.factor != 1 and own and powers_of(ours) and not unit_as_written(own, ours):
                 one = replace(one, unit=Units({}).text(ours))  # by the factor to SI of a unit that is not known
-            name, column = bare if one.unit else source, cells.columns[cells.header.index(source)]
+            name, column = bare if one.unit else source, cells.columns[source]
             if one.factor != 1:
                 plain = replace(cells.unmarked((), [source]), gaps=gaps)
                 column = one.factor * plain.numbers(source, one.unit or "the unit of its column")
@@ -68,10 +69,9 @@ def with_made_columns(cells: Sheet, mapped: Any, *, gaps: bool) -> tuple[Sheet, 
         name = f"{name} [{one.unit}]" if one.unit else name
         names[ours] = name if name not in made else f"{ours} {name}"
         made[names[ours]] = column
-    kept = [k for k, name in enumerate(cells.header) if name not in sources and name not in made]
-    header, columns = [cells.header[k] for k in kept], [cells.columns[k] for k in kept]
-    cells = replace(cells, header=[*header, *made], columns=[*columns, *made.values()])
-    return replace(cells, read_as=(*cells.read_as, *said)), {**mapped, **names}
+    kept = ((name, column) for name, column in cells.columns.items() if name not in sources and name not in made)
+    texts = {ours: None if one is None else str(one) for ours, one in mapped.items()}
+    return cells.with_columns([*kept, *made.items()], *said), {**texts, **names}
 
 
 def stated_column(setting: str, entry: Mapping[str, Any], like: str, header: Sequence[str]) -> StatedColumn:

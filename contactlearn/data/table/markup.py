@@ -28,18 +28,8 @@ _MULTIROW = re.compile(r"\\multirow\s*(?:\[[^\]]*\])?\s*\{[^{}]*\}\s*\{[^{}]*\}"
 _DOT = re.compile(r"\\dot\s*\{?\s*(\\(?:theta|varphi|phi|alpha)\b|[xyz])\s*\}?")
 _SIGNS = {
     **{"omega": "ω", "theta": "θ", "varphi": "φ", "phi": "φ", "Delta": "Δ", "mu": "µ", "pm": "±", "times": "×"},
-    **{
-        "cdot": "·",
-        "degree": "°",
-        "circ": "°",
-        "degreeCelsius": "°C",
-        "percent": "%",
-        "prime": "'",
-        "dagger": "†",
-        "ddagger": "‡",
-        "ast": "*",
-        "quad": " ",
-    },
+    **{"cdot": "·", "degree": "°", "circ": "°", "degreeCelsius": "°C", "percent": "%", "prime": "'", "quad": " "},
+    **{"dagger": "†", "ddagger": "‡", "ast": "*"},
     **{"per": "/", "milli": "m", "centi": "c", "kilo": "k", "micro": "µ", "squared": "²", "tothe": "^", "deg": "deg"},
     **dict.fromkeys(("metre", "meter"), "m"),
     **{"second": "s", "gram": "g", "kilogram": "kg", "radian": "rad", "minute": "min", "hour": "h", "newton": "N"},

@@ -140,17 +140,7 @@ _ANGULAR = ("omega", "ω", "w", "spin", "angular", "angularvelocity", "angvel", 
             "velocityangular", "drehgeschwindigkeit", "winkelgeschwindigkeit", "drehrate")  # fmt: skip
 _PLACES = ("position", "pos", "p", "x", "com", "cm", "centre", "center", "centreofmass", "centerofmass", "location",
            "translation", "ort", "lage", "posición", "posicion", "posizione")  # fmt: skip
-_ROTATIONS = (
-    "orientation",
-    "quaternion",
-    "quat",
-    "q",
-    "rotation",
-    "attitude",
-    "rot",
-    "orientationquaternion",
-    "orn",
-)  # the last of PyBullet
+_ROTATIONS = ("orientation", "quaternion", "quat", "q", "rotation", "attitude", "rot", "orientationquaternion", "orn")
 _VECTORS: dict[tuple[str, int], tuple[str, ...]] = {
     **{(name, 2): ("vx", "vy") for name in _LINEAR}, **{(name, 3): ("vx", "vy", "vz") for name in _LINEAR},
     **{(name, 1): ("omega",) for name in _ANGULAR}, **{(name, 3): ("wx", "wy", "wz") for name in _ANGULAR},
@@ -179,10 +169,10 @@ _SPELLED = {
     "mps": "m.s", "mmps": "mm.s", "cmps": "cm.s", "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h",
     "feet": "ft",
 }  # fmt: skip
-_REVOLUTIONS = dict.fromkeys(("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min") | {
-    "u.s": "rev.s",
-    "tr.s": "rev.s",
-}
+_REVOLUTIONS: dict[str, str] = dict.fromkeys(
+    ("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min"
+)
+_REVOLUTIONS |= dict.fromkeys(("u.s", "tr.s"), "rev.s")
 """Whole units of spins, none of which is the unit of anything else."""
 _MARKS = (
     (r"(?<=[^\W\d])\s*['′’ʹ´`]", " post "),  # vx'

@@ -74,18 +74,20 @@ def by_flight(cells: Sheet) -> Sheet:
     others = [one for names in chains.values() if (one := " … ".join(map(repr, [*names][:: max(len(names) - 1, 1)])))]
     others = [one for one in others if one not in said]
     said += f"; not used: {', '.join(others)}" if others else ""
-    of_trials = recognised_columns(kept)[1].names.get("trial") or trial_column(cells, kept)
-    named = cells.names(of_trials) if of_trials else [str(row + 1) for row in range(len(cells))]
-    kept = [name for name in kept if name != of_trials]
-    columns: list[Cells] = [[f"{named[run]}/{numbers[bounce]}" for run, bounce in zip(runs, bounces, strict=True)]]
-    columns += [[cells.columns[cells.header.index(name)][run] for run in runs] for name in kept]
-    return replace(
-        cells,
-        header=["trial", *kept, "speed before [m/s]", "speed after [m/s]"],
-        columns=[*columns, before[runs, bounces], after[runs, bounces]],
-        lines=None if cells.lines is None else [cells.lines[run] for run in runs],
-        read_as=(*cells.read_as, said),
-    )
+    made: dict[str, Cells] = {"speed before [m/s]": before[runs, bounces], "speed after [m/s]": after[runs, bounces]}
+    return _parted(cells, runs.tolist(), [numbers[bounce] for bounce in bounces], kept, made, said)
+
+
+def _parted(
+    cells: Sheet, rows: Sequence[int], numbers: Sequence[int], kept: Sequence[str], made: Mapping[str, Cells], said: str
+) -> Sheet:
+    """The table with several impacts for each row, called by the row's trial and their numbers, and made columns."""
+    trial = recognised_columns(kept)[1].names.get("trial") or trial_column(cells, kept)
+    named = cells.names(trial) if trial else [str(row + 1) for row in range(len(cells))]
+    trials = [f"{named[row]}/{number}" for row, number in zip(rows, numbers, strict=True)]
+    cells = cells.gathered(rows)
+    beside = ((name, cells.columns[name]) for name in kept if name != trial)
+    return cells.with_columns([("trial", trials), *beside, *made.items()], said)
 
 
 def _bounces(
@@ -144,24 +146,14 @@ def by_repeat(cells: Sheet) -> Sheet:
             "all, write a row a bounce, with what is before and after it"
         )
     places = [
-        (row, number) for number, names in repeats.items() for row in range(len(cells))
-        if not all(is_missing(cells.columns[cells.header.index(name)][row]) for name in names.values())
+        (row, number) for row in range(len(cells)) for number, names in repeats.items()
+        if not all(is_missing(cells.columns[name][row]) for name in names.values())
     ]  # fmt: skip
-    places = sorted(places, key=lambda place: place[0])
-    of_trials = recognised_columns(shared)[1].names.get("trial") or trial_column(cells, shared)
-    named = cells.names(of_trials) if of_trials else [str(row + 1) for row in range(len(cells))]
-    column_of = dict(zip(cells.header, cells.columns, strict=True))
-    kept = [name for name in shared if name != of_trials]
-    columns: list[Cells] = [[f"{named[row]}/{number}" for row, number in places]]
-    columns += [[column_of[name][row] for row, _ in places] for name in kept]
-    columns += [[column_of[repeats[number][stem]][row] for row, number in places] for stem in stems]
-    return replace(
-        cells,
-        header=["trial", *kept, *stems],
-        columns=columns,
-        lines=None if cells.lines is None else [cells.lines[row] for row, _ in places],
-        read_as=(*cells.read_as, f"an impact for each of {every[0]!r} … {every[-1]!r} that is not empty"),
-    )
+    made: dict[str, Cells] = {
+        stem: [cells.columns[repeats[number][stem]][row] for row, number in places] for stem in stems
+    }
+    said = f"an impact for each of {every[0]!r} … {every[-1]!r} that is not empty"
+    return _parted(cells, [row for row, _ in places], [number for _, number in places], shared, made, said)
 
 
 def repeats_in(header: Sequence[str]) -> dict[int, dict[str, str]]:
@@ -217,8 +209,7 @@ def by_trial(cells: Sheet) -> Sheet:
     """
     if not (variable := _variable(cells)):
         return cells
-    columns = dict(zip(cells.header, cells.columns, strict=True))
-    long = _long(cells, variable, columns)
+    long, columns = _long(cells, variable), cells.columns
     taken = {long.variable, long.value, long.unit, long.phase}
     kept = [name for name in cells.header if name not in taken]
     names = dict[tuple[str, str], str]()
@@ -251,21 +242,18 @@ def by_trial(cells: Sheet) -> Sheet:
                 row=row + 1,
             )
         numbers[name] = columns[long.value][row]
+    cells = cells.gathered([*first.values()])
+    plain: dict[str, Cells] = {name: cells.columns[name] for name in kept}
     if len(long.trials) > 1:
-        columns[long.trials[-1]] = [
-            "/".join(map(text_of, cell)) for cell in zip(*(columns[one] for one in long.trials), strict=True)
-        ]
-    header = [*kept, *names.values()]
-    plain: list[Cells] = [[columns[name][row] for row in first.values()] for name in kept]
-    plain += [[numbers.get(name) for numbers in rows.values()] for name in names.values()]
-    lines = None if cells.lines is None else [cells.lines[row] for row in first.values()]
+        plain[long.trials[-1]] = ["/".join(trial) for trial in rows]
+    made = ((name, [numbers.get(name) for numbers in rows.values()]) for name in names.values())
     said = f"a long table: {long.value!r} of each {long.variable!r}" + (f" and {long.phase!r}" if long.phase else "")
-    return replace(cells, header=header, columns=plain, lines=lines, read_as=(*cells.read_as, said))
+    return cells.with_columns([*plain.items(), *made], said)
 
 
 def _variable(cells: Sheet) -> str | None:
     """The column with names of quantities, among them velocities."""
-    for name, column in zip(cells.header, cells.columns, strict=True):
+    for name, column in cells.columns.items():
         if not isinstance(column, list) or len(column) < _MIN_VARIABLES or not isinstance(column[0], str):
             continue
         if is_numeral(column[0]) or len({*map(text_of, column[: 2 * _MOST_VARIABLES])}) > _MOST_VARIABLES:
@@ -278,20 +266,20 @@ def _variable(cells: Sheet) -> str | None:
     return None
 
 
-def _long(cells: Sheet, variable: str, columns: Mapping[str, Cells]) -> _Long:
+def _long(cells: Sheet, variable: str) -> _Long:
     """Which column of a long table is which."""
-    others = [name for name in cells.header if name != variable]
-    unit = next(
-        (name for name in others if _UNITS.intersection(name_words(name)) or _all(columns[name], is_unit)), None
-    )
+    columns, others = cells.columns, [name for name in cells.header if name != variable]
+    unit = next((name for name in others if _UNITS.intersection(name_words(name)) or _are_units(columns[name])), None)
     phase = next((name for name in others if name != unit and _is_phase(columns[name])), None)
     others = [name for name in others if name not in (unit, phase)]
     values = [name for name in others if VALUES.intersection(name_words(name))]
     trial = recognised_columns(others)[1].names.get("trial")
     values = values or [
-        name for name in others if name != trial and any(map(is_numeral, columns[name])) and not _repeats(columns[name])
-    ]
-    beside = sum(any(map(is_numeral, column)) for column in cells.columns)
+        name for name in others if name != trial and any(map(is_numeral, columns[name]))
+        and 2 * len({*map(text_of, columns[name])}) >= len(cells)  # those of trials have blocks of rows
+    ]  # fmt: skip
+    beside = sum(any(map(is_numeral, column)) for column in columns.values())
+    beside += len(cells.repeated) - len({*cells.repeated})
     if len(values) != 1 and beside > _MAX_BESIDE:
         raise DataError(
             f"{cells.path}: names of quantities stand below each other in its column {variable!r}, and {beside} "
@@ -324,14 +312,9 @@ def _is_phase(column: Cells) -> bool:
     return "post" in map(time_of, texts) and not plain
 
 
-def _all(column: Cells, rule: Any) -> bool:
+def _are_units(column: Cells) -> bool:
     texts = {*map(text_of, column)} - {""}
-    return bool(texts) and len(texts) <= _MOST_VARIABLES and all(rule(text) for text in texts)
-
-
-def _repeats(column: Cells) -> bool:
-    """Whether a column has each of its numbers in a whole block of rows, as that of trials has."""
-    return 2 * len({*map(text_of, column)}) < len(column)
+    return bool(texts) and len(texts) <= _MOST_VARIABLES and all(map(is_unit, texts))
 
 
 def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
@@ -346,7 +329,7 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     """
     cells = _by_number(cells, chosen)
     vectors = {
-        name: parts for name, column in zip(cells.header, cells.columns, strict=True)
+        name: parts for name, column in cells.columns.items()
         if name not in chosen and (parts := _parts(column, cells.numerals.decimal))
     }  # fmt: skip
     if not vectors:
@@ -360,23 +343,18 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
     if len(turns) == 1 and "wx" in known and not {"q0", "qw"} & {*known, *chain.from_iterable(names.values())}:
         names[turns[0]] = ("q0", "q1", "q2", "q3")
     names |= _twists({name: vectors[name] for name in vectors if name not in names}, opposite=opposite)
-    header, columns, said = list[str](), list[Cells](), list[str]()
-    for name, column in zip(cells.header, cells.columns, strict=True):
-        if name not in names:
-            header.append(name)
-            columns.append(column)
-            continue
+    changes = dict[str, dict[str, Cells]]()
+    for name in (name for name in vectors if name in names):
         parts, size = vectors[name], len(names[name])
-        header += names[name]
-        odd = [None if part is None else text_of(cell) for cell, part in zip(column, parts, strict=True)]
+        odd = [None if part is None else text_of(cell) for cell, part in zip(cells.columns[name], parts, strict=True)]
         whole = [part if part and len(part) == size else [cell] * size for part, cell in zip(parts, odd, strict=True)]
-        columns += [[part[k] for part in whole] for k in range(size)]
-        said.append(f"{name!r} holds {', '.join(names[name])}")
-    if any(column in recognised_columns(header)[1].names for column in ("vx_post", "vy_post", "vz_post")):
-        return replace(cells, header=header, columns=columns, read_as=(*cells.read_as, *said))
+        changes[name] = {one: [part[k] for part in whole] for k, one in enumerate(names[name])}
+    made = cells.edited(changes, *(f"{name!r} holds {', '.join(names[name])}" for name in changes))
+    if any(column in recognised_columns(made.header)[1].names for column in ("vx_post", "vy_post", "vz_post")):
+        return made
     for name in vectors:
         if name not in names and times_in(name, opposite=opposite) == "post" and sizes[name] > 1:
-            cell = next(cell for cell in cells.columns[cells.header.index(name)] if not is_missing(cell))
+            cell = next(cell for cell in cells.columns[name] if not is_missing(cell))
             raise DataError(
                 f"{cells.path}: column {name!r} holds vectors of {sizes[name]} numbers, such as {text_of(cell)!r}, and "
                 "it is not clear of what: write their numbers into columns of their own, such as vx_post, vy_post, "
@@ -387,7 +365,7 @@ def by_component(cells: Sheet, chosen: Collection[str]) -> Sheet:
 
 def are_vectors(cells: Sheet, name: str) -> bool:
     """Return whether a column has vectors in its cells."""
-    return _parts(cells.columns[cells.header.index(name)], cells.numerals.decimal) is not None
+    return _parts(cells.columns[name], cells.numerals.decimal) is not None
 
 
 def _by_number(cells: Sheet, chosen: Collection[str]) -> Sheet:
@@ -404,8 +382,8 @@ def _by_number(cells: Sheet, chosen: Collection[str]) -> Sheet:
     if not {"pre", "post"} <= {times_in(vector, opposite=opposite) for vector in plain}:
         return cells
     ours = {name: one for vector in plain for name, one in zip(families[vector], plain[vector], strict=True)}
-    said = [f"{', '.join(map(repr, families[vector]))} are {', '.join(plain[vector])}" for vector in plain]
-    return replace(cells, header=[ours.get(name, name) for name in cells.header], read_as=(*cells.read_as, *said))
+    said = (f"{', '.join(map(repr, families[vector]))} are {', '.join(plain[vector])}" for vector in plain)
+    return cells.renamed(ours, *said)
 
 
 _COMPONENT = re.compile(r"(?P<vector>.*[^\W\d])[_ .]?[(\[]?[0-3][)\]]?(?P<unit>\s*[\[(][^\])\d]+[\])])?")

@@ -9,7 +9,8 @@ Such rows are left out and named.  Nothing is decided by the numbers of a row.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 from contactlearn.core.errors import DataError
@@ -166,18 +167,13 @@ def _label(cells: Sequence[Any]) -> str:
 
 def filled_down(cells: Sheet) -> Sheet:
     """Return a sheet in which a name that stands in the first row of its rows only, as in a merged cell, is in all."""
-    columns, filled = [*cells.columns], list[str]()
-    for k, name in enumerate(cells.header):
-        if is_merged(name, cells.columns[k]):
-            above: list[Any] = []
-            for cell in cells.columns[k]:
-                above.append(above[-1] if is_blank(cell) else cell)
-            columns[k] = above
-            filled.append(name)
-    if not filled:
-        return cells
+    filled = {
+        name: {name: [*accumulate(column, lambda above, cell: above if is_blank(cell) else cell)]}
+        for name, column in cells.columns.items()
+        if is_merged(name, column)
+    }
     said = f"{', '.join(map(repr, filled))} filled in from the row above, where it is empty"
-    return replace(cells, columns=columns, read_as=(*cells.read_as, said))
+    return cells.edited(filled, *[said] * bool(filled))
 
 
 def is_merged(name: str, column: Cells) -> bool:

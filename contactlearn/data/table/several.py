@@ -3,11 +3,10 @@
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 from contactlearn.data.table.dialect import is_missing
 from contactlearn.data.table.names import impact_vocabulary, recognise
-from contactlearn.data.table.sheet import Cells, Sheet
+from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.space import PLANE
 
 _NEEDED = ("vx", "vy", "vx_post", "vy_post")
@@ -32,15 +31,15 @@ def refusal_of_several(header: Sequence[str]) -> str:
     )
 
 
-def runs_in(header: Sequence[str]) -> dict[str, dict[str, int]]:
-    """Return places of columns by the number of the run and by their names without it, where runs stand side by side.
+def runs_in(header: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return names of columns by the number of the run and by their names without it, where runs stand side by side.
 
     Such are Time Run 1, Position Run 1, Time Run 2 …; none of any other header.
     """
-    runs = dict[str, dict[str, int]]()
-    for k, name in enumerate(header):
+    runs = dict[str, dict[str, str]]()
+    for name in header:
         if match := _RUN.search(name):
-            runs.setdefault(match[1], {})[name[: match.start()].strip()] = k
+            runs.setdefault(match[1], {})[name[: match.start()].strip()] = name
     first = next(iter(runs.values()), {})
     whole = len(first) > 1 and len(header) == len(first) * len(runs)
     return runs if len(runs) > 1 and whole and all(one.keys() == first.keys() for one in runs.values()) else {}
@@ -53,13 +52,12 @@ def runs_below(cells: Sheet) -> Sheet:
     first = next(iter(runs.values()))
     places = [
         (run, row) for run, one in runs.items() for row in range(len(cells))
-        if not all(is_missing(cells.columns[k][row]) for k in one.values())
+        if not all(is_missing(cells.columns[name][row]) for name in one.values())
     ]  # fmt: skip
-    columns: list[Cells] = [[f"run {run}" for run, _ in places]]
-    columns += [[cells.columns[runs[run][name]][row] for run, row in places] for name in first]
-    lines = None if cells.lines is None else [cells.lines[row] for _, row in places]
+    made = ((name, [cells.columns[runs[run][name]][row] for run, row in places]) for name in first)
     said = f"{len(runs)} runs side by side, their numbers in the column 'recording'"
-    return replace(cells, header=["recording", *first], columns=columns, lines=lines, read_as=(*cells.read_as, said))
+    recordings = [f"run {run}" for run, _ in places]
+    return cells.gathered([row for _, row in places]).with_columns([("recording", recordings), *made], said)
 
 
 def refusal_side_by_side(header: Sequence[str]) -> str:

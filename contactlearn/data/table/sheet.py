@@ -6,9 +6,10 @@ that every error can quote it.
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from jaxtyping import Float
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, with_one_unit, written_in
 from contactlearn.data.table.names import name_words
+from contactlearn.data.table.units import Units
 
 LEAVE_OUT = "leave the trial out, as data.correct=[drop_incomplete] does, in Python drop_incomplete=True"
 """A way out that ends a message about a missing number or row."""
@@ -26,30 +28,63 @@ Cells = list[Any] | np.ndarray
 """One column: raw cells, or the plain numbers of a Parquet column without an empty cell."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """Header and columns of raw cells: the rows of a file after the `first` ones.
+    """Columns of raw cells by their names: the rows of a file after the `first` ones.
 
-    `lines` are the rows' lines in a text file, `written` the file's names of columns by those of the header, and
-    `read_as` says in words how the file was understood.  With `gaps` a missing number is not a number, and no error.
+    `lines` are the rows' lines in a text file, `written` the file's names of columns by ours, `repeated` the names of
+    all columns where two have the same, of which the sheet has the first, and `read_as` says in words how the file was
+    understood.  With `gaps` a missing number is not a number, and no error.
     """
 
     path: Path | str
-    header: list[str]
-    columns: list[Cells]
+    columns: Mapping[str, Cells] = field(default_factory=dict[str, Cells])
     lines: list[int] | None = None
     written: Mapping[str, str] = field(default_factory=dict[str, str])
     first: int = 0
     numerals: Numerals = field(default_factory=Numerals)
     read_as: tuple[str, ...] = ()
     gaps: bool = False
+    repeated: tuple[str, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.columns[0]) if self.columns else 0
+        return len(next(iter(self.columns.values()), ()))
+
+    @property
+    def header(self) -> list[str]:
+        """Return the names of the columns, in order."""
+        return [*self.columns]
+
+    def with_columns(self, columns: Iterable[tuple[str, Cells]], *said: str) -> "Sheet":
+        """Return the sheet with other columns, and words for how it is read; of two of one name with the first."""
+        kept, names = dict[str, Cells](), list[str]()
+        for name, cells in columns:
+            names.append(name)
+            kept.setdefault(name, cells)
+        repeated = (*self.repeated, *(names if len(kept) < len(names) else ()))
+        return replace(self, columns=kept, read_as=(*self.read_as, *said), repeated=repeated)
+
+    def edited(self, changes: Mapping[str, Mapping[str, Cells]], *said: str) -> "Sheet":
+        """Return the sheet with some columns in place of others, by the names of these."""
+        every = (changes.get(name, {name: cells}) for name, cells in self.columns.items())
+        return self.with_columns(chain.from_iterable(one.items() for one in every), *said)
+
+    def renamed(self, names: Mapping[str, str], *said: str) -> "Sheet":
+        """Return the sheet with other names of some columns."""
+        return self.with_columns(((names.get(name, name), cells) for name, cells in self.columns.items()), *said)
+
+    def gathered(self, rows: Sequence[int]) -> "Sheet":
+        """Return some rows of the sheet, counted from 0, in their order."""
+        lines = None if self.lines is None else [self.lines[row] for row in rows]
+        return replace(self, columns={name: taken(cells, rows) for name, cells in self.columns.items()}, lines=lines)
+
+    def quantity(self, name: str, column: str, units: Units) -> Float[np.ndarray, " n"]:
+        """Return the numbers in SI of a column that is our `column`."""
+        return self.numbers(name, units.text(column), units.factor(column))
 
     def numbers(self, column: str, unit: str, factor: float = 1.0) -> Float[np.ndarray, " n"]:
         """The column as finite numbers times a factor; DataError names the first cell that is not one, as written."""
-        cells = self.columns[self.header.index(column)]
+        cells = self.columns[column]
         if (plain := _plain_numbers(cells, self.numerals)) is not None:
             return factor * plain
         values = list[float]()
@@ -79,16 +114,16 @@ class Sheet:
     def place(self, row: int, column: str | None) -> str:
         """Where a row (of the sheet, from 1) is in a text file, and the content of one of our columns there."""
         place = "" if self.lines is None else f"; line {self.lines[row - 1]} of the file"
-        if column not in self.header:
+        if column is None or column not in self.columns:
             return place
-        cell = self.columns[self.header.index(column)][row - 1]
+        cell = self.columns[column][row - 1]
         cell = cell.item() if isinstance(cell, np.generic) else cell
         return f"{place}; column {self.written.get(column, column)} has {cell!r} there"
 
     def missing(self, columns: Sequence[str]) -> list[int]:
         """Rows of the sheet, from 1, in which a number of these columns is missing: empty, or no finite number."""
         bad = np.zeros(len(self), bool)
-        for cells in (self.columns[self.header.index(column)] for column in columns):
+        for cells in map(self.columns.__getitem__, columns):
             if _plain_numbers(cells, self.numerals) is None:
                 bad |= np.fromiter(map(_is_missing, cells), bool, len(self))
         return (bad.nonzero()[0] + 1).tolist()
@@ -96,14 +131,11 @@ class Sheet:
     def without(self, rows: Sequence[int]) -> "Sheet":
         """Return the sheet without some rows of it, counted from 1."""
         dropped = {*rows}
-        left = [k for k in range(len(self)) if k + 1 not in dropped]
-        lines = None if self.lines is None else [self.lines[k] for k in left]
-        columns = [cells[left] if isinstance(cells, np.ndarray) else [cells[k] for k in left] for cells in self.columns]
-        return replace(self, columns=columns, lines=lines)
+        return self.gathered([k for k in range(len(self)) if k + 1 not in dropped])
 
     def is_numeric(self, column: str) -> bool:
         """Whether at least half of the cells of a column that are not missing are numbers."""
-        cells = self.columns[self.header.index(column)]
+        cells = self.columns[column]
         return _plain_numbers(cells, self.numerals) is not None or is_numeric([*cells])
 
     def unmarked(self, names: Collection[str], mapped: Collection[str] = ()) -> "Sheet":
@@ -116,10 +148,8 @@ class Sheet:
         Raises:
             DataError: a column has cells with different units, or with and without, or another than its name says.
         """
-        header, columns, said = [*self.header], [*self.columns], list[str]()
-        bare = dict[str, list[str]]()
-        for place, name in enumerate(self.header):
-            cells = self.columns[place]
+        changes, said, bare = dict[str, dict[str, Cells]](), list[str](), dict[str, list[str]]()
+        for name, cells in self.columns.items():
             if name not in (*names, *mapped) or not isinstance(cells, list) or not _has_marks(cells):
                 continue
             written = [None if is_missing(cell) else written_in(str(cell)) for cell in cells]
@@ -135,30 +165,34 @@ class Sheet:
                     f"the column's name, such as '{name} [{unit}]'"
                 )
             beside = dict.fromkeys(one for cell in written if cell is not None for one in cell.beside)
-            columns[place] = [cell if one is None else one.number for cell, one in zip(cells, written, strict=True)]
             words = name_words(f"[{unit}]")
-            header[place] = name if not unit or name_words(name)[-len(words) :] == words else f"{name} [{unit}]"
+            named = name if not unit or name_words(name)[-len(words) :] == words else f"{name} [{unit}]"
+            plain = [cell if one is None else one.number for cell, one in zip(cells, written, strict=True)]
+            changes[name] = {named: plain}
             if beside:
                 bare.setdefault(" and ".join(beside), []).append(name)
             said += [f"{name!r} in {unit}, as its cells say"] if unit else []
         for left_out, (first, *others) in bare.items():
             means = ": rows may be means of trials, which scatter less than single ones" if "±" in left_out else ""
             said.append(f"{first!r}{f' and {len(others)} more columns' if others else ''} without {left_out}{means}")
-        return replace(self, header=header, columns=columns, read_as=(*self.read_as, *said))
+        return self.edited(changes, *said)
 
     def measured(self, names: Collection[str]) -> "Sheet":
         """Return the sheet with plain numbers in some columns, if all their cells have one unit, of whatever kind."""
-        columns, said = [*self.columns], list[str]()
-        for name in names:
-            cells = columns[place := self.header.index(name)]
-            if isinstance(cells, list) and (found := with_one_unit(cells)):
-                columns[place], unit = found
-                said.append(f"{name!r} in {unit}, as its cells say")
-        return replace(self, columns=columns, read_as=(*self.read_as, *said))
+        found = {name: one for name in names if (one := with_one_unit(self.columns[name]))}
+        said = (f"{name!r} in {unit}, as its cells say" for name, (_, unit) in found.items())
+        return self.edited({name: {name: numbers} for name, (numbers, _) in found.items()}, *said)
 
     def names(self, column: str) -> tuple[str, ...]:
         """The column as text, exactly as written."""
-        return tuple("" if cell is None else str(cell) for cell in self.columns[self.header.index(column)])
+        return tuple("" if cell is None else str(cell) for cell in self.columns[column])
+
+
+def taken(cells: Cells, rows: Sequence[int | None]) -> Cells:
+    """Return the cells of some rows of a column, which are empty where there is no row."""
+    if isinstance(cells, np.ndarray) and None not in rows:
+        return cells[np.array(rows, int)]
+    return [None if row is None else cells[row] for row in rows]
 
 
 def _has_marks(cells: Sequence[Any]) -> bool:

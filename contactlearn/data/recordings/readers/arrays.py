@@ -8,8 +8,8 @@
 
 An array of one more axis holds a recording each, so do named arrays [recordings, T, …], and so do lists and MATLAB's
 arrays of structures, unless their name or a field of theirs says that they are bodies.  `x`, `y` … a coordinate are
-taken where there is no `position`; arrays [2 or 3, T] are turned.  A rate, unit or times of a group hold for the groups
-in it.  Arrays alone are read, never objects, so that no file runs code.
+taken where there is no `position`; arrays [2 or 3, T] are turned, and said to be.  A rate, unit or times of a group
+hold for the groups in it.  Arrays alone are read, never objects, so that no file runs code.
 """
 
 import re
@@ -60,7 +60,9 @@ def recordings_of(path: Path, content: Any, layout: Layout) -> Iterator[Recordin
         if not found:
             raise DataError(f"{path}: holds no group {layout.body!r}{f'; it has {every}' if every else ''}")
     if not found:
-        seen = ", ".join(content) if isinstance(content, Mapping) else _shape(content)
+        shape = getattr(content, "shape", None)
+        alone = type(content).__name__ if shape is None else f"an array {tuple(shape)}"
+        seen = ", ".join(content) if isinstance(content, Mapping) else alone
         raise DataError(
             f"{path}: holds no position with angle or quaternion; it has {seen or 'nothing'} "
             "('data.columns={time: t, position: pos, quaternion: quat}' says which are which)"
@@ -73,11 +75,6 @@ def recordings_of(path: Path, content: Any, layout: Layout) -> Iterator[Recordin
         raise DataError(f"{path}: has {len(first)} bodies in {together[0][0]!r}; state {choices}")
     for names, arrays in found:
         yield _recording(path, names[0] if names else path.stem, arrays, layout)
-
-
-def _shape(content: Any) -> str:
-    shape = getattr(content, "shape", None)
-    return type(content).__name__ if shape is None else f"an array {tuple(shape)}"
 
 
 _Leaf = tuple[tuple[str, ...], dict[str, Any]]
@@ -236,8 +233,8 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
         named = (*pose, None)
     position, quaternion, angle = named
     if "markers" not in arrays:
-        position = _rows(position, (2, 3))
-        quaternion = None if quaternion is None else _rows(quaternion, (3, 4, 9))
+        position = _rows(position, (2, 3), f"{path}: {name}: position")
+        quaternion = None if quaternion is None else _rows(quaternion, (3, 4, 9), f"{path}: {name}: quaternion")
         angle = None if angle is None else np.ravel(angle)
     rate = layout.rate or arrays.get("rate")
     time = None if layout.time is None else _values(arrays, (layout.time, *_TIMES), ())
@@ -264,12 +261,19 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
         quaternion=quaternion,
         unit=unit,
         order=stated[1] if stated else order,
+        turned=position is not named[0],
     )
 
 
-def _rows(values: Array, columns: Sequence[int]) -> Array:
-    """An array with a row a frame, of one that may have a column a frame."""
+def _rows(values: Array, columns: Sequence[int], place: str) -> Array:
+    """An array with a row a frame, of one that may have a column a frame.
+
+    Raises:
+        DataError: both may be, of as many frames as components.
+    """
     shape = np.shape(values)
+    if len(shape) == 2 and shape[0] == shape[1] and shape[0] in columns:
+        raise DataError(f"{place} is {shape[0]} × {shape[0]}: its frames may be rows or columns; record more frames")
     return values.T if len(shape) == 2 and shape[1] not in columns and shape[0] in columns else values
 
 
@@ -285,13 +289,5 @@ def _values(arrays: Mapping[str, Any], names: Sequence[str], parts: Sequence[str
 
 def _name_of(arrays: Mapping[str, Any], names: Sequence[str]) -> str | None:
     """The first name that there is, or the only one that names it with its body: base_pos."""
-    known = [name for name in names if name in arrays]
-    return next(iter(known or _only([one for one in arrays if _bare(one) in names])), None)
-
-
-def _only(names: Sequence[str]) -> Sequence[str]:
-    return names if len(names) == 1 else ()
-
-
-def _bare(name: str) -> str:
-    return _BODY.sub("", name.lower())
+    of_body = [name for name in arrays if _BODY.sub("", name.lower()) in names]
+    return next((name for name in names if name in arrays), of_body[0] if len(of_body) == 1 else None)

@@ -7,6 +7,7 @@
 An empty cell is a coordinate that the tracker lost.  Exports with other lines above their frames are in `exports`.
 """
 
+import csv
 import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
@@ -168,8 +169,11 @@ def _placed(path: Path) -> tuple[Dialect, int, list[str]]:
     """The dialect of a text, the number of lines above its frames, and the first of these."""
     dialect = _plain(path) or sniffed(path, most=_SNIFFED)
     rows, above = dialect.header.rows, dialect.above
-    with dialect.opened(path) as file:
-        head = [*islice(csv_rows(islice(file, above, None), dialect.separator), rows + 1)]
+    try:
+        with dialect.opened(path) as file:
+            head = [*islice(csv_rows(islice(file, above, None), dialect.separator), rows + 1)]
+    except csv.Error as error:
+        raise DataError(f"{path}: line {above + error.args[0]} is not CSV: {error.args[1]}") from None
     return dialect, above + (head[rows - 1][0] if rows else 0), head[rows][1] if len(head) > rows else []
 
 

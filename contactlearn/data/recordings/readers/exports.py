@@ -31,12 +31,7 @@ _HEADER = 60  # lines among which the frames begin
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _AXES = ("x", "y", "z")
 _BY_ROWS = (0, 3, 6, 1, 4, 7, 2, 5, 8)  # of Qualisys's Rot[0] … Rot[8], column by column
-_TRACKED = (
-    "Objects",
-    "Segments",
-    "Trajectories",
-    "Joints",
-)  # sections of Vicon that are read, the first that a file has
+_TRACKED = ("Objects", "Segments", "Trajectories", "Joints")  # sections of Vicon that are read, the first that there is
 _SECTIONS = (*_TRACKED, "Devices", "Model Outputs", "Events", "Gaze Vectors")
 Rows = list[list[str]]
 
@@ -119,8 +114,10 @@ def export_of(path: Path) -> Export | None:
     with opened_text(path, encoding="utf-8-sig", errors="replace", newline="") as file:
         lines = [line.rstrip("\r\n") for line in islice(file, start, start + _HEADER)]
     separator = next((mark for mark in "\t;" if any(mark in line for line in lines)), ",")
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
-    rows = [row or [""] for row in rows]
+    try:
+        rows = [[cell.strip() for cell in row] or [""] for row in csv.reader(lines, delimiter=separator)]
+    except csv.Error:  # no export has cells of so many letters
+        return None
     for read in _LAYOUTS:
         if len(rows) > 3 and (found := read(rows)):
             return replace(found, separator=separator, above=start + found.above)
@@ -286,13 +283,7 @@ def _ros_echo(rows: Rows) -> Export | None:
 
 
 _LAYOUTS: Sequence[Callable[[Rows], Export | None]] = (
-    _qualisys,
-    _vicon,
-    _deeplabcut,
-    _sleap,
-    _logger_pro,
-    _ros_echo,
-    _tracker,
+    *(_qualisys, _vicon, _deeplabcut, _sleap, _logger_pro, _ros_echo, _tracker),
 )
 
 

@@ -107,7 +107,7 @@ def json_table(path: Path) -> pd.DataFrame:
 def frame_of(cells: Sheet) -> pd.DataFrame:
     """Return the rows of a table, with numbers where a column has nothing else."""
     columns = dict[str, Any]()
-    for name, column in zip(cells.header, cells.columns, strict=True):
+    for name, column in cells.columns.items():
         try:
             columns[name] = replace(cells, gaps=True).numbers(name, "")
         except DataError:
