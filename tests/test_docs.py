@@ -20,6 +20,7 @@ from contactlearn.effects import catalogue
 from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.symbols import KNOWN, SYMBOLS
 from contactlearn.mechanics.space import SPACE
+from contactlearn.report.text.names import capitalize_first, label
 from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
@@ -163,7 +164,7 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading below its place, a drawing, its neighbours, and the formula and ranges of every form.
+    """A heading in words and the name in code below its place, a drawing, its neighbours, and the formula and ranges of every form.
 
     If the tables are not those of the classes: `python tools/effect_cards.py`.
     """
@@ -172,7 +173,9 @@ def test_every_effect_has_a_card():
     places = re.split(r"^### `(\w+)`: .*$", text, flags=re.MULTILINE)
     cards = {}
     for place, part in zip(places[1::2], places[2::2], strict=True):
-        for name, card in zip(*[iter(re.split(r"^#### (\w+)$", part, flags=re.MULTILINE)[1:])] * 2, strict=True):
+        for name, card in zip(
+            *[iter(re.split(r'^<a id="(\w+)"></a>`\1`$', part, flags=re.MULTILINE)[1:])] * 2, strict=True
+        ):
             cards[name] = place, card.replace("\\|", "|")
     assert list(cards) == [name for place in OUTPUTS for name, (kind, *_) in catalogue().items() if kind.place == place]
     for name, kinds in catalogue().items():
@@ -185,8 +188,10 @@ def test_every_effect_has_a_card():
             assert f"| `{kind.form or kind.name}` | {kind.formula} |" in card
             for p in kind().parameters:
                 assert f"{p.symbol} in [{p.low:g}, {p.high:g}]" in card
-    for name in re.findall(r"\*(\w+_\w+)\*", text):
-        assert name in cards, name
+    headings = re.findall(r"^#### (.*)$", text, flags=re.MULTILINE)
+    assert headings == [capitalize_first(label(name)) for name in cards]
+    for anchor in re.findall(r"\]\(#([\w-]+)\)", text):
+        assert anchor in [heading.lower().replace(" ", "-") for heading in headings], anchor
 
 
 def test_symbols_of_a_line_of_mathematics_are_listed():
