@@ -164,7 +164,7 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading in words and the name in code below its place, a drawing, its neighbours, and the formula and ranges of every form.
+    """A heading in words and the name in code below its place, a drawing, its neighbours, formulas and ranges.
 
     If the tables are not those of the classes: `python tools/effect_cards.py`.
     """
