@@ -194,6 +194,16 @@ def test_every_effect_has_a_card():
         assert anchor in [heading.lower().replace(" ", "-") for heading in headings], anchor
 
 
+def test_all_that_a_person_must_fill_in_is_listed():
+    section = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("## What a person fills in")[2]
+    listed = re.findall(r"^\| `([\w./]+)` \|", section, re.MULTILINE)
+    files = [*ROOT.glob("*.*"), ROOT / "LICENSE", *ROOT.glob("docs/*.*"), *ROOT.glob("configs/**/*.yaml")]
+    files = [path for path in files if path.is_file() and path.suffix in ("", ".md", ".toml", ".cff", ".py", ".yaml")]
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
+    empty = {name for name, text in texts.items() if re.search(r"OWNER|the contactlearn authors", text)}
+    assert empty == {*listed, "CONTRIBUTING.md"}
+
+
 def test_symbols_of_a_line_of_mathematics_are_listed():
     text = (ROOT / "docs" / "effects.md").read_text("utf-8")
     for name, symbol in SYMBOLS.items():
