@@ -424,6 +424,18 @@ def test_an_installed_package_needs_no_checkout(tmp_path):
     assert where.strip() == str(tmp_path / "contactlearn" / "configs")
 
 
+def test_examples_of_the_help_can_be_copied(capsys):
+    """Each stands on a line of its own, however narrow the terminal is; what is said above them is wrapped."""
+    with pytest.raises(SystemExit):
+        main(["plan", "--help"])
+    printed = capsys.readouterr().out
+    *above, first, second = printed.splitlines()
+    assert first.startswith("  contactlearn plan data=mystery data.seed=7 'rig.height=[0.05,0.5]' 'rig.theta=")
+    assert second == "  contactlearn plan outputs/diagnose/2026-01-31_12-00-00 after=plans/1 -o plans/2"
+    assert above[-1] == "examples:"
+    assert max(map(len, above)) <= 80
+
+
 ERRORS = {
     "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
     "law of the model": (["train.py", "law=mirtisch"], "unknown law 'mirtisch', did you mean 'mirtich'?"),

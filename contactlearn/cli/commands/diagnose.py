@@ -44,7 +44,7 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     charts = {
         "Ladder of a diagnosis": {
-            "Held-out mass error by step: 0 the law, 1 the first effect, …; named under Text": [_LADDER, _FLOOR]
+            "Held-out error by step (0 the law, 1 the first effect, …: see Text), and of noise alone": [_LADDER, _FLOOR]
         }
     }
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
