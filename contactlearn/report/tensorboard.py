@@ -24,11 +24,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
-from tensorboard.compat.proto.summary_pb2 import Summary, SummaryMetadata
+from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.compat.proto.tensor_pb2 import TensorProto
 from tensorboard.compat.proto.types_pb2 import DT_FLOAT, DT_STRING
 from tensorboard.plugins.custom_scalar import metadata as custom_scalar
@@ -297,13 +296,13 @@ class Tracker:
         step = self._trained_on if trained_on is None else trained_on
         numbers = values.flatten().numpy()
         drawn = summary.histogram(tag, numbers, bin_edges(numbers, _BINS)).value[0]
-        self._add(Summary(value=[_headed(tag, histo=drawn.histo)]), step)
+        self._add(Summary(value=[_headed(tag, drawn)]), step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture as it is; `add_image` would encode it again, which takes longer than all else."""
         width, height = struct.unpack(">II", png[16:24])
         image = Summary.Image(height=height, width=width, colorspace=4, encoded_image_string=png)
-        self._add(Summary(value=[_headed(tag, image=image)]), self._trained_on)
+        self._add(Summary(value=[_headed(tag, Summary.Value(image=image))]), self._trained_on)
 
     def card(self, about: Mapping[str, str], tables: Iterable[Sequence[Sequence[str]]]) -> None:
         """Log statements by name, and tables below them, the first row of each its header; no text is taken as markup.
@@ -362,7 +361,7 @@ class Tracker:
                 numbers[tag] = value
         written = [
             # TensorBoard forgets the metadata of simple values.
-            _headed(tag, _SCALARS, tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]))
+            _headed(tag, Summary.Value(tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]), metadata=_SCALARS))
             for tag, x in numbers.items()
             if self._shown.fullmatch(tag)
         ]
@@ -374,13 +373,11 @@ class Tracker:
         self._file.write(event_pb2.Event(summary=content, step=step))
 
 
-def _headed(tag: str, metadata: SummaryMetadata | None = None, **content: Any) -> Summary.Value:
+def _headed(tag: str, value: Summary.Value) -> Summary.Value:
     """A value as TensorBoard shows it: with its heading and description."""
-    heading, text = _heading(tag)
-    about = SummaryMetadata(display_name=heading.rpartition("/")[2], summary_description=text)
-    if metadata is not None:
-        about.MergeFrom(metadata)
-    return Summary.Value(tag=heading, metadata=about, **content)
+    value.tag, value.metadata.summary_description = _heading(tag)
+    value.metadata.display_name = value.tag.rpartition("/")[2]
+    return value
 
 
 def _escaped(text: str) -> str:
