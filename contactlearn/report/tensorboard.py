@@ -70,7 +70,8 @@ _HEADINGS = {
     ),
     r"ladder/(\w+)_error": (
         f"{ERRORS}/{{}} error by step",
-        "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text.",
+        "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text. Here smoothing "
+        "bends it; Custom Scalars draws it as it is.",
     ),
     r"floor/\w+_error": (f"{ERRORS}/Noise alone", "Error of noise alone: no model of the state comes below it."),
     r"fit/(.*)": (f"{TRAINING}/{{}}", "By round of one training: loss, and error and log density on held-out trials."),
