@@ -77,6 +77,16 @@ def _parsed(words: list[str]) -> argparse.Namespace:
     return options
 
 
+class _Help(argparse.HelpFormatter):
+    """Wraps what argparse wraps, but leaves each example on a line of its own, to be copied."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        head, colon, examples = text.partition(": contactlearn ")
+        if not colon:
+            return super()._fill_text(text, width, indent)
+        return "\n".join((f"{head}:", *(f"  contactlearn {one}" for one in examples.split("; contactlearn "))))
+
+
 class _Parser(argparse.ArgumentParser):
     def _print_message(self, message: str, file: Any = None) -> None:  # argparse's own passes over a full disk
         if file is sys.stdout:
@@ -98,7 +108,7 @@ def _parser() -> tuple[_Parser, dict[str, _Parser]]:
 
     def add(command: str, *, help: str, description: str | None = None, epilog: str | None = None) -> _Parser:
         summaries[command] = help  # argparse's own list has no groups
-        return commands.add_parser(command, description=description, epilog=epilog)
+        return commands.add_parser(command, description=description, epilog=epilog, formatter_class=_Help)
 
     for command, summary in _CONFIGURED.items():
         add(command, help=summary)

@@ -131,6 +131,8 @@ def test_a_choice_needs_no_plus(here):
     (["data.seed=ü"], "seed must be an integer, at least 0, got 'ü'"),
     (["data.seed={a (b}"], "stands in double quotes"),
     (["data.seed=${nope}"], "Interpolation key 'nope' not found"),
+    (["--data", "mystery"], "unknown flag '--data'; settings are written data=VALUE"),
+    (["--data=mystery"], "unknown flag '--data=mystery'; settings are written data=mystery"),
     (["--multirn"], "unknown flag '--multirn', did you mean '--multirun'?"),
     (["-m", "--cfg", "job"], "--cfg shows something and runs nothing"),
     (["--config-dir", "nowhere"], "no such folder of configuration files"),

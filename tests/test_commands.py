@@ -424,9 +424,26 @@ def test_an_installed_package_needs_no_checkout(tmp_path):
     assert where.strip() == str(tmp_path / "contactlearn" / "configs")
 
 
+def test_examples_of_the_help_can_be_copied(capsys):
+    """Each stands on a line of its own, however narrow the terminal is; what is said above them is wrapped."""
+    with pytest.raises(SystemExit):
+        main(["plan", "--help"])
+    printed = capsys.readouterr().out
+    *above, first, second = printed.splitlines()
+    assert first.startswith("  contactlearn plan data=mystery data.seed=7 'rig.height=[0.05,0.5]' 'rig.theta=")
+    assert second == "  contactlearn plan outputs/diagnose/2026-01-31_12-00-00 after=plans/1 -o plans/2"
+    assert above[-1] == "examples:"
+    assert max(map(len, above)) <= 80
+
+
 ERRORS = {
     "law": (["evaluate.py", "laws=[witaker]"], "unknown law 'witaker', did you mean 'whittaker'?"),
     "law of the model": (["train.py", "law=mirtisch"], "unknown law 'mirtisch', did you mean 'mirtich'?"),
+    "law with a hyphen": (["train.py", "law=wang-mason"], "unknown law 'wang-mason', did you mean 'wang_mason'?"),
+    "path of settings": (["diagnose.py", "data=/tmp/elsewhere.yaml"],
+        "data=NAME takes a name and no path; it reads NAME.yaml of the folder in which the command runs: in the folder "
+        "/tmp say data=elsewhere"),
+    "path of a table": (["diagnose.py", "data=drops.csv"], "say data=table data.path=drops.csv, or write its settings"),
     "group": (["evaluate.py", "-m", "effect=[],[spin_dampin]"], "unknown effect 'spin_dampin', did you mean"),
     "variant": (["train.py", "variant=fazeli"], "did you mean 'fazeli2017'?"),
     "too few": (["train.py", "train.size=1000"], "train.size=1000, but 600 of 800 trials"),

@@ -20,6 +20,7 @@ from contactlearn.effects import catalogue
 from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.symbols import KNOWN, SYMBOLS
 from contactlearn.mechanics.space import SPACE
+from contactlearn.report.text.names import capitalize_first, label
 from contactlearn.results import folder
 
 ROOT = Path(__file__).parent.parent
@@ -163,7 +164,7 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading below its place, a drawing, its neighbours, and the formula and ranges of every form.
+    """A heading in words and the name in code below its place, a drawing, its neighbours, formulas and ranges.
 
     If the tables are not those of the classes: `python tools/effect_cards.py`.
     """
@@ -172,7 +173,9 @@ def test_every_effect_has_a_card():
     places = re.split(r"^### `(\w+)`: .*$", text, flags=re.MULTILINE)
     cards = {}
     for place, part in zip(places[1::2], places[2::2], strict=True):
-        for name, card in zip(*[iter(re.split(r"^#### (\w+)$", part, flags=re.MULTILINE)[1:])] * 2, strict=True):
+        for name, card in zip(
+            *[iter(re.split(r'^<a id="(\w+)"></a>`\1`$', part, flags=re.MULTILINE)[1:])] * 2, strict=True
+        ):
             cards[name] = place, card.replace("\\|", "|")
     assert list(cards) == [name for place in OUTPUTS for name, (kind, *_) in catalogue().items() if kind.place == place]
     for name, kinds in catalogue().items():
@@ -185,8 +188,20 @@ def test_every_effect_has_a_card():
             assert f"| `{kind.form or kind.name}` | {kind.formula} |" in card
             for p in kind().parameters:
                 assert f"{p.symbol} in [{p.low:g}, {p.high:g}]" in card
-    for name in re.findall(r"\*(\w+_\w+)\*", text):
-        assert name in cards, name
+    headings = re.findall(r"^#### (.*)$", text, flags=re.MULTILINE)
+    assert headings == [capitalize_first(label(name)) for name in cards]
+    for anchor in re.findall(r"\]\(#([\w-]+)\)", text):
+        assert anchor in [heading.lower().replace(" ", "-") for heading in headings], anchor
+
+
+def test_all_that_a_person_must_fill_in_is_listed():
+    section = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("## What a person fills in")[2]
+    listed = re.findall(r"^\| `([\w./]+)` \|", section, re.MULTILINE)
+    files = [*ROOT.glob("*.*"), ROOT / "LICENSE", *ROOT.glob("docs/*.*"), *ROOT.glob("configs/**/*.yaml")]
+    files = [path for path in files if path.is_file() and path.suffix in ("", ".md", ".toml", ".cff", ".py", ".yaml")]
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
+    empty = {name for name, text in texts.items() if re.search(r"OWNER|the contactlearn authors", text)}
+    assert empty == {*listed, "CONTRIBUTING.md"}
 
 
 def test_symbols_of_a_line_of_mathematics_are_listed():

@@ -265,6 +265,7 @@ def test_a_first_design_keeps_the_limits_and_is_its_seed_s(first):
         assert all(RIG.limits[name].low <= x <= RIG.limits[name].high for name, x in drop.settings.items())
     assert {drop.purpose for drop in first.drops} == {Purpose.EFFECTS, Purpose.SPACE}
     assert first.drops == cl.plan(ELLIPSE, RIG, count=12).drops
+    assert first.budget == 400
     assert (first.stop, first.looks, first.possibilities) == (None, (), ())
     assert from_json(Plan, to_json(first)) == first
 
@@ -489,6 +490,13 @@ def test_a_sequence_ends_by_the_rule(case):
     assert decide(Goal.NAMES, looks, 400, 20) is stop
 
 
+def test_a_plan_goes_on_from_many_impacts():
+    """By default beyond what was measured before the first plan, and no further than that."""
+    for trials, stop in (([500], None), ([500, 597], Stop.BUDGET)):
+        plan = cl.plan(ELLIPSE, RIG, count=4, looks=[look("a", "b", trials=n) for n in trials])
+        assert (plan.budget, plan.stop) == (600, stop)
+
+
 # --- The commands ------------------------------------------------------------------------------
 
 MYSTERY = ("data=mystery", "data.seed=7", "data.size=40")
@@ -519,11 +527,12 @@ def test_a_loop_of_commands(tmp_path):
     words = ("data=table", "data.path=drops.csv", shape, "hydra.run.dir=run")
     run("diagnose.py", *words, cwd=tmp_path)
     said = run("contactlearn", "plan", "run", "after=one", "count=6", "budget=27", "-o", "two", cwd=tmp_path)
-    assert said.startswith("stop: the budget is used up\n")  # and nothing is forecast of drops that are not to be made
+    used = "the budget is used up: 6 drops beyond the 22 impacts measured exceed its 27"
+    assert said.startswith(f"stop: {used}\n")  # and nothing is forecast of drops that are not to be made
     assert "two/plan.csv, if you want to go on all the same\n" in said
     assert not re.search("drops for|expected|pay|next:", said)
     page = (tmp_path / "two" / "plan.html").read_text("utf-8")
-    assert "Stop: the budget is used up" in page
+    assert f"Stop: {used}" in page
     assert "If you want to go on all the same" in page
     assert "expected to tell" not in page
     assert page.count('<tr><th scope="row">') >= 6

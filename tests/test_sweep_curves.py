@@ -7,6 +7,7 @@ from commands import run
 from logged import Events
 
 from contactlearn.report.sweep_curves import FOLDER, SweepCurves, growing_curves
+from contactlearn.report.tensorboard import shown_as
 from contactlearn.results.state import DONE
 
 SMALL = ("data.size=80", "train.repetitions=2", "bootstrap=20", "model=analytical", "law=whittaker")
@@ -34,7 +35,9 @@ def jobs(sweep):
 def lines(folder):
     """(size, error) of each line in the headline."""
     events = Events(str(folder)).Reload()
-    return {name: [(one.step, one.value) for one in events.Scalars(f"curve_mass_error/{name}")] for name in LINES}
+    return {
+        name: [(one.step, one.value) for one in events.Scalars(shown_as(f"curve_mass_error/{name}"))] for name in LINES
+    }
 
 
 def test_a_line_is_the_mean_over_seeds_at_every_size(sweep, jobs):
@@ -59,7 +62,7 @@ def test_lines_grow_as_jobs_end_in_any_order(sweep, jobs, tmp_path):
             waiting[key].rename(jobs[key] / DONE)
             curves.update()
             shown = shown or Events(str(tmp_path / FOLDER))
-            assert [one.step for one in shown.Reload().Scalars("curve_mass_error/whittaker")] == expected
+            assert [one.step for one in shown.Reload().Scalars(shown_as("curve_mass_error/whittaker"))] == expected
         curves.close()
     finally:
         for key, job in jobs.items():
@@ -83,6 +86,6 @@ def test_swept_settings_name_lines_of_one_model(sweep, jobs, tmp_path):
     with growing_curves(tmp_path, lambda: settings):
         pass
     tags = Events(str(tmp_path / FOLDER)).Reload().Tags()["scalars"]
-    assert {tag.partition("/")[2] for tag in tags if tag.startswith("curve_mass")} == {
-        "whittaker, variant=0", "whittaker, variant=1", "best_post_hoc", "irb",
+    assert {tag.partition("/")[2] for tag in tags if not tag.endswith(" end")} == {
+        "Whittaker, variant=0", "Whittaker, variant=1", "Best Post Hoc", "IRB bound",
     }  # fmt: skip

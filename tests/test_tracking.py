@@ -28,8 +28,10 @@ from contactlearn.inference.learning.recipe import Recipe, learn
 from contactlearn.laws import find
 from contactlearn.mechanics.features import SPACES
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.tensorboard import Tracker, ends
-from contactlearn.report.text.names import base_label, rung_label
+from contactlearn.report.figures import quality
+from contactlearn.report.figures.style import save
+from contactlearn.report.tensorboard import SUMMARY, Tracker, ends, shown_as
+from contactlearn.report.text.names import FLOORS, base_label, rung_label
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import process_estimates
 from contactlearn.simulation import hidden_effects, synthetic
@@ -40,7 +42,7 @@ with warnings.catch_warnings():  # the copy of html5lib in TensorBoard warns of 
     from tensorboard.plugins.custom_scalar.custom_scalars_plugin import CustomScalarsPlugin
 
 HOSTILE = "a|b <img src=x onerror=alert(1)> *c* [d](javascript:e) `f`\n# g &amp; h_i_j ~~k~~ \\| {{l}}"
-HELD_OUT = "Held-out error against the number of training impacts"
+HELD_OUT = "Learning curves: held-out mass error against the number of training impacts"
 COMMANDS = {
     "train": ("train.py", *TRAIN, "effect=[surface_tilt]"),
     "learned": ("train.py", *TRAIN, "model=x1_wrench"),
@@ -86,13 +88,14 @@ def merged(folder):
 
 
 def card(events):
-    """Rows of the card as TensorBoard shows them, each a list of cells without markup."""
-    (event,) = events.Tensors("run_card/text_summary")
+    """Statements and rows of the card as TensorBoard shows them, each a list of parts without markup."""
+    (event,) = events.Tensors(SUMMARY)
     shown = markdown_to_safe_html(event.tensor_proto.string_val[0].decode())
-    rows = [
+    rows = [list(pair) for pair in re.findall(r"<p><strong>(.*?):</strong> (.*?)</p>", shown)]
+    rows += [
         re.findall(r"<t[hd]>(.*?)</t[hd]>", row, re.DOTALL) for row in re.findall(r"<tr>(.*?)</tr>", shown, re.DOTALL)
     ]
-    assert not re.search(r"<(?!/?(table|thead|tbody|tr|th|td|p)>)", shown)
+    assert not re.search(r"<(?!/?(table|thead|tbody|tr|th|td|p|strong)>)", shown)
     return [[html.unescape(cell) for cell in row] for row in rows]
 
 
@@ -105,16 +108,43 @@ def runs(tmp_path_factory):
     return folder, {name: read(folder / name) for name in COMMANDS}
 
 
-def test_scalars_have_their_description(tmp_path, caplog):
+def test_what_is_shown_has_a_heading_and_a_description(tmp_path, caplog):
     """And TensorBoard finds none of them odd."""
+    figure = quality.calibration_curve({"x1_wrench": (torch.ones(1), torch.ones(1))})
+    (png, _), drops = save(figure, tmp_path / "figures", "effect_side_drag"), synthetic.load(20)
     with Tracker(tmp_path, 40) as tracker:
-        tracker.scalars({"mass_error/model": 0.5}, names={"mass_error/model": "Error"})
-    events = read(tmp_path)
-    about = events.SummaryMetadata("mass_error/model")
-    assert (about.plugin_data.plugin_name, about.display_name) == ("scalars", "Error")
-    assert about.summary_description.startswith("Held-out error of this run's model")
-    assert events.Tags()["scalars"] == ["mass_error/model"]
+        tracker.scalars({"mass_error/model": Interval(0.5, 0.4, 0.6)})
+        tracker.figure("figures/effect_side_drag", png.read_bytes())
+        tracker.histogram("residuals/v_x", drops.v_post[:, 0])
+        tracker.card({"Verdict": "nothing is missing"}, [])
+    found = EventMultiplexer().AddRun(str(tmp_path), "run").Reload()
+    told = {
+        "HParams/Mass error of the model": ("Mass error of the model", "One number of this run"),
+        "HParams/Mass error of the model, low end": ("Mass error of the model, low end", "The 95 % interval"),
+        "Figures/Effect: side drag": ("Effect: side drag", "What the effect explains"),
+        "Residuals/v_x": ("v_x", "Measured minus predicted"),
+        SUMMARY: (SUMMARY, "What was run and found"),
+    }
+    for tag, (name, start) in told.items():
+        about = found.SummaryMetadata("run", tag)
+        assert (about.display_name, about.summary_description.startswith(start)) == (name, True), tag
     assert "not associated with a plugin" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("tag", "heading"),
+    [
+        ("curve_mass_error/x1_wrench", "Learning curves/X1 → wrench"),
+        ("curve_mass_error/wang_mason, law=wang_mason", "Learning curves/Wang–Mason, law=wang_mason"),
+        ("interval/curve_euclidean_error/irb/high", "Learning curves/IRB bound, high end"),
+        ("transfer_mass_error/rod/x1_wrench/prior", "Transfer to other bodies/rod/X1 → wrench/prior"),
+        ("figures/patch_curve", "Figures/IRB bound by width of the contact patch"),
+        ("figures/effect_velocity_dependent_restitution_power", "Figures/Effect: velocity-dependent restitution power"),
+        ("of an own class", "of an own class"),
+    ],
+)
+def test_a_tag_is_shown_in_words(tag, heading):
+    assert shown_as(tag) == heading
 
 
 def test_a_mean_and_the_ends_of_its_interval(tmp_path):
@@ -126,12 +156,12 @@ def test_a_mean_and_the_ends_of_its_interval(tmp_path):
     seen = {tag: [(event.step, event.value) for event in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
     assert seen == {
         "error/a": [(40, 0.5), (80, 0.25)],
-        "interval/error/a/low": [(40, 0.25), (80, 0.125)],
-        "interval/error/a/high": [(40, 1.0), (80, 0.5)],
+        "error/a, low end": [(40, 0.25), (80, 0.125)],
+        "error/a, high end": [(40, 1.0), (80, 0.5)],
         "share/a": [(40, 0.125)],
-        "ladder": [(0, 2.0)] * 12 + [(1, 1.5)] * 12,  # which smoothing does not bend
-        "interval/ladder/low": [(0, 1.0)] * 12,
-        "interval/ladder/high": [(0, 3.0)] * 12,
+        "ladder": [(0, 2.0), (1, 1.5)],
+        "ladder, low end": [(0, 1.0)],
+        "ladder, high end": [(0, 3.0)],
     }
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert [(line["trained_on"], line.get("rung")) for line in lines] == [(40, None), (80, None), (40, 0), (40, 1)]
@@ -165,15 +195,15 @@ def test_a_training_is_logged_round_by_round(runs):
     assert {"fit/noise/τ", "fit/length_scale/τ/v_n"} <= {*lines[-1]}
     for tag in ("fit/loss", "fit/mass_error", "fit/negative_log_density"):
         logged = [(one["round"], one[tag]) for one in rounds if tag in one]
-        seen = [(event.step, event.value) for event in events.Scalars(tag)]
+        seen = [(event.step, event.value) for event in events.Scalars(shown_as(tag))]
         assert seen == [(step, torch.tensor(value, dtype=torch.float32).item()) for step, value in logged], tag
-    steps = [event.step for event in events.Scalars("fit/loss")]
-    scored = [event.step for event in events.Scalars("fit/mass_error")]
+    steps = [event.step for event in events.Scalars(shown_as("fit/loss"))]
+    scored = [event.step for event in events.Scalars(shown_as("fit/mass_error"))]
     assert steps == list(range(1, len(steps) + 1))
     assert scored == [*(k for k in (1, 2, 4, 8, 16) if k < len(steps)), len(steps)]
     error = results["errors"]["x1_wrench"]["mass_error"]["mean"]
-    assert events.Scalars("fit/mass_error")[-1].value == pytest.approx(error, rel=1e-6)
-    assert len(events.Scalars("fit/loss")) > 3
+    assert events.Scalars(shown_as("fit/mass_error"))[-1].value == pytest.approx(error, rel=1e-6)
+    assert len(events.Scalars(shown_as("fit/loss"))) > 3
 
 
 def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monkeypatch):
@@ -183,7 +213,7 @@ def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monke
     monkeypatch.setattr(curves, "learning_study", killed)
     run("evaluate.py", *SMALL[:5], "model=[x1_wrench]", f"hydra.run.dir={tmp_path}", status=130)
     logged = read(tmp_path)
-    assert {"mass_error/model", "mass_error/irb"} <= {*logged.Tags()["scalars"]}
+    assert {*map(shown_as, ("mass_error/model", "mass_error/irb"))} <= {*logged.Tags()["scalars"]}
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     tags = {tag for line in lines for tag in json.loads(line)}
     assert {"mass_error/whittaker", "back_spin/whittaker", "parameters/whittaker/mu"} <= tags
@@ -219,7 +249,7 @@ def test_hyperparameters_keep_their_kinds(tmp_path):
 
 def test_a_card_holds_names_and_no_markup(tmp_path):
     with Tracker(tmp_path, 1) as tracker:
-        tracker.card([[("Run", HOSTILE), (HOSTILE, "x")], [("Model", "Mean"), ("wang_mason + a_b", "0.5")]])
+        tracker.card({"Run": HOSTILE, HOSTILE: "x"}, [[("Model", "Mean"), ("wang_mason + a_b", "0.5")]])
     name = " ".join(HOSTILE.split())
     assert card(read(tmp_path)) == [["Run", name], [name, "x"], ["Model", "Mean"], ["wang_mason + a_b", "0.5"]]
 
@@ -227,7 +257,7 @@ def test_a_card_holds_names_and_no_markup(tmp_path):
 def test_charts_of_all_runs_are_kept(tmp_path):
     """TensorBoard merges layouts, and loses charts under a category that the first run lacks."""
     for name in "abcd":
-        with Tracker(tmp_path / name, 1, {"shared": {"all": ["error/"], name: f"error/{name}"}}) as tracker:
+        with Tracker(tmp_path / name, 1, {"shared": {"all": "error/", name: [f"error/{name}"]}}) as tracker:
             tracker.scalars({})
     assert merged(tmp_path) == {"shared": ["all", *"abcd"]}
 
@@ -242,7 +272,7 @@ def test_every_run_has_the_same_hyperparameters_and_metrics(runs):
     assert len({tuple(tags) for tags in metrics.values()}) == 1
     for name, found in events.items():
         if name != "transfer":  # which has no error of one model
-            shown = {tag for tag in metrics[name] if "mass_error" in tag}  # the others are those of another norm
+            shown = {tag for tag in metrics[name] if "Mass error" in tag}  # the others are those of another norm
             assert shown <= set(found.Tags()["scalars"]), name
         offered = [(info.name, str(info.domain_discrete)) for info in hparams(found, "experiment").hparam_infos]
         assert offered == [
@@ -279,7 +309,7 @@ def test_the_metric_is_the_error_of_the_runs_model(runs, name, model, size):
     folder, events = runs
     entry = json.loads((folder / name / "results.json").read_text())["errors"][model]["mass_error"]
     for tag, key in zip(("mass_error/model", *ends("mass_error/model")), ("mean", "low", "high"), strict=True):
-        (event,) = events[name].Scalars(tag)
+        (event,) = events[name].Scalars(shown_as(tag))
         assert (event.step, event.value) == (size, torch.tensor(entry[key], dtype=torch.float32).item())
 
 
@@ -287,20 +317,16 @@ def test_a_run_has_few_tags_and_says_what_they_are(runs):
     for name, events in runs[1].items():
         tags = [tag for kind in ("scalars", "images", "histograms") for tag in events.Tags()[kind]]
         assert len(tags) <= 30, (name, tags)
-        told = {tag: events.SummaryMetadata(tag).summary_description for tag in events.Tags()["scalars"]}
-        assert all(told.values()), name
-        for tag in told:
-            of_value = (f"{end} end of the 95 % interval of {tag}." for end in ("Lower", "Upper"))
-            assert all(told.get(end, text) == text for end, text in zip(ends(tag), of_value, strict=True))
+        assert all(events.SummaryMetadata(tag).summary_description for tag in events.Tags()["scalars"]), name
 
 
 def test_learning_curves_have_the_bounds_beside_them(runs):
     folder, events = runs
     results = json.loads((folder / "evaluate" / "results.json").read_text())
     charts = layout(events["evaluate"])[HELD_OUT]
-    (pattern,) = charts["Learned models, Best Post Hoc and IRB bound: mass error"].multiline.tag
-    tags = {tag for tag in events["evaluate"].Tags()["scalars"] if re.match(pattern, tag)}
-    assert tags == {f"curve_mass_error/{name}" for name in ("best_post_hoc", "irb", "x1_wrench")}
+    drawn = {series.value for series in charts["Learned models, Best Post Hoc and IRB bound"].margin.series}
+    tags = drawn & {*events["evaluate"].Tags()["scalars"]}
+    assert tags == {shown_as(f"curve_mass_error/{name}") for name in ("best_post_hoc", "irb", "x1_wrench")}
     for tag in tags:
         assert sorted({event.step for event in events["evaluate"].Scalars(tag)}) == [10, 20]
     (curve,) = [curve for name, curve in results["learning_curves"].items() if name == "x1_wrench"]
@@ -319,26 +345,26 @@ def test_learning_curves_have_the_bounds_beside_them(runs):
     level = results["errors"]["irb"]["mass_error"]["mean"]
     for name, line in {"best_post_hoc": best, "irb": [level, level]}.items():
         assert logged(f"curve_mass_error/{name}") == pytest.approx(line)
-    # Margin charts name tags that are there, with the mean inside; lines match something.
+    # Charts name tags that are there, with the mean inside; lines match something.
     for name, found in events.items():
         tags, charts = found.Tags()["scalars"], [chart for part in layout(found).values() for chart in part.values()]
-        assert HELD_OUT in layout(found)
         for chart in charts:
-            for series in chart.margin.series:
-                for low, mean, high in zip(
-                    *map(found.Scalars, (series.lower, series.value, series.upper)), strict=True
-                ):
+            series = [one for one in chart.margin.series if one.value in tags]
+            assert series or chart.multiline.tag, (name, chart.title)
+            for one in series:
+                for low, mean, high in zip(*map(found.Scalars, (one.lower, one.value, one.upper)), strict=True):
                     assert low.value <= mean.value <= high.value
                     assert low.step == mean.step == high.step
             for pattern in chart.multiline.tag:
-                assert name == "transfer" or any(re.match(pattern, tag) for tag in tags), (name, pattern)
+                assert any(re.match(pattern, tag) for tag in tags), (name, pattern)
     titles = {name: [title for part in layout(found).values() for title in part] for name, found in events.items()}
     shown = merged(folder)
     assert {title for part in shown.values() for title in part} == {title for part in titles.values() for title in part}
     assert list(shown) == [
         "Ladder of a diagnosis",  # of the first run
         HELD_OUT,
-        "Transfer to other bodies, against their training impacts",
+        "Rounds of training: mass error",
+        "Transfer to other bodies: held-out mass error against their training impacts",
     ]
 
 
@@ -346,13 +372,16 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     folder, events = runs
     result, events = diagnosed(folder), events["diagnose"]
     found = result.diagnosis
-    ladder = [rung.error.mean for rung in found.ladder]
-    rungs = {event.step: event.value for event in events.Scalars("ladder/mass_error")}
+    ladder, floor = ([rung.error.mean for rung in found.ladder if (rung.kind in FLOORS) is of] for of in (False, True))
+    rungs = {event.step: event.value for event in events.Scalars(shown_as("ladder/mass_error"))}
     assert rungs == dict(enumerate(torch.tensor(ladder).tolist()))
-    (series,) = next(iter(layout(events)["Ladder of a diagnosis"].values())).margin.series
-    assert series.value == "ladder/mass_error"
-    assert events.Scalars("mass_error/model")[0].value == torch.tensor(ladder[len(found.missing)]).item()
-    assert "figures/ladder" in events.Tags()["images"]
+    noise = [event.value for event in events.Scalars(shown_as("floor/mass_error"))]
+    assert noise == torch.tensor(floor[:1] * len(ladder)).tolist()
+    series = next(iter(layout(events)["Ladder of a diagnosis"].values())).margin.series
+    assert [one.value for one in series] == [shown_as(f"{kind}/mass_error") for kind in ("ladder", "floor")]
+    model = events.Scalars(shown_as("mass_error/model"))
+    assert model[0].value == torch.tensor(ladder[len(found.missing)]).item()
+    assert shown_as("figures/ladder") in events.Tags()["images"]
     assert next(iter(layout(events))) == "Ladder of a diagnosis"  # the headline first
     rows = card(events)
     assert "missing from the Wang–Mason law" in dict(row[:2] for row in rows)["Verdict"]
@@ -370,15 +399,6 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     monkeypatch.setattr(robust, "search", None)
     assert main(["report", str(folder)]) == 0
     assert (folder / "report.html").read_bytes() == drawn
-
-
-def test_a_scalar_is_shown_by_its_name(tmp_path):
-    """As TensorBoard's own server reads it."""
-    with Tracker(tmp_path, 1) as tracker:
-        tracker.scalars({"floor/scatter": Interval(2.0, 1.0, 3.0), "law": 1.0}, names={"floor/scatter": "Both"})
-    found = EventMultiplexer().AddRun(str(tmp_path), "run").Reload()
-    names = {tag: found.SummaryMetadata("run", tag).display_name for tag in ("floor/scatter", "law")}
-    assert names == {"floor/scatter": "Both", "law": "law"}
 
 
 def test_cards_tell_what_was_run_and_found(runs):
@@ -412,7 +432,7 @@ def test_a_diagnosis_of_no_impacts_is_a_run_too(tmp_path, runs):
     assert "inconsistent" in dict(row[:2] for row in card(events))["Verdict"]
     assert values(events).keys() == values(runs[1]["train"]).keys()
     assert values(events)["law"] == "none"
-    assert "ladder/mass_error" not in events.Tags()["scalars"]
+    assert shown_as("ladder/mass_error") not in events.Tags()["scalars"]
 
 
 def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there(tmp_path):
@@ -427,5 +447,5 @@ def test_points_of_learning_curves_are_logged_in_order_as_soon_as_they_are_there
             tracker(event)
     assert [(one.model, one.trained_on) for one in seen] == [("a", 10), ("a", 20), ("a", 30), ("b", 10), ("b", 20)]
     assert len({one.errors["mass_error"] for one in seen}) == 1  # the same resamples
-    steps = [event.step for event in Events(str(tmp_path)).Reload().Scalars("curve_mass_error/a")]
+    steps = [event.step for event in Events(str(tmp_path)).Reload().Scalars(shown_as("curve_mass_error/a"))]
     assert sorted({*steps}) == [10, 20, 30]

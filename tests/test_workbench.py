@@ -1,6 +1,7 @@
 """The workbench without a browser: addresses, lines, caches, models, commands, background and saved runs."""
 
 import base64
+import contextlib
 import gzip
 import io
 import re
@@ -436,8 +437,10 @@ def test_a_diagnosis_runs_in_the_background_and_its_model_is_taken_over(drops, m
         assert (tmp_path / "outputs" / listed.name / file).exists()
     words = content.rig_words(models.split(session).impacts)
     assert re.fullmatch(r"rig\.x=\[.*\] rig\.theta=\[.*\] rig\.omega=\[.*\] rig\.height=\[.*\]", words)
-    (text, link) = FileCallbacks(models, saved).plan(1, words, name)
+    with contextlib.chdir(tmp_path):
+        (text, link) = FileCallbacks(models, saved).plan(1, words, name)
     assert "20 drops for" in text.children
+    assert f"drops: {Path('outputs', 'plans', name, 'plan.csv')}\n" in text.children
     assert (tmp_path / "outputs" / "plans" / name / "plan.csv").exists()
     assert link.children.href == f"/runs/plans/{name}/plan.html"
     saved.compare([listed.name])

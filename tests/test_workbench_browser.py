@@ -182,6 +182,15 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('hints').hidden")
 
 
+def test_a_ticked_effect_is_in_the_model_at_once(browser, served):
+    """Its row shows no error that was predicted for another model, however long the new ones take."""
+    opened(browser, served + MYSTERY)
+    row = "[...document.querySelectorAll('#missing label')].filter(x => x.textContent.startsWith('sampling delay'))[0]"
+    until(browser, f"{row}?.innerText.includes('%')")
+    shown = browser.execute_script(f"const x = {row}; x.querySelector('input').click(); return x.innerText")
+    assert shown.split("\n")[-1] == "in the model"
+
+
 def test_random_clicks_do_no_harm(browser, served):
     opened(browser, served + MYSTERY).set_script_timeout(280)
     assert browser.execute_async_script(_CLICKS, 25) == 25

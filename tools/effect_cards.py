@@ -1,6 +1,6 @@
-"""The tables of formulas, parameters and sources on the cards of docs/effects.md, from the classes of the effects.
+"""Headings, and tables of formulas, parameters and sources, on the cards of docs/effects.md, from the classes.
 
-    python tools/effect_cards.py    writes them into the page, below `<!-- forms of NAME -->`
+    python tools/effect_cards.py    writes them into the page, about `<a id="NAME">` and below `<!-- forms of NAME -->`
 
 They stand in the page itself, so that they are read wherever it is: on the site, on GitHub and in an editor.
 """
@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from contactlearn.effects import Effect, catalogue
+from contactlearn.report.text.names import capitalize_first, label
 
 PAGE = Path(__file__).parent.parent / "docs" / "effects.md"
+HEADING = re.compile(r'^#### .*(?=\n\n<a id="(\w+)"></a>`\1`$)', re.MULTILINE)
 TABLE = re.compile(r"(<!-- forms of (\w+) -->\n\n)(?:\|.*?\n\n<!-- end -->\n\n)?", re.DOTALL)
 
 
@@ -32,8 +34,9 @@ def forms_of(kinds: Sequence[type[Effect]]) -> str:
 
 
 def renewed(text: str) -> str:
-    """The text of the page with the tables of the classes as they are."""
+    """The text of the page with the names and tables of the classes as they are."""
     families = catalogue()
+    text = HEADING.sub(lambda found: f"#### {capitalize_first(label(found[1]))}", text)
     return TABLE.sub(lambda found: f"{found[1]}{forms_of(families[found[2]])}\n\n<!-- end -->\n\n", text)
 
 

@@ -111,6 +111,8 @@ TRIAL = """
 const head = document.getElementById('trial-status'), above = document.getElementById('bar').offsetHeight + 20;
 scrollTo({top: head.getBoundingClientRect().top + scrollY - above, behavior: 'instant'});
 """
+ESTIMATED = "[...document.querySelectorAll('#missing label:has(input:checked) .value')].every(x => !x.textContent)"
+"""The errors beside the effects are those of the model that is ticked."""
 FLOOR = "document.querySelector('#floor .noise')"
 
 
@@ -128,6 +130,7 @@ def loop(browser):
             before = browser.execute_script("return document.getElementById('summary').textContent")
             browser.execute_script("arguments[0].click()", box)
             until(browser, f"document.getElementById('summary').textContent !== {before!r}")
+            until(browser, ESTIMATED)
             time.sleep(3)  # the figures are drawn again
             browser.execute_script(ABOVE)
             time.sleep(0.5)

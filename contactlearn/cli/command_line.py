@@ -28,6 +28,7 @@ _FLAGS = (
     ("--resolve",),
 )  # fmt: skip
 _TAKING = ("--cfg", "-c"), ("--package", "-p"), ("--config-name", "-cn"), ("--info", "-i")
+_MISTYPED_FLAG = 0.7  # similarity to a flag, from which on a word is taken for it: --data is no --package
 _INFO = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 
 
@@ -81,7 +82,9 @@ def parse_command_line(given: Sequence[str]) -> CommandLine:
     unknown = next((word for word in words if word.startswith("-")), None)
     if unknown is not None:
         known = [name for action in parser._actions for name in action.option_strings if name.startswith("--")]
-        raise ContactLearnError(f"unknown flag {unknown!r}{suggest(unknown, known)}; settings are written key=value")
+        key, _, value = unknown.lstrip("-").partition("=")
+        near = suggest(unknown, known, _MISTYPED_FLAG) or f"; settings are written {key}={value or 'VALUE'}"
+        raise ContactLearnError(f"unknown flag {unknown!r}{near}")
     if options.experimental_rerun is not None:
         raise ContactLearnError(
             "--experimental-rerun would unpickle a file, which can run anything; overrides.yaml in the folder .hydra "

@@ -255,7 +255,9 @@ def check_choices(words: list[str], command: str) -> None:
             raise ContactLearnError(f"{word} has no value; {group}=… takes one of {', '.join(choices(group))}")
         if group not in groups(command) or "(" in choice:  # a setting, or a function of Hydra's
             continue
-        for name in re.findall(r"\w+", choice):
+        if group == "data" and re.search(r"[/\\]|\.\w+$", choice):
+            raise ContactLearnError(f"{word}: data=NAME takes a name and no path; {_named_data(Path(choice))}")
+        for name in re.findall(r"[\w-]+", choice):
             if name != "null" and name not in choices(group):
                 absent = group == "data" and not suggest(name, choices(group), _MISTYPED)
                 wanted = f"`contactlearn init FILE --name {name}` writes it"
@@ -265,6 +267,14 @@ def check_choices(words: list[str], command: str) -> None:
             if group == "experiment" and name not in ("null", *experiments(command)):
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")
+
+
+def _named_data(path: Path) -> str:
+    """How a file that was given as data is used."""
+    if path.suffix in (".yaml", ".yml"):
+        there = "" if path.parent == Path() else f"in the folder {path.parent} "
+        return f"it reads NAME.yaml of the folder in which the command runs: {there}say data={path.stem}"
+    return f"say data=table data.path={path}, or write its settings with `contactlearn init {path} --name NAME`"
 
 
 def without_hydra(cfg: DictConfig, *others: str) -> DictConfig:

@@ -729,7 +729,7 @@ class PlanSettings(_Decoded, frozen=True):
     body: Annotated[Specimen | None, _body]
     goal: Literal["names", "parameters", "prediction"]
     count: _Whole
-    budget: _Whole
+    budget: Annotated[_Whole | None, Meta(description="a whole number, 1 or more, or null")]
     after: str | None
     seed: _Seed
     data: Annotated[SourceSettings | None, _source_or_none]

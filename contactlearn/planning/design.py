@@ -72,6 +72,7 @@ _TRIES = 10  # to find settings of which every realisation approaches
 _NATS = 1e-3  # below which a drop tells nothing of the names in question
 _BATCHES = 8  # of the forecast
 _MEASURED = 500  # impacts about which the space is filled
+_BUDGET, _BEYOND_MEASURED = 400, 100  # impacts in all, and beyond those that were measured before the first plan
 _SAME_CONTACT = 0.02  # relative spread of contact points that are one
 
 
@@ -81,7 +82,7 @@ def plan(
     *,
     goal: Goal | str = Goal.NAMES,
     count: int = 20,
-    budget: int = 400,
+    budget: int | None = None,
     looks: Sequence[Look] = (),
     seed: int = 0,
 ) -> Plan:
@@ -92,7 +93,8 @@ def plan(
         rig: limits of the apparatus.
         goal: what the drops are to make known.
         count: number of drops.
-        budget: impacts to measure at most, those that are measured among them.
+        budget: impacts to measure at most, those that are measured among them; by default 400, or 100 beyond those that
+            were measured before the first plan.
         looks: of earlier plans, see `Plan.looks`; they decide when to stop.
         seed: of the settings to choose from.
 
@@ -103,7 +105,7 @@ def plan(
     if goal not in [*Goal]:
         raise ContactLearnError(f"goal must be one of {', '.join(Goal)}, got {goal!r}")
     for name, value in (("count", count), ("budget", budget)):
-        if not is_whole(value, 1):
+        if value is not None and not is_whole(value, 1):
             raise ContactLearnError(f"{name} must be a whole number, 1 or more, got {value!r}")
     with threadpool_limits(1):  # tensors here are small
         return _plan(known, rig, Goal(goal), count, budget, tuple(looks), seed)
@@ -114,7 +116,7 @@ def _plan(
     rig: Rig,
     goal: Goal,
     count: int,
-    budget: int,
+    budget: int | None,
     looks: tuple[Look, ...],
     seed: int,
 ) -> Plan:
@@ -131,6 +133,8 @@ def _plan(
     forecast = _forecast(criteria, belief, goal if diagnosis else None, picked)
     if diagnosis is not None:
         looks = (*looks, Look.of(diagnosis, gain=forecast.gain or 0.0))
+    if budget is None:
+        budget = max(_BUDGET, looks[0].trials + _BEYOND_MEASURED) if looks else _BUDGET
     order = _ordered(rig, settings, picked)
     return Plan(
         goal=goal,

@@ -10,7 +10,7 @@ from threading import Event, Thread
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.inference.evaluation.metrics import METRICS, Interval
-from contactlearn.report.tensorboard import HELD_OUT_CHARTS, METRICS_FILE, Tracker, ends
+from contactlearn.report.tensorboard import CURVES, METRICS_FILE, Tracker, ends
 from contactlearn.results.runs import ComparedRun, common_metric, read_runs
 from contactlearn.results.state import DONE
 from contactlearn.results.types import Evaluation, ModelErrors
@@ -88,8 +88,10 @@ class SweepCurves:
         if self._tracker is None:
             self._folder.mkdir(exist_ok=True)
             metric = common_metric(run for run, _ in self._runs)
-            chart = {f"Sweep over train.size, with both bounds: {METRICS[metric].name}": [f"curve_{metric}/"]}
-            self._tracker = Tracker(self._folder, 0, {HELD_OUT_CHARTS: chart}, continued=bool(self._logged))
+            category = f"Sweep over train.size: held-out {METRICS[metric].name}"
+            charts = {category: {"Each model, and both bounds": f"{CURVES}/"}}
+            shown = rf"(interval/)?curve_{metric}/.+"
+            self._tracker = Tracker(self._folder, 0, charts, continued=bool(self._logged), shown=shown)
         if changed or any(size < latest.get(tag, 0) for tag, size in new):
             self._tracker.begin_again()
             new = current

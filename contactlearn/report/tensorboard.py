@@ -5,6 +5,7 @@ It grows with the run: every value is on disk as soon as it is logged, so that a
 The x axis of a scalar is the number of training impacts, so that the runs of a sweep over sizes
 lie along a learning curve; of `fit/…` it is the round of a training.  Of a value with a 95 % interval the mean has the
 tag itself, `TAG`, and the ends have `interval/TAG/low` and `interval/TAG/high`, which margin charts are drawn from.
+These are the tags of metrics.jsonl.  TensorBoard, whose first page has tags for headings, gets those of `shown_as`.
 
 Hyperparameters go into the run's one event file, and booleans as booleans: TensorBoard's `add_hparams` would make
 a stray run of its own, and numbers of them.
@@ -28,10 +29,13 @@ from jaxtyping import Float
 from tensorboard.compat.proto import event_pb2
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.compat.proto.tensor_pb2 import TensorProto
-from tensorboard.compat.proto.types_pb2 import DT_FLOAT
+from tensorboard.compat.proto.types_pb2 import DT_FLOAT, DT_STRING
+from tensorboard.plugins.custom_scalar import metadata as custom_scalar
+from tensorboard.plugins.custom_scalar.layout_pb2 import Chart, Layout, MultilineChartContent
 from tensorboard.plugins.hparams import api_pb2, metadata
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData, SessionEndInfo, SessionStartInfo
 from tensorboard.plugins.scalar import metadata as scalar
+from tensorboard.plugins.text import metadata as text
 from tensorboard.summary.writer.record_writer import RecordWriter
 from torch import Tensor
 from torch.utils.tensorboard import summary
@@ -40,6 +44,7 @@ from contactlearn.core.numerics import Z_95, bin_edges
 from contactlearn.diagnosis.events import EffectsFound, Event, LimitsEstimated
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.learning.events import CurvePoint, RoundScored, TrainingRound
+from contactlearn.report.text.names import capitalize_first, label, model_label
 
 _SHOWN = ("command", "effects", "law", "model", "train_size")
 _KINDS: Mapping[type, tuple[str, int]] = {
@@ -48,38 +53,102 @@ _KINDS: Mapping[type, tuple[str, int]] = {
 }
 _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 _BINS = 30  # of a histogram
-_STEADY = 12  # times that a point of a curve is written: smoothing runs over points, and would bend one of few
 _FILES = itertools.count()
-_DESCRIPTIONS = {
-    r"\w+_error/model": "Held-out error of this run's model against its number of training impacts: lower is better.",
-    r"\w+_error/irb": "Ideal rigid-body bound: no impulse at the measured contact point has a lower held-out error.",
-    r"curve_.*": "Mean held-out error of a learned model, or of a bound, against the number of training impacts.",
-    r"transfer_.*": "Held-out error on another body against the number of its training impacts.",
-    r"ladder/.*": "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text.",
-    r"limits/.*": "Error of the law alone, of Gaussian processes of the full state, and the ideal rigid-body bound.",
-    r"floor/.*": "Error of noise alone: no model of the state comes below it.",
-    r"fit/.*": "One training by its rounds: loss of the fit, and error and log density on held-out trials.",
-    r"interval/(.*)/low": r"Lower end of the 95 % interval of \1.",
-    r"interval/(.*)/high": r"Upper end of the 95 % interval of \1.",
+_SCALARS = scalar.create_summary_metadata("", "")
+ERRORS, CURVES = "Errors", "Learning curves"
+TRAINING, TRANSFER = "Rounds of training", "Transfer to other bodies"
+"""Groups of what TensorBoard shows, which it sorts by name."""
+_ONE_NUMBER = "One number of this run, by which the table under HParams compares runs."
+_HEADINGS = {
+    r"curve_\w+?_error/(.*)": (
+        f"{CURVES}/{{}}",
+        "Mean held-out error of a model, or of a bound, against the number of training impacts.",
+    ),
+    r"transfer_\w+?_error/(.*)": (
+        f"{TRANSFER}/{{}}",
+        "Held-out error on another body against the number of its training impacts.",
+    ),
+    r"ladder/(\w+)_error": (
+        f"{ERRORS}/{{}} error by step",
+        "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text. Here smoothing "
+        "bends it; Custom Scalars draws it as it is.",
+    ),
+    r"floor/\w+_error": (f"{ERRORS}/Noise alone", "Error of noise alone: no model of the state comes below it."),
+    r"fit/(.*)": (f"{TRAINING}/{{}}", "By round of one training: loss, and error and log density on held-out trials."),
+    r"figures/error_comparison.*": (f"{ERRORS}/All models", "Held-out error of each model by trial."),
+    r"figures/ladder": (
+        f"{ERRORS}/Ladder",
+        "Held-out error of the law, with one effect after another, and of noise, with 95 % intervals.",
+    ),
+    r"figures/audit_(.*)": ("Figures/Audit of the data: {}", "Whether the impacts obey the balance of moments."),
+    r"figures/effect_(.*)": ("Figures/Effect: {}", "What the effect explains of the residual: a dot is a trial."),
+    r"figures/(.*)": ("Figures/{}", "As in the run's folder, where the PDF is too."),
+    r"residuals/(.*)": ("Residuals/{}", "Measured minus predicted, on held-out trials, in m/s and rad/s."),
+    r"(\w+)_error/model": ("HParams/{} error of the model", f"{_ONE_NUMBER} Held-out: lower is better."),
+    r"(\w+)_error/irb": (
+        "HParams/{} error of the ideal rigid-body bound",
+        f"{_ONE_NUMBER} No impulse at the measured contact point has a lower held-out error.",
+    ),
+}
+"""What TensorBoard shows a tag as, and its description; `{}` is the group of the pattern in words."""
+_WORDS = {
+    "budget": "Shares of the law's error",
+    "frontier": "Error by number of effects",
+    "regions": "Where the law fails",
+    "residual": "What is left",
+    "scatter": "Scatter of the contact by impact",
+    "scatter_impulses": "Scatter of the contact in impulse space",
+    "training": "Training, and relevance of the features",
+    "patch_curve": "IRB bound by width of the contact patch",
+    "energy_ellipse": "One impact in impulse space",
+    "trial_parameters": "Friction and restitution of each trial",
+    "convergence": "Coefficients by number of trials",
+    "cost_surface": "Error over friction and restitution",
+    "calibration": "Calibration of the predicted 95 % ellipsoids",
+    "calibration_of_trained": "Calibration of the trained models",
 }
 
 Charts = Mapping[str, Mapping[str, str | Sequence[str]]]
 """Tags of the charts of the custom scalars by category and title.
 
-Several tags are lines in one chart, each a regular expression matched from the start; a single one, taken
-literally, is drawn with its interval.  TensorBoard joins the charts of all runs under the categories of the
-first, and loses charts that differ between runs under any other: a category with such charts belongs
-in every run.
+Tags in a list are lines in one chart, which no smoothing bends, with their intervals where those are shown; tags that
+a run lacks are left out.  A string is a regular expression of what TensorBoard shows as lines that it smooths.
+
+TensorBoard joins the charts of all runs under the categories of the first, and loses charts that differ between runs
+under any other: a category has the same charts in every run that has it.
 """
-HELD_OUT_CHARTS = "Held-out error against the number of training impacts"
-"""The category that every run has."""
 METRICS_FILE = "metrics.jsonl"
+SUMMARY = "Summary of the run"
 NO_CHARTS: Charts = MappingProxyType({})
 
 
 def ends(tag: str) -> tuple[str, str]:
     """Return the tags of the low and high end of the interval of a value."""
     return f"interval/{tag}/low", f"interval/{tag}/high"
+
+
+def shown_as(tag: str) -> str:
+    """Return what TensorBoard shows a tag as: Errors by step/Mass error for ladder/mass_error."""
+    return _heading(tag)[0]
+
+
+def _heading(tag: str) -> tuple[str, str]:
+    """What TensorBoard shows a tag as, and its description; a tag that is not known stays as it is."""
+    if end := re.fullmatch(r"interval/(.*)/(low|high)", tag):
+        of, _ = _heading(end[1])
+        return f"{of}, {end[2]} end", f"The 95 % interval of {of} has this {end[2]} end."
+    for pattern, (heading, description) in _HEADINGS.items():
+        if found := re.fullmatch(pattern, tag):
+            words = re.sub(r"[^/, ][^/,]*", _in_words, found[1]) if found.groups() else ""
+            group, _, name = heading.format(words).partition("/")
+            return f"{group}/{capitalize_first(name)}", description
+    return tag, ""
+
+
+def _in_words(part: re.Match[str]) -> str:
+    """A part of a tag as a person writes it; settings, such as law=mirtich, and symbols, such as v_x, are as typed."""
+    name = part[0]
+    return name if "=" in name or name[1:2] == "_" else _WORDS.get(name) or label(model_label(name))
 
 
 class _EventFile:
@@ -134,19 +203,28 @@ class Tracker:
 
     @cached_property
     def _file(self) -> _EventFile:
-        layout = {
-            category: {
-                title: ["Margin", [tags, *ends(tags)]] if isinstance(tags, str) else ["Multiline", list(tags)]
-                for title, tags in charts.items()
-            }
-            for category, charts in self._charts.items()
-        }
         file = _EventFile(self._folder)
         if not self._continued:
             file.begin()
             (self._folder / METRICS_FILE).unlink(missing_ok=True)
-        file.write(event_pb2.Event(summary=summary.custom_scalars(layout)))
+        layout = Layout()
+        for category, charts in self._charts.items():
+            drawn = [self._chart(title, tags) for title, tags in charts.items()]
+            layout.category.add(title=category, chart=drawn)
+        content = TensorProto(dtype=DT_STRING, string_val=[layout.SerializeToString()])
+        value = Summary.Value(tag=custom_scalar.CONFIG_SUMMARY_TAG, tensor=content)
+        value.metadata.plugin_data.plugin_name = custom_scalar.PLUGIN_NAME
+        file.write(event_pb2.Event(summary=Summary(value=[value])))
         return file
+
+    def _chart(self, title: str, tags: str | Sequence[str]) -> Chart:
+        if isinstance(tags, str):
+            return Chart(title=title, multiline=MultilineChartContent(tag=[tags]))
+        chart = Chart(title=title)
+        for tag in tags:  # a margin of no width where no interval is shown: lines of the other kind are smoothed
+            low, high = (end if self._shown.fullmatch(end) else tag for end in ends(tag))
+            chart.margin.series.add(value=shown_as(tag), lower=shown_as(low), upper=shown_as(high))
+        return chart
 
     def __enter__(self) -> "Tracker":
         return self
@@ -189,7 +267,7 @@ class Tracker:
             if event.coverage is not None and event.negative_log_density is not None:
                 values[f"curve_coverage/{event.model}"] = event.coverage
                 values[f"curve_negative_log_density/{event.model}"] = event.negative_log_density
-            self._log(values, event.trained_on, {"trained_on": event.trained_on}, times=_STEADY)
+            self._log(values, event.trained_on, {"trained_on": event.trained_on})
         elif isinstance(event, LimitsEstimated):
             limits = event.limits
             names = {"law": limits.base, "ceiling": limits.ceiling, "rigid_bound": limits.bound}
@@ -204,39 +282,42 @@ class Tracker:
         self,
         values: Mapping[str, float | Interval],
         trained_on: int | None = None,
-        names: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's.
-
-        TensorBoard shows the tag, or its name where `names` has one.
-        """
+        """Log values by tag, such as `mass_error/whittaker`, at a number of training impacts; by default the run's."""
         step = self._trained_on if trained_on is None else trained_on
-        self._log(values, step, {"trained_on": step}, names)
+        self._log(values, step, {"trained_on": step})
 
     def series(self, tag: str, values: Iterable[float | Interval]) -> None:
         """Log a value for each rung of a ladder; its x axis is the rung."""
         for step, value in enumerate(values):
-            self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step}, times=_STEADY)
+            self._log({tag: value}, step, {"trained_on": self._trained_on, "rung": step})
 
     def histogram(self, tag: str, values: Float[Tensor, "..."], trained_on: int | None = None) -> None:
         """Log the distribution of values; TensorBoard draws those of several numbers of training impacts in a row."""
         step = self._trained_on if trained_on is None else trained_on
         numbers = values.flatten().numpy()
-        self._add(summary.histogram(tag, numbers, bin_edges(numbers, _BINS)), step)
+        drawn = summary.histogram(tag, numbers, bin_edges(numbers, _BINS)).value[0]
+        self._add(Summary(value=[_headed(tag, drawn)]), step)
 
     def figure(self, tag: str, png: bytes) -> None:
         """Log a picture as it is; `add_image` would encode it again, which takes longer than all else."""
         width, height = struct.unpack(">II", png[16:24])
         image = Summary.Image(height=height, width=width, colorspace=4, encoded_image_string=png)
-        self._add(Summary(value=[Summary.Value(tag=tag, image=image)]), self._trained_on)
+        self._add(Summary(value=[_headed(tag, Summary.Value(image=image))]), self._trained_on)
 
-    def card(self, tables: Iterable[Sequence[Sequence[str]]]) -> None:
-        """Log tables as text, the first row of each its header; no cell is taken as markup."""
-        parts = []
+    def card(self, about: Mapping[str, str], tables: Iterable[Sequence[Sequence[str]]]) -> None:
+        """Log statements by name, and tables below them, the first row of each its header; no text is taken as markup.
+
+        A table of the statements would get a column that is too narrow for their names.
+        """
+        parts = ["\n\n".join(f"**{_escaped(name)}:** {_escaped(text)}" for name, text in about.items())]
         for table in tables:
             header, *rows = (f"| {' | '.join(map(_escaped, row))} |" for row in table)
             parts.append("\n".join((header, "|---" * len(table[0]) + "|", *rows)))
-        self._add(summary.text("run_card", "\n\n&nbsp;\n\n".join(parts)), self._trained_on)
+        content = TensorProto(dtype=DT_STRING, string_val=["\n\n&nbsp;\n\n".join(parts).encode()])
+        content.tensor_shape.dim.add().size = 1
+        known = text.create_summary_metadata(SUMMARY, "What was run and found: command, data, equations and errors.")
+        self._add(Summary(value=[Summary.Value(tag=SUMMARY, tensor=content, metadata=known)]), self._trained_on)
 
     def hyperparameters(
         self, values: Mapping[str, bool | float | str], choices: Mapping[str, Sequence[str]], metrics: Mapping[str, str]
@@ -270,16 +351,8 @@ class Tracker:
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
             self._add(Summary(value=[value]), 0)
 
-    def _log(
-        self,
-        values: Mapping[str, float | Interval],
-        step: int,
-        place: Mapping[str, int],
-        names: Mapping[str, str] = MappingProxyType({}),
-        *,
-        times: int = 1,
-    ) -> None:
-        """Log values at a step, several times for TensorBoard; their line in metrics.jsonl begins with its place."""
+    def _log(self, values: Mapping[str, float | Interval], step: int, place: Mapping[str, int]) -> None:
+        """Log values at a step; their line in metrics.jsonl begins with its place."""
         numbers = {}
         for tag, value in values.items():
             if isinstance(value, Interval):
@@ -288,16 +361,12 @@ class Tracker:
             else:
                 numbers[tag] = value
         written = [
-            Summary.Value(
-                tag=tag,
-                tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]),  # TensorBoard forgets the metadata of simple values
-                metadata=scalar.create_summary_metadata(names.get(tag, tag), _description(tag)),
-            )
+            # TensorBoard forgets the metadata of simple values.
+            _headed(tag, Summary.Value(tensor=TensorProto(dtype=DT_FLOAT, float_val=[x]), metadata=_SCALARS))
             for tag, x in numbers.items()
             if self._shown.fullmatch(tag)
         ]
-        for _ in range(times if written else 1):
-            self._add(Summary(value=written), step)
+        self._add(Summary(value=written), step)
         with (self._folder / METRICS_FILE).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps({**place, **numbers}) + "\n")
 
@@ -305,8 +374,11 @@ class Tracker:
         self._file.write(event_pb2.Event(summary=content, step=step))
 
 
-def _description(tag: str) -> str:
-    return next((found.expand(text) for of, text in _DESCRIPTIONS.items() if (found := re.fullmatch(of, tag))), "")
+def _headed(tag: str, value: Summary.Value) -> Summary.Value:
+    """A value as TensorBoard shows it: with its heading and description."""
+    value.tag, value.metadata.summary_description = _heading(tag)
+    value.metadata.display_name = value.tag.rpartition("/")[2]
+    return value
 
 
 def _escaped(text: str) -> str:

@@ -178,7 +178,7 @@ def region_buttons(found: Sequence[Region]) -> list[Component]:
 
 def effect_options(session: Session, gains: Sequence[PredictedGain], present: float) -> list[dict[str, Any]]:
     """Return all effects: those in the model, then by predicted error, then those without a predicted gain."""
-    options = [_effect_option(effect.name, effect_label(effect), "in the model", True) for effect in session.effects]
+    options = [_effect_option(effect.name, effect_label(effect), "", True) for effect in session.effects]
     best = {gain.effect.name: gain for gain in reversed(gains)}  # the best form of each
     for one in sorted(best.values(), key=lambda one: (one.gain <= 0, one.error if one.gain > 0 else 0.0)):
         name = one.effect.name
@@ -201,9 +201,11 @@ def _tooltip(name: str) -> str:
 
 
 def _effect_option(name: str, text: str, value: str, strong: bool) -> dict[str, Any]:
+    """A row: of a ticked effect the page shows that it is in the model, also while other values are estimated."""
     parts = [
         html.Span(text, className="name", title=_tooltip(name)),
         html.Span(value, className="value" if strong else "value faint"),
+        html.Span("in the model", className="ticked"),
     ]
     return {"label": html.Span(parts, className="row"), "value": name}
 

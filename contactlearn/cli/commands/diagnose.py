@@ -27,13 +27,13 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text.names import FLOORS, base_label, capitalize_first, rung_label
+from contactlearn.report.text.names import FLOORS, base_label, rung_label
 from contactlearn.report.text.sentences import headline, names_by_level
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun
 
 _METRIC = "mass_error"  # of every diagnosis
-_LADDER = f"ladder/{_METRIC}"
+_LADDER, _FLOOR = f"ladder/{_METRIC}", f"floor/{_METRIC}"
 
 
 def diagnose(settings: DiagnoseSettings, run: Run) -> None:
@@ -43,7 +43,9 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     impacts = loaded.impacts
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
     charts = {
-        "Ladder of a diagnosis": {"Mass error by step: 0 the law, 1 the first effect, …; named under Text": _LADDER}
+        "Ladder of a diagnosis": {
+            "Held-out error by step (0 the law, 1 the first effect, …: see Text), and of noise alone": [_LADDER, _FLOOR]
+        }
     }
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
         coming = _diagnose(settings, run, impacts, tracker)
@@ -101,15 +103,15 @@ def _record(
 ) -> RunRecord:
     """The ladder as a chart, its law and its model as runs of the other commands log theirs, and the figures."""
     diagnosis, data = result.diagnosis, result.provenance.data
-    scalars, series, names = {}, {}, dict[str, str]()
+    scalars, series = {}, {}
     if diagnosis.budget is not None and diagnosis.law is not None:
         base = f"{_METRIC}/{fitting.augmented_name(diagnosis.law, settings.effects)}"
         errors = diagnosis.budget.base, diagnosis.budget.named, diagnosis.budget.bound
         scalars = dict(zip((base, *record.own_tags(_METRIC)), errors, strict=True))
-        series = {_LADDER: [rung.error for rung in diagnosis.ladder]}
-        floors = {f"floor/{_METRIC}/{rung.kind}": rung for rung in diagnosis.ladder if rung.kind in FLOORS}
-        scalars |= {tag: rung.error for tag, rung in floors.items()}
-        names |= {tag: capitalize_first(FLOORS[rung.kind]) for tag, rung in floors.items()}
+        steps = [rung.error for rung in diagnosis.ladder if rung.kind not in FLOORS]
+        floors = {f"floor/{_METRIC}/{rung.kind}": rung.error for rung in diagnosis.ladder if rung.kind in FLOORS}
+        series = {_LADDER: steps, _FLOOR: [next(iter(floors.values()))] * len(steps)} if floors else {_LADDER: steps}
+        scalars |= floors
         named = [("effect", one) for one in diagnosis.missing] + [("candidate", one) for one in diagnosis.candidates]
         scalars |= {
             f"{kind}/{one.effect.name}/confidence": one.confidence for kind, one in named if one.confidence is not None
@@ -122,7 +124,6 @@ def _record(
         metric=_METRIC,
         scalars=[(data.trials, scalars)] if scalars else [],
         series=series,
-        names=names,
         figures=figures,
         law=diagnosis.law if diagnosis.ladder else None,
         effects=list(dict.fromkeys((*settings.effects, *diagnosis.effects))),

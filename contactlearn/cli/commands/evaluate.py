@@ -57,7 +57,7 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     row = _drawn_row(settings, data)
     size = len(data.pool) if settings.effects else data.train_size
     metric = metrics.headline_metric(settings.bounds.norm)
-    with record.tracker_of(run, size, metric, curves=bool(settings.recipes)) as tracker:
+    with record.tracker_of(run, size, metric, curves=settings.recipes) as tracker:
         result = _evaluate(settings, run, data, row, tracker)
     labels = model_labels(result)
     learnt = phrase("evaluation_headline", labels, result.best, result.differences), best_learned(result)

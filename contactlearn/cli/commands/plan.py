@@ -35,6 +35,7 @@ from contactlearn.planning.rig import ANGLES, Rig, Specimen, settings_of
 from contactlearn.report.figures import style
 from contactlearn.report.figures.plan import plan_figure
 from contactlearn.report.page.plan import PLAN, write_plan_page
+from contactlearn.report.terminal import relative
 from contactlearn.report.text.plan import plan_summary, setting
 from contactlearn.results.folder import read_result
 from contactlearn.results.types import DiagnosisRun
@@ -98,10 +99,10 @@ def write_plan(settings: PlanSettings, run: Path | None, out: Path, *, force: bo
             part.write_text(to_json(chosen), encoding="utf-8")
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    drops = f"drops: {out / _CSV}" + (", if you want to go on all the same" if chosen.stop else "")
-    lines = [*plan_summary(chosen), drops, f"report: {page}"]
+    drops = f"drops: {relative(out / _CSV)}" + (", if you want to go on all the same" if chosen.stop else "")
+    lines = [*plan_summary(chosen), drops, f"report: {relative(page)}"]
     if chosen.stop is None:
-        lines.append(f"next: {_next_command(source, out, data)}")
+        lines.append(f"next: {_next_command(source, relative(out), data)}")
     return "\n".join(lines)
 
 

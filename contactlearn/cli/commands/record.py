@@ -21,8 +21,9 @@ from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.style import save
 from contactlearn.report.page.page import RECORDINGS
 from contactlearn.report.page.recordings import shown_recordings, write_recordings_page
-from contactlearn.report.tensorboard import HELD_OUT_CHARTS, NO_CHARTS, Charts, Tracker, ends
+from contactlearn.report.tensorboard import CURVES, NO_CHARTS, TRAINING, Charts, Tracker, ends, shown_as
 from contactlearn.report.terminal import print_line
+from contactlearn.report.text.names import MODELS
 from contactlearn.report.text.numbers import NO_INTERVAL
 from contactlearn.report.text.tracks import tracks_headline
 from contactlearn.results.types import IRB, JointEstimate, LawEstimate, ModelErrors, Provenance
@@ -53,7 +54,6 @@ class RunRecord:
         equations: models as they print themselves.
         errors: held-out error by model, or by rung of a ladder.
         model: name of the learned model, or analytical.
-        names: by tag of a scalar, for TensorBoard to show.
         series: values by tag, against their number.
         verdict: further lines of the card.
     """
@@ -70,7 +70,6 @@ class RunRecord:
     series: Mapping[str, Sequence[float | Interval]] = field(default_factory=dict)
     verdict: Mapping[str, str] = field(default_factory=dict)
     histograms: Sequence[tuple[int, Mapping[str, Tensor]]] = ()
-    names: Mapping[str, str] = field(default_factory=dict)
 
 
 def own_tags(metric: str) -> tuple[str, str]:
@@ -78,34 +77,46 @@ def own_tags(metric: str) -> tuple[str, str]:
     return f"{metric}/model", f"{metric}/{IRB}"
 
 
-def tracker_of(run: Run, trained_on: int, metric: str, *, curves: bool = False, charts: Charts = NO_CHARTS) -> Tracker:
+def tracker_of(
+    run: Run,
+    trained_on: int,
+    metric: str,
+    *,
+    curves: Iterable[str] = (),
+    training: bool = False,
+    charts: Charts = NO_CHARTS,
+) -> Tracker:
     """Open the record of a run with its charts, before anything is computed.
 
     Args:
         run: whose folder it is written to.
         trained_on: number of training trials of its model.
         metric: by which its models are compared.
-        curves: whether learned models have learning curves.
+        curves: learned models that have learning curves.
+        training: whether one model is trained in rounds.
         charts: further charts by category.
     """
     error, named = metrics.METRICS[metric].name, "|".join(laws.names())
-    chosen: dict[str, str | Sequence[str]] = {
-        f"Each run's model, and the IRB bound: {error}": [f"{tag}$" for tag in own_tags(metric)]
-    }
-    learned = rf"curve_{metric}/(?!({named})$)"
+    chosen = dict(charts)
     if curves:
-        chosen[f"Learned models, Best Post Hoc and IRB bound: {error}"] = [learned]
+        learned = [f"curve_{metric}/{model}" for model in dict.fromkeys((*MODELS, *curves))]
+        chosen[f"{CURVES}: held-out {error} against the number of training impacts"] = {
+            "Learned models, Best Post Hoc and IRB bound": learned
+        }
+    if training:
+        parts = {f"Held-out {error}": [f"fit/{metric}"], "Loss of the fit": ["fit/loss"]}
+        chosen[f"{TRAINING}: {error}"] = parts
     shown = (
-        rf"(interval/)?(\w+_error/model|ladder/{metric})(/low|/high)?|\w+_error/irb|{learned}.+|transfer_{metric}/.+"
-        rf"|fit/(loss|{metric}|negative_log_density)|limits/.+|floor/.+"
+        rf"(interval/)?(\w+_error/model|(ladder|floor)/{metric})(/low|/high)?|\w+_error/irb"
+        rf"|curve_{metric}/(?!({named})$).+|transfer_{metric}/.+|fit/(loss|{metric}|negative_log_density)"
     )
-    return Tracker(run.folder, trained_on, {**charts, HELD_OUT_CHARTS: chosen}, shown=shown)
+    return Tracker(run.folder, trained_on, chosen, shown=shown)
 
 
 def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: RunRecord) -> None:
     """Save the figures, and log what a run shows beside its events."""
     for trained_on, values in record.scalars:
-        tracker.scalars(values, trained_on, record.names)
+        tracker.scalars(values, trained_on)
     for tag, values in record.series.items():
         tracker.series(tag, values)
     for trained_on, distributions in record.histograms:
@@ -186,7 +197,7 @@ def _log_hyperparameters(tracker: Tracker, run: Run, provenance: Provenance, rec
     for metric in map(metrics.headline_metric, NORMS):
         (model, bound), error = own_tags(metric), metrics.METRICS[metric].name
         names = error, f"{error}, low, 95 %", f"{error}, high, 95 %", f"{error}, IRB bound"
-        shown |= zip((model, *ends(model), bound), names, strict=True)
+        shown |= zip(map(shown_as, (model, *ends(model), bound)), names, strict=True)
     tracker.hyperparameters(values, choices, shown)
 
 
@@ -194,8 +205,8 @@ def _log_card(tracker: Tracker, provenance: Provenance, record: RunRecord) -> No
     """Log the command and the data, the models as they print themselves, and the held-out errors."""
     data = provenance.data
     about = {
-        "Command": provenance.command,
         **record.verdict,
+        "Command": provenance.command,
         "Data": f"{data.source}, {data.trials} impacts",
         "SHA-256 of the data": data.sha256,
         "Device": provenance.device,
@@ -208,9 +219,9 @@ def _log_card(tracker: Tracker, provenance: Provenance, record: RunRecord) -> No
         for name, x in record.errors.items()
     ]
     tracker.card(
+        about,
         (
-            [("Run", ""), *about.items()],
             [("Law and effects", "Equation, parameters ± standard errors"), *((name, rest) for name, _, rest in parts)],
             [(f"Held-out {metrics.METRICS[record.metric].axis}", "Mean", "95 % interval"), *rows],
-        )
+        ),
     )

@@ -77,7 +77,8 @@ def train(settings: TrainSettings, run: Run) -> None:
         )
     if settings.start is not None:
         check_start(settings.start, data)
-    with record.tracker_of(run, data.train_size, metrics.headline_metric(settings.bounds.norm)) as tracker:
+    metric = metrics.headline_metric(settings.bounds.norm)
+    with record.tracker_of(run, data.train_size, metric, training=settings.recipe is not None) as tracker:
         result = _train(settings, run, data, tracker)
     terminal.show_end(run.folder, phrase("training_headline", model_labels(result), result))
     if run.data_words:
@@ -197,9 +198,6 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         relevance = {
             output: {name: 1 / known.get(name, math.inf) for name in feature_units(recipe.features, test.space)}
             for output, known in lengths.items()
-        }
-        distributions |= {
-            f"length_scales/{output}": torch.tensor([*known.values()]) for output, known in lengths.items() if known
         }
         distance = metrics.squared_distance(test, prediction)
         drawn |= {

@@ -17,7 +17,7 @@ from contactlearn.models import checkpoint
 from contactlearn.report import terminal
 from contactlearn.report.events import progress
 from contactlearn.report.figures import learning
-from contactlearn.report.tensorboard import Tracker
+from contactlearn.report.tensorboard import TRANSFER, Tracker
 from contactlearn.results import folder
 from contactlearn.results.types import BodyTransfer, Transfer
 
@@ -34,8 +34,8 @@ def transfer(settings: EvaluateSettings, wanted: TransferSettings, run: Run) -> 
     record.save_recordings_page(run.folder, data.tracked)
     loading.show_split(data, str(run.config["device"]), settings.device)
     metric = metrics.headline_metric(settings.bounds.norm)
-    chart = {"Each model from scratch, and with the trained one as prior": [f"transfer_{metric}/"]}
-    charts = {"Transfer to other bodies, against their training impacts": chart}
+    chart = {"Each model from scratch, and with the trained one as prior": f"{TRANSFER}/"}
+    charts = {f"{TRANSFER}: held-out {metrics.METRICS[metric].name} against their training impacts": chart}
     with record.tracker_of(run, data.train_size, metric, charts=charts) as tracker:
         _transfer(settings, wanted, run, data, tracker)
     run.remove_partial_results()

@@ -43,7 +43,15 @@ from contactlearn.report.page.trials import (
     of_outcomes,
     of_trials,
 )
-from contactlearn.report.text.names import base_label, effect_label, label, rung_label, sentence, source_label
+from contactlearn.report.text.names import (
+    base_label,
+    capitalize_first,
+    effect_label,
+    label,
+    rung_label,
+    sentence,
+    source_label,
+)
 from contactlearn.report.text.numbers import counted, share_of_whole
 from contactlearn.report.text.sentences import (
     grounds,
@@ -139,7 +147,7 @@ def of_diagnosis(
 
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
-        "name": label(finding.name),
+        "name": capitalize_first(label(finding.name)),
         "sentence": sentence(finding.sentence),
         "evidence": [
             [label(one.quantity), digits(one.value), "" if one.unit == "–" else one.unit] for one in finding.evidence

@@ -45,7 +45,10 @@ FLOORS = {
 }
 """Rungs below which no model of the state comes, and what the instrument alone leaves."""
 
-_SPELT = {"_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono", "stribeck": "Stribeck"}
+_SPELT = {
+    "com_offset": "centre-of-mass offset", "_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono",
+    "stribeck": "Stribeck",
+}  # fmt: skip
 
 
 def label(name: str) -> str:

@@ -25,7 +25,7 @@ _SHOWN = 6  # possibilities
 _STOPS = {
     Stop.SETTLED: "stop: two diagnoses in a row found the same names",
     Stop.NO_GAIN: "stop: the next drops were expected to tell too little, in two diagnoses in a row",
-    Stop.BUDGET: "stop: the budget is used up",
+    Stop.BUDGET: "stop: the budget is used up: {more} drops beyond the {trials} impacts measured exceed its {budget}",
 }
 
 
@@ -44,7 +44,8 @@ def plan_summary(plan: Plan) -> list[str]:
     ]
     known = question if plan.possibilities else []
     if plan.stop:
-        return [_STOPS[plan.stop], *known]
+        more, trials = len(plan.drops), plan.looks[-1].trials
+        return [_STOPS[plan.stop].format(more=more, trials=trials, budget=plan.budget), *known]
     lines = [f"{len(plan.drops)} drops for {plan.goal if plan.possibilities else 'a first design'}"]
     chosen = [_limits(name, one.low, one.high) for name, one in plan.rig.items() if one.chosen]
     lines += [f"set by the rig: {join_words(chosen)}"]
