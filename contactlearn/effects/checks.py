@@ -138,19 +138,13 @@ def _outputs(place: str, returned: Any) -> dict[str, Float[Tensor, "..."]]:
         return named_outputs(place, returned)
     parts = dict(zip(("rx", "ry", "rz"), returned.r.unbind(-1), strict=False))
     parts |= {"mass": returned.mass, "corner": returned.corner, "tilt": returned.tilt}
-    inertia = returned.inertia[..., None] if returned.space is PLANE else returned.inertia
+    inertia = returned.inertia
     if returned.space is PLANE:
-        parts["theta"] = returned.theta
-    else:  # of the tilt, what is not the identity
-        parts["tilt"] = (
-            None if returned.tilt is None else (returned.tilt - torch.eye(3).to(returned.tilt)).abs().amax((-2, -1))
-        )
-    for name, value in (
-        ("stretch", returned.stretch),
-        ("v_pre", returned.v_pre.unbind(-1)),
-        ("q", returned.q.unbind(-1)),
-        ("inertia", inertia.unbind(-1)),
-    ):
+        parts["theta"], inertia = returned.theta, inertia[..., None]
+    elif returned.tilt is not None:
+        parts["tilt"] = (returned.tilt - torch.eye(3).to(returned.tilt)).abs().amax((-2, -1))  # from the identity
+    vectors = {"v_pre": returned.v_pre, "q": returned.q, "inertia": inertia}
+    for name, value in {"stretch": returned.stretch, **{name: x.unbind(-1) for name, x in vectors.items()}}.items():
         parts |= {f"{name}[{k}]": part for k, part in enumerate(value)}
     return {name: torch.as_tensor(0.0 if value is None else value) for name, value in parts.items()}
 
@@ -208,9 +202,9 @@ def _bad_trials(sentence: str, value: Float[Tensor, "..."], impacts: Impacts) ->
 
 def _lacks_gradient(effect: Effect, k: int, impacts: Impacts) -> bool:
     """Whether an output depends on the k-th parameter, and none of its gradients shows it."""
-    own = effect.parameters[k]
+    p = effect.parameters[k]
     shares = torch.tensor(_SHARES, dtype=torch.float64)[:, None].to(impacts.mass)
-    tried = (own.start + shares * (own.high - own.low)).clamp(own.low, own.high).requires_grad_()
+    tried = (p.start + shares * (p.high - p.low)).clamp(p.low, p.high).requires_grad_()
     others = [torch.full_like(tried, p.start + 0.3 * (p.high - p.start)) for p in effect.parameters]
     with torch.enable_grad():
         changed = _outputs(effect.place, _call(effect.at([*others[:k], tried, *others[k + 1 :]]), impacts)).values()

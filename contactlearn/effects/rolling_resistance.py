@@ -87,7 +87,6 @@ class RollingResistanceInSpace(_ConstantArm, RollingResistance):
 class RollingResistanceCurve(Spline, RollingResistance):
     """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
 
-    form = "curve"
     formula = (
         "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     )

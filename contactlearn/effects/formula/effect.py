@@ -107,7 +107,7 @@ def place_of_outputs(expressions: Mapping[str, str], wanted: str | None = None) 
         UnknownNameError: no such output.
         ContactLearnError: no outputs, outputs of several places, or of another place than the wanted one.
     """
-    place_of = {output: place for space in BOTH for place, own in FORMULA_OUTPUTS[space].items() for output in own}
+    place_of = {output: place for space in BOTH for place, units in FORMULA_OUTPUTS[space].items() for output in units}
     if not isinstance(expressions, Mapping) or not expressions:
         raise ContactLearnError(
             f'a formula needs an output, got {expressions!r}; write such as tau="-c*rx*Pn", for {", ".join(place_of)}'
@@ -220,14 +220,14 @@ class _Formula(Frozen):
 
     def __post_init__(self) -> None:
         read = self.read
-        own = {
+        completed = {
             "expressions": dict(self.expressions),
             "declared": read.declared,
             "current": self.current or tuple(p.start for p in read.parameters),
             "needs_shape": "theta" in self.expressions,  # of this formula alone
             "spaces": read.spaces,
         }
-        for name, value in own.items():
+        for name, value in completed.items():
             object.__setattr__(self, name, value)
 
     @cached_property
