@@ -71,7 +71,7 @@ def diagnose(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
         candidates=candidates,
-        laws={one.name: one for one in laws} | ({law.name: law} if law else {}),
+        laws={each.name: each for each in laws} | ({law.name: law} if law else {}),
         options=FitOptions(noise=options.noise, thresholds=thresholds.fit),
         limits=options.limits,
         thresholds=thresholds,

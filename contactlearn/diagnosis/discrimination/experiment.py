@@ -133,9 +133,8 @@ def parameter_slopes(model: ContactModel, states: Impacts) -> tuple[Float[Tensor
     if model.parameter_covariance is None or not isinstance(law, Law):
         none = torch.zeros(len(states), states.space.D, 0, dtype=torch.float64)
         return none, torch.zeros(0, 0, dtype=torch.float64)
-    values = [law.mu, law.eps, *(value for effect in model.effects.values() for value in effect.values)]
-    theta = torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values])
-    about = linearise(law, model.effects, states, theta, torch.eye(states.space.D, dtype=torch.float64))
+    unit = torch.eye(states.space.D, dtype=torch.float64)
+    about = linearise(law, model.effects, states, torch.stack(model.values), unit)
     return -about.slope, model.parameter_covariance
 
 

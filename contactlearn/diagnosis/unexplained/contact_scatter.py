@@ -78,7 +78,7 @@ def contact_scatter(
             )
         )
     result = ContactScatter(
-        components=tuple(sorted(components, key=lambda one: -one.share)),
+        components=tuple(sorted(components, key=lambda component: -component.share)),
         instrument=tuple(deviation for deviation in scatter.deviations if deviation.name not in scatter.names),
         stated=scatter.stated,
         trials=len(some),
@@ -185,7 +185,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
     known = state_quantities(State.of(impacts))
     past = histories(impacts, scatter.model.base_prediction(impacts))
     earlier = {f"{memory.variable} of earlier impacts": values for memory, values in past.items()}
-    by_name, found = {one.name: one for one in scatter.deviations}, list[Deviations]()
+    by_name, deviations = {deviation.name: deviation for deviation in scatter.deviations}, list[Deviations]()
     for name, (u, error) in scatter.each.items():
         first = next((dependence.variable for dependence in dependences if dependence.component == name), "")
         if first in earlier:
@@ -198,7 +198,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
                 column = u[:, int(u.square().sum(0).argmax())]
                 symbol = max(known, key=lambda key: share_explained(known[key][2], column))
             variable, unit, x = known[symbol]
-        found.append(
+        deviations.append(
             Deviations(
                 component=name,
                 symbol=by_name[name].symbol.removeprefix("σ_"),
@@ -211,4 +211,4 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
                 error=error,
             )
         )
-    return found
+    return deviations
