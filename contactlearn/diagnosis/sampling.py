@@ -387,7 +387,7 @@ def _with_every_object(
         return rows
     order = drawn.argsort(stable=True)
     several = order[1:][drawn[order].diff() == 0]
-    rows[several[torch.linspace(0, len(several) - 1, len(missing)).long()]] = torch.zeros(
-        len(seen), dtype=torch.long
-    ).scatter(0, objects[shuffled], shuffled)[missing]
+    replaced = several[torch.linspace(0, len(several) - 1, len(missing)).long()]
+    trial_of = torch.zeros_like(seen).scatter(0, objects[shuffled], shuffled)  # one of each object, at random
+    rows[replaced] = trial_of[missing]
     return rows

@@ -391,9 +391,7 @@ def compare_effects(
     """Find what else could explain what the effects of the ladder do."""
     selection = search.selection
     rivals = find_rivals(selection, question.thresholds, question.progress("rivals of the effects"))
-    models = {
-        Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
-    }
+    models = {Substitution(e, r.rival.effect): r.fitted.fit.model for e, each in rivals.items() for r in each}
     experiment = None
     if models:
         chosen = selection.present.fit.model

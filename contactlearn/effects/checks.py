@@ -73,10 +73,7 @@ def added(effect: Effect, impacts: Impacts, measured: Impacts) -> dict[str, Floa
     """
     state, *given = _given(effect.place, measured)
     state = State.of(impacts).replace(mu=state.mu, eps=state.eps)
-    without = {"state": state, "law": tuple(given), "wrench": measured.wrench, "velocity": measured.v_post}[
-        effect.place
-    ]
-    before = _outputs(effect.place, without)
+    before = _unchanged(effect.place, (state, *given))
     after = _outputs(effect.place, getattr(effect, effect.place)(state, *given))
     return {name: values - before[name] for name, values in after.items()}
 
@@ -110,10 +107,8 @@ def _given(place: str, impacts: Impacts) -> tuple[Any, ...]:
     """Arguments of the method of a place."""
     middle = torch.full_like(impacts.mass, 0.5)
     state = State.of(impacts).replace(mu=middle, eps=middle)
-    return (
-        state,
-        *{"law": (middle, middle), "wrench": (impacts.wrench,), "velocity": (impacts.v_post,)}.get(place, ()),
-    )
+    further = {"law": (middle, middle), "wrench": (impacts.wrench,), "velocity": (impacts.v_post,)}
+    return state, *further.get(place, ())
 
 
 def _call(effect: Effect, impacts: Impacts) -> Any:
@@ -149,6 +144,11 @@ def _outputs(place: str, returned: Any) -> dict[str, Float[Tensor, "..."]]:
     return {name: torch.as_tensor(0.0 if value is None else value) for name, value in parts.items()}
 
 
+def _unchanged(place: str, given: tuple[Any, ...]) -> dict[str, Float[Tensor, "..."]]:
+    """Quantities by name that a method of a place would return if it changed nothing, from its arguments."""
+    return _outputs(place, given[1:] if place == "law" else given[-1])
+
+
 def _infinite(effect: Effect, impacts: Impacts) -> Iterator[str]:
     """Outputs at the start, or else derivatives in the parameters, that are no finite numbers on some trials."""
     start = torch.tensor([[p.start] for p in effect.parameters], dtype=torch.float64).to(impacts.mass)
@@ -171,7 +171,7 @@ def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: fl
     free = (p.start if share is None else p.low + share * (p.high - p.low) for p in effect.parameters)
     values = [f if p.vanishing is None else p.vanishing for f, p in zip(free, effect.parameters, strict=True)]
     given = _given(effect.place, impacts)
-    before = _outputs(effect.place, given[1:] if effect.place == "law" else given[-1])
+    before = _unchanged(effect.place, given)
     units = outputs(effect.place, impacts.space)
     for output, after in _outputs(effect.place, _call(effect.at(values), impacts)).items():
         change = (after - before[output]).abs()

@@ -8,7 +8,7 @@ from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, altered, columns
 from contactlearn.mechanics.space import SPACE
 
 
@@ -80,8 +80,7 @@ class ContactPatchAfter(_LinearArm, ContactPatch):
     formula = "τ ← τ − k r_x P_n + c P_n"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau + self.arm(state) * P_n)
+        return altered(wrench, 2, self.arm(state) * wrench[..., 1])
 
 
 class ContactPatchAtPoint(_LinearArm, ContactPatch):

@@ -449,10 +449,9 @@ class ByBody(Frozen):
         """The formula, and the object that the others are compared with."""
         if self.objects is None:
             return self.formula
-        count = len(self.objects)
-        return self.formula + (
-            f", {_written(self.objects[0])}" if self._others else f"; undetermined with {count} of them"
-        )
+        if not self._others:
+            return f"{self.formula}; undetermined with {len(self.objects)} of them"
+        return f"{self.formula}, {_written(self.objects[0])}"
 
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; without a value it stays as it is.

@@ -8,7 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect
 from contactlearn.effects.functions import ARM, AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.impulse_path import perturbed_path
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, altered
 
 
 class OrientationDependentMoment(Effect):
@@ -56,8 +56,7 @@ class MomentAfterContact(AroundBody, OrientationDependentMoment):
     formula = "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau + self.change(state.theta) * P_n)
+        return altered(wrench, 2, self.change(state.theta) * wrench[..., 1])
 
 
 class MomentOfBump(SpotOnBody, OrientationDependentMoment):

@@ -80,9 +80,8 @@ def find_rivals(
         for (candidate, collinearity), model in zip(among.items(), models, strict=True):
             fitted = validated(pool, folds, model, scatter)
             gain, error = paired_gain(chosen, fitted)
-            rival = Rival(
-                effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error
-            )
+            similar = collinearity.similarity
+            rival = Rival(effect=candidate, similarity=similar, loss_difference=-gain, standard_error=error)
             if _as_good(chosen, fitted, rival, thresholds):
                 fitted = replace(fitted, fit=pool.polished(model.spec)[0].fit)  # with standard errors
                 rivals.append(FittedRival(rival=rival, fitted=fitted))

@@ -140,12 +140,12 @@ class Pool:
 
     def scores_at(self, tried: Mapping[Spec, Float[Tensor, "c k"]], every: int = 1) -> list[list[float]]:
         """Compute the same of models at several values each, with the mean loss of every so-manyth trial."""
-        models = [(spec, self.effects(spec), values) for spec, values in tried.items()]
-        impacts = self.impacts[::every]
-        return [
-            [self.score(spec, effects, loss) for loss in _losses_at(impacts, self.laws[spec.law], effects, values)]
-            for spec, effects, values in models
-        ]
+        impacts, scores = self.impacts[::every], list[list[float]]()
+        for spec, values in tried.items():
+            effects = self.effects(spec)
+            losses = _losses_at(impacts, self.laws[spec.law], effects, values)
+            scores.append([self.score(spec, effects, loss) for loss in losses])
+        return scores
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
         """List each effect of a model with the other forms of its family, and those that refine it.

@@ -40,9 +40,8 @@ class Projection:
         self.spec = Spec(model.spec.law, model.spec.effects - {replaced})
         self.effects = pool.effects(self.spec)
         self.theta = pool.start(self.spec, model, {})
-        about = linearise(
-            pool.laws[self.spec.law], self.effects, pool.impacts, self.theta, model.fit.scatter, options=pool.options
-        )
+        law, scatter = pool.laws[self.spec.law], model.fit.scatter
+        about = linearise(law, self.effects, pool.impacts, self.theta, scatter, options=pool.options)
         curbed = _FAR / about.residual.norm(dim=-1, keepdim=True).clamp_min(_FAR)
         self.slope = (about.slope * curbed[..., None]).nan_to_num(0.0, 0.0, 0.0)
         residual = (about.residual * curbed).flatten()

@@ -104,9 +104,8 @@ class Quadratic:
         for group, effect in added.items():
             groups[group] = list(range(at, at + len(effect.parameters)))
             at += len(effect.parameters)
-        vanished = torch.cat(
-            (fit.values[:2], *(columns(*effect.vanished().values) for effect in effects.values()), *start)
-        )
+        own = (columns(*effect.vanished().values) for effect in effects.values())
+        vanished = torch.cat((fit.values[:2], *own, *start))
         low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64).T
         present = frozenset(group for group in groups if group.effect in identities)
         return cls(

@@ -239,11 +239,10 @@ def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor,
 
 def predict_held_out(pool: Pool, folds: Folds, models: Iterable[ScoredFit]) -> None:
     """Fit models to the folds, whose predictions `validated` then finds in the pool."""
-    pool.predicted |= {
-        (folds, model.spec): _folds(pool, folds, model).predicted(model.effects, model.fit)
-        for model in models
-        if (folds, model.spec) not in pool.predicted
-    }
+    for model in models:
+        if (folds, model.spec) not in pool.predicted:
+            predicted = _folds(pool, folds, model).predicted(model.effects, model.fit)
+            pool.predicted[folds, model.spec] = predicted
 
 
 def _folds(pool: Pool, folds: Folds, model: ScoredFit) -> CrossValidation:

@@ -79,9 +79,8 @@ def screen_deviations(
     for k in refuting:
         column, variable, order = labels[k]
         component, u = columns[column]
-        if (component, variable) not in best and sum(
-            dependence.component == component for dependence in best.values()
-        ) < _MAX_DEPENDENCES:
+        count = sum(dependence.component == component for dependence in best.values())
+        if (component, variable) not in best and count < _MAX_DEPENDENCES:
             # An angle has more harmonics than there may be trials: its share is that of the strongest one.
             matching = functions[:, [n == variable and (n not in (_POSE, _HEADING) or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(

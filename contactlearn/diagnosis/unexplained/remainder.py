@@ -91,17 +91,15 @@ class Processes:
 
         if rows.shape[-1] < 2:
             raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
-        x = torch.cat([columns for columns in input_columns(impacts).values()], -1)
+        x = torch.cat([*input_columns(impacts).values()], -1)
         unit = impacts.mass_diagonal
         residual = residual / unit
         inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(residual[rows])
         weight = noise_weight(impacts, "wrench")
         if weight is not None:
             parts = [weight[:, numbers] for numbers in wrench_columns(impacts.space).values()]
-            weight = torch.cat([part.mean(1, keepdim=True).expand_as(part) for part in parts], 1)
-        gps = ExactGPs(
-            inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
-        )
+            weight = torch.cat([part.mean(1, keepdim=True).expand_as(part) for part in parts], 1)[rows].mT
+        gps = ExactGPs(inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, weight)
         gps.fit_folds()
         return cls(x, unit, inputs, outputs, gps)
 

@@ -59,9 +59,8 @@ class Scores:
         place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
         slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
         drifts = (torch.eye(impacts.space.D, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
-        return cls._beside(
-            impacts, fit, options, torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
-        )
+        other = torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
+        return cls._beside(impacts, fit, options, other)
 
     @classmethod
     def _beside(

@@ -72,9 +72,7 @@ class Declaration:
         parameters = tuple(_parameter(name, given) for name, given in declared.items())
         lines = {output: Expression(text) for output, text in expressions.items()}
         spaces = [space for space in BOTH if {*lines} <= {*FORMULA_OUTPUTS[space][place]}]
-        used = {
-            name for output, line in lines.items() for name in _names(place, output, line, declared, spaces or BOTH)
-        }
+        used = set[str]().union(*(_names(place, o, line, declared, spaces or BOTH) for o, line in lines.items()))
         spaces = tuple(space for space in spaces if used <= {*declared, *at_place(place, [space])})
         if not spaces:
             names = ", ".join(dict.fromkeys([*lines, *used - {*declared}]))
