@@ -167,9 +167,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 def _evidence_arrays(prefix: str, evidence: tuple[Partial, ...] | tuple[Deviations, ...]) -> dict[str, np.ndarray]:
     """Fields of each evidence by prefix, field and number."""
     return {
-        f"{prefix}{field.name}_{k}": np.asarray(getattr(one, field.name))
-        for k, one in enumerate(evidence)
-        for field in fields(one)
+        f"{prefix}{field.name}_{k}": np.asarray(getattr(item, field.name))
+        for k, item in enumerate(evidence)
+        for field in fields(item)
     }
 
 

@@ -126,10 +126,10 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
     return Interval(mean, mean - margin, mean + margin)
 
 
-def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
+def agree(mean_error: Interval, other: Interval, thresholds: Thresholds) -> bool:
     """Return whether two mean errors of different trials differ by no more than chance."""
-    spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
-    return abs(one.mean - other.mean) <= thresholds.certain_sigmas * spread
+    spread = math.hypot(mean_error.high - mean_error.low, other.high - other.low) / (2 * Z_95)
+    return abs(mean_error.mean - other.mean) <= thresholds.certain_sigmas * spread
 
 
 def _noise(

@@ -108,7 +108,7 @@ def diagnose_audited(
     """
     if any(finding.name == "sorted_trials" for finding in findings):
         candidates = usable(question.candidates, impacts, question.thresholds)
-        question = question.without_order({key for key, one in candidates.items() if follows_order(one, impacts)})
+        question = question.without_order({key for key, effect in candidates.items() if follows_order(effect, impacts)})
     folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _REPEATED_UP_TO else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
@@ -505,8 +505,8 @@ def _result(
         scatter=_scatter(decomposition),
         choices=choices.choices,
         models=tuple(
-            PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
-            for one in selection.plausible
+            PlausibleModel(law=p.model.spec.law, effects=tuple(sorted(p.model.spec.effects)), share=p.share)
+            for p in selection.plausible
         ),
         shapeless=_shapeless(question, impacts),
         unwanted=_unwanted(selection, missing),
@@ -519,7 +519,7 @@ def _result(
             base=selection.base.fit.model,
             model=model,
             outcomes=choices.outcomes,
-            residuals=tuple(partial_residuals(model, impacts, one.effect.name) for one in missing),
+            residuals=tuple(partial_residuals(model, impacts, effect.effect.name) for effect in missing),
             deviations=() if decomposition.scatter is None else decomposition.scatter.deviations,
         ),
     )
@@ -575,7 +575,7 @@ def _choices(
     choices = fit_choices(
         impacts,
         selection.present.fit.model,
-        [one.effect for one in missing],
+        [effect.effect for effect in missing],
         generator=generator,
         options=question.options,
         progress=question.progress("choices of effects"),
@@ -600,7 +600,7 @@ def _choices(
 
 def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
     """List the candidates that need the body's shape, where that is unknown."""
-    return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
+    return tuple(key for key, effect in question.candidates.items() if effect.needs_shape and impacts.shape is None)
 
 
 def _confidence(
@@ -609,16 +609,16 @@ def _confidence(
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
     impacts, budget, unknown = selection.impacts, decomposition.budget, decomposition.learned.remainder.unknown
     sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, Confidence]()
-    for one in missing:
-        removed, candidate = budget.removed(one.error_reduction), question.candidates[one.effect]
-        alternatives, share = selection.replacements(one.effect)
-        shares = one.share, one.share + share
+    for effect in missing:
+        removed, candidate = budget.removed(effect.error_reduction), question.candidates[effect.effect]
+        alternatives, share = selection.replacements(effect.effect)
+        shares = effect.share, effect.share + share
         sure = [calibrated(each, removed, budget.reducible, len(impacts), unknown) for each in shares]
-        if _undetermined(candidate, one):
+        if _undetermined(candidate, effect):
             sure = [min(each, _MAX_CONFIDENCE_UNDETERMINED) for each in sure]
         if candidate.like_shape:
             sure = [each / sharing for each in sure]
-        confidence[one.effect] = Confidence(*sure, alternatives=tuple(alternatives.values()))
+        confidence[effect.effect] = Confidence(*sure, alternatives=tuple(alternatives.values()))
     return confidence
 
 

@@ -162,8 +162,8 @@ def _infinite(effect: Effect, impacts: Impacts) -> Iterator[str]:
         changed = [value.sum() for value in outputs.values() if value.requires_grad]
         slopes = torch.autograd.grad(torch.stack(changed).sum(), values, allow_unused=True) if changed else ()
         for p, slope in zip(effect.parameters, slopes, strict=bool(changed)):
-            if slope is not None and (one := _bad_trials(f"has the derivative in {p.name}", slope, impacts)):
-                yield one
+            if slope is not None and (broken := _bad_trials(f"has the derivative in {p.name}", slope, impacts)):
+                yield broken
 
 
 def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: float) -> Iterator[str]:
@@ -175,8 +175,8 @@ def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: fl
     units = outputs(effect.place, impacts.space)
     for output, after in _outputs(effect.place, _call(effect.at(values), impacts)).items():
         change = (after - before[output]).abs()
-        if one := _bad_trials(f"gives {output}, where it should vanish, the value", change, impacts):
-            yield one
+        if broken := _bad_trials(f"gives {output}, where it should vanish, the value", change, impacts):
+            yield broken
         elif change.max() > rounding:
             at = ", ".join(f"{p.name} = {v:g}" for p, v in zip(effect.parameters, values, strict=True))
             amount = f"{change.max():g} {units.get(output, '')}".rstrip()

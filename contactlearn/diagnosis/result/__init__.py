@@ -293,9 +293,9 @@ class Diagnosis:
     def __repr__(self) -> str:
         """Write what a prompt shows, the story in a line; the fields have the rest."""
         story = [f"verdict={str(self.verdict)!r}", f"law={self.law!r}"]
-        for one in self.missing:
-            sure = f"{100 * min(one.claim_confidence, 0.99):.0f} %"
-            story.append(f"{' or '.join(map(str, (one.effect, *one.alternatives)))} ({sure})")
+        for effect in self.missing:
+            sure = f"{100 * min(effect.claim_confidence, 0.99):.0f} %"
+            story.append(f"{' or '.join(map(str, (effect.effect, *effect.alternatives)))} ({sure})")
         if self.budget is not None:
             story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")
         return f"Diagnosis({', '.join(story)})"

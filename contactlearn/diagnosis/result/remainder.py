@@ -155,7 +155,7 @@ class Remainder:
     def unknown(self) -> bool:
         """So much is predictable that something unknown must be missing."""
         dependences = self.serial_dependence, self.state_dependence
-        return self.large or any(found is not None and found.large for found in dependences)
+        return self.large or any(dependence is not None and dependence.large for dependence in dependences)
 
 
 @dataclass(frozen=True, kw_only=True)

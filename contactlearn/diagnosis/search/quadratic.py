@@ -104,8 +104,8 @@ class Quadratic:
         for group, effect in added.items():
             groups[group] = list(range(at, at + len(effect.parameters)))
             at += len(effect.parameters)
-        own = (columns(*effect.vanished().values) for effect in effects.values())
-        vanished = torch.cat((fit.values[:2], *own, *start))
+        at_rest = (columns(*effect.vanished().values) for effect in effects.values())
+        vanished = torch.cat((fit.values[:2], *at_rest, *start))
         low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64).T
         present = frozenset(group for group in groups if group.effect in identities)
         return cls(
@@ -128,7 +128,7 @@ class Quadratic:
                 indices = self.groups[group]
                 step[row, indices] = (self.vanished - self.theta)[indices]
         most = max(map(len, picked))
-        index = torch.tensor([[*own, *[q] * (most - len(own))] for own in picked])  # q stands for nothing
+        index = torch.tensor([[*columns, *[q] * (most - len(columns))] for columns in picked])  # q stands for nothing
         free = index < q
         total = torch.einsum("iipq->pq", self.products)
         width = self.high - self.low

@@ -269,7 +269,7 @@ def _best(
 ) -> tuple[Coefficient | None, Association, Interval, float] | None:
     """Fit every association and return the best; None if none helps, or if velocities that drift predict more."""
     order = replace(associations[0], memory=Memory(LaggedVariable.ORDER, 1.0), coefficient=None)
-    asked = {(a.coefficient, a.memory): a for own in associations for a in (own, replace(own, coefficient=None))}
+    asked = {(a.coefficient, a.memory): a for whole in associations for a in (whole, replace(whole, coefficient=None))}
     asked = {key: a for key, a in asked.items() if a.coefficient or a.variable is not LaggedVariable.ORDER}
     drift, *others = (model.dependent(a.coefficient, _inputs(a)[stretch]) for a in (order, *asked.values()))
     fits = dict(zip(asked, others, strict=True))
