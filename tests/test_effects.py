@@ -51,6 +51,19 @@ def test_an_effect_acts_at_one_place():
         find_effect("gravity_impulse", "late")
 
 
+def test_a_shared_function_states_its_form_for_each_quantity():
+    for name in ("location_dependent", "orientation_dependent", "incidence_dependent"):
+        friction, restitution = (catalogue()[f"{name}_{coefficient}"] for coefficient in ("friction", "restitution"))
+        assert [kind.form for kind in friction] == [kind.form for kind in restitution]
+        for mu, eps in zip(friction, restitution, strict=True):
+            assert mu.formula.startswith("μ ← μ + ")
+            assert mu.formula.replace("μ", "ε") == eps.formula.replace("ε − a", "ε + a")  # of a soft spot
+            assert mu.refines == tuple(family.replace("restitution", "friction") for family in eps.refines)
+    assert find_effect("location_dependent_friction", "spot", SPACE).refines == ("location_dependent_friction",)
+    assert find_effect("orientation_dependent_moment").in_words.startswith("around the body the arm changes by {a1}")
+    assert not any("{quantity}" in kind.formula + kind.in_words for kind in KINDS)
+
+
 @pytest.fixture
 def forgotten():
     """Classes made in the test leave the registry with their last reference."""

@@ -147,13 +147,13 @@ def test_no_verdict_sentence_and_budget_contradict_each_other():
             estimated = budget.noise_source in (NoiseSource.ESTIMATED, NoiseSource.SCATTER)
             limit = 2 * MUCH if estimated else MUCH
             exceeds = budget.noise is not None and budget.named.low > budget.noise.high
-            assert not (exceeds and shares.left > limit)
+            assert not (exceeds and shares.remaining > limit)
         if budget.noise is not None:
             models = budget.base, budget.named, budget.flexible, budget.ceiling
             assert budget.noise.low <= budget.noise.mean <= budget.noise.high
             assert budget.noise.mean <= min(one.mean for one in models) * (1 + 1e-12)
             assert shares.noise * budget.base.mean == pytest.approx(budget.noise.mean)
-            assert shares.noise + shares.explained + shares.left == pytest.approx(1.0)
+            assert shares.noise + shares.explained + shares.remaining == pytest.approx(1.0)
             assert min(shares.noise, shares.unnamed, shares.unexplained) >= -1e-12
             if shares.scatter is not None:
                 assert min(shares.instrument, shares.scatter) >= 0

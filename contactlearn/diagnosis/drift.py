@@ -24,7 +24,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.core.numerics import MAD_SCALE, Z_95
-from contactlearn.data.audit.result import Evidence, Finding
+from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.diagnosis.search.candidates import follows_order
 from contactlearn.diagnosis.search.pool import Pool, ScoredFit, Spec
 from contactlearn.diagnosis.search.selection import Selection, validated
@@ -288,7 +288,7 @@ def lasts_beside(
     place = impacts.order.argsort(stable=True).argsort()
     folds = Folds.of(blocks(impacts.order, drift.block, _FOLDS, generator), trials)
     scatter = robust_covariance(impacts.residual(whole.fit.model.predict(impacts).v_post))
-    with_them, nothing = (validated(pool, folds, one, scatter).loss for one in (whole, without))
+    with_them, nothing = (validated(pool, folds, model, scatter).loss for model in (whole, without))
     waves = (math.pi * ((place + 0.5) / trials).double()[:, None] * torch.arange(_SLOW_COSINES + 1)).cos()
     residual = impacts.residual(without.fit.model.predict(impacts).v_post)
     each = torch.zeros(_FOLDS, trials, dtype=torch.float64)
@@ -304,10 +304,8 @@ def lasts_beside(
 
 def drifts(fit: Fit, impacts: Impacts, options: FitOptions, thresholds: Thresholds) -> Dependence | None:
     """Find the dependence of the measurement in the residual of a fitted model; None without any, or of a parameter."""
-    model, impacts = (
-        fit.model,
-        impacts.replace(outcome_cov=None, outcome_shift=None),
-    )  # an instrument drifts in its own units
+    model = fit.model
+    impacts = impacts.replace(outcome_cov=None, outcome_shift=None)  # an instrument drifts in its own units
     residual = impacts.residual(model.predict(impacts).v_post)
     course = dependence(residual, impacts.order, fit.inliers, thresholds.dependence_level)
     if course is None:
@@ -338,10 +336,10 @@ def drift_finding(drift: Drift, space: Space) -> Finding:
         f"{course.share:.0%} of the residual's variance. {some} over the order are left out, and blocks of trials are "
         "held out together"
     )
-    evidence = (
-        Evidence(quantity="correlation", value=course.correlation),
-        Evidence(quantity="time_scale", value=course.time_scale, unit="trials"),
-        Evidence(quantity="share", value=course.share),
-        *(Evidence(quantity=name.replace("ω", "omega"), value=size, unit=unit) for name, size, unit in sizes),
+    evidence = evidence_of(
+        ("correlation", course.correlation),
+        ("time_scale", course.time_scale, "trials"),
+        ("share", course.share),
+        *((name.replace("ω", "omega"), size, unit) for name, size, unit in sizes),
     )
     return Finding(name="measurement_drift", sentence=sentence, evidence=evidence)

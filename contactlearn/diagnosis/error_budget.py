@@ -124,12 +124,12 @@ def _neighbours(impacts: Impacts) -> tuple[Float[Tensor, "n k"], Tensor]:
         began = torch.cat([columns for name, columns in input_columns(impacts).items() if name != "order"], -1)
     else:
         known = of_state(State.of(impacts))
-        own = torch.stack([known[name] for name in _INPUTS], -1)
-        began = torch.cat((own, *impacts.covariate_columns.values()), -1)
+        quantities = torch.stack([known[name] for name in _INPUTS], -1)
+        began = torch.cat((quantities, *impacts.covariate_columns.values()), -1)
     varies = began.std(0) > 1e-9 * began.abs().amax(0)
     began = ((began - began.mean(0)) / began.std(0))[:, varies]
-    apart = torch.cdist(began, began).fill_diagonal_(torch.inf)
-    distance, neighbour = apart.topk(min(_NEIGHBOURS, len(impacts) - 1), largest=False)
+    distances = torch.cdist(began, began).fill_diagonal_(torch.inf)
+    distance, neighbour = distances.topk(min(_NEIGHBOURS, len(impacts) - 1), largest=False)
     return distance, neighbour
 
 
@@ -185,7 +185,7 @@ def error_budget(
     best = named.mean if with_candidates is None else min(named.mean, with_candidates)
     noise = min(floor.error.mean, best, *(model.mean for model in models))
     whole = base.mean or 1.0  # of exact data
-    apart = usable and instrument is not None
+    distinguished = usable and instrument is not None
     scatter = max(0.0, noise - instrument.mean) if instrument is not None else 0.0
     shares = ErrorShares(
         noise=noise / whole if usable else None,
@@ -193,7 +193,7 @@ def error_budget(
         unnamed=(named.mean - best) / whole,
         unexplained=(best - noise) / whole if usable else None,
         beyond_rigid=max(0.0, limits.bound.mean - noise) / whole if usable else None,
-        scatter=scatter / whole if apart else None,
+        scatter=scatter / whole if distinguished else None,
     )
     return ErrorBudget(
         base=base,
@@ -204,7 +204,7 @@ def error_budget(
         noise=Interval(noise, min(floor.error.low, noise), floor.error.high) if usable else None,
         noise_source=floor.source,
         shares=shares,
-        instrument=instrument if apart else None,
+        instrument=instrument if distinguished else None,
     )
 
 
@@ -244,11 +244,11 @@ def verdict(
     exceeds = budget.noise is not None and budget.named.low > budget.noise.high
     estimated = budget.noise_source in (NoiseSource.ESTIMATED, NoiseSource.SCATTER)
     beyond = 2 * much if estimated else much
-    left = shares.unexplained if shares.unexplained is not None and exceeds else 0.0
+    unexplained = shares.unexplained if shares.unexplained is not None and exceeds else 0.0
     if better_law:
         return Verdict.UNKNOWN
     if budget.named.mean <= thresholds.exact:
         return Verdict.EFFECTS if named else Verdict.NONE
-    if predictable or shares.unnamed > much or shares.unnamed + left > beyond:
+    if predictable or shares.unnamed > much or shares.unnamed + unexplained > beyond:
         return Verdict.UNKNOWN if complete else Verdict.UNFINISHED
     return Verdict.EFFECTS if named else Verdict.NONE

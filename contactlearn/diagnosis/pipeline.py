@@ -20,11 +20,10 @@ from contactlearn.diagnosis.discrimination.experiment import state_limits
 from contactlearn.diagnosis.events import AuditFindings, OnEvent
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.question import Question
-from contactlearn.diagnosis.result import Diagnosis, Finding, Verdict
+from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.sampling import affordable, diagnose_subsamples
 from contactlearn.diagnosis.search.candidates import all_candidates, all_laws, without_spin
 from contactlearn.diagnosis.stages import diagnose_audited
-from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import Effect, named_effects
 from contactlearn.inference.identification.joint import FitOptions
 from contactlearn.laws import Law, named
@@ -60,7 +59,9 @@ def diagnose(
     on_event(AuditFindings(findings=findings))
     evidence = balance_evidence(findings, impacts)
     if any(finding.fatal for finding in findings):
-        return replace(_refused(law, findings, thresholds), evidence=evidence)
+        name, variant = (law.name, law.variant) if law else (None, None)
+        diagnosis = Diagnosis(verdict=Verdict.BAD_DATA, law=name, variant=variant, findings=findings)
+        return replace(diagnosis, thresholds=thresholds, evidence=evidence)
     impacts = correct(impacts, audited.corrections, thresholds.audit)
     _refuse_few(impacts, thresholds.fewest_trials)
     laws = options.laws or all_laws(impacts.space)
@@ -71,7 +72,7 @@ def diagnose(
         law=law,
         given={name: effect.prepare(impacts) for name, effect in given.items()},
         candidates=candidates,
-        laws={one.name: one for one in laws} | ({law.name: law} if law else {}),
+        laws={each.name: each for each in laws} | ({law.name: law} if law else {}),
         options=FitOptions(noise=options.noise, thresholds=thresholds.fit),
         limits=options.limits,
         thresholds=thresholds,
@@ -104,9 +105,3 @@ def _check(impacts: Impacts, options: DiagnoseOptions) -> None:
 def _refuse_few(impacts: Impacts, fewest: int) -> None:
     if len(impacts) < fewest:
         raise DataError(f"{impacts.source}: a diagnosis needs at least {fewest} trials, got {len(impacts)}")
-
-
-def _refused(law: Law | None, findings: tuple[Finding, ...], thresholds: Thresholds) -> Diagnosis:
-    """Return the diagnosis of measurements that no correction can repair."""
-    name, variant = (law.name, law.variant) if law else (None, None)
-    return Diagnosis(verdict=Verdict.BAD_DATA, law=name, variant=variant, findings=findings, thresholds=thresholds)

@@ -44,8 +44,8 @@ class Question:
 
     def without_order(self, excluded: Container[EffectId]) -> "Question":
         """Return the question without some candidates, and with flexible models that do not see the order either."""
-        left = {key: effect for key, effect in self.candidates.items() if key not in excluded}
-        return replace(self, candidates=left, ordered=False)
+        kept = {key: effect for key, effect in self.candidates.items() if key not in excluded}
+        return replace(self, candidates=kept, ordered=False)
 
     def progress(self, task: str) -> Callable[[Iterable[_Item]], Iterable[_Item]]:
         """Return a wrapper that reports the progress through the items of a long task."""

@@ -98,12 +98,12 @@ class Record:
         models = {"base": self.base}
         if self.model.effects.keys() - self.base.effects.keys():
             models["model"] = self.model
-        return {name: mass_error(self.impacts, one.outcome(self.impacts)) for name, one in models.items()}
+        return {name: mass_error(self.impacts, model.outcome(self.impacts)) for name, model in models.items()}
 
     def residual(self) -> Float[Tensor, "n D"]:
         """Compute the measured wrench less that of the model without processes, in the axes of the slip."""
-        left = self.impacts.wrench - self.model.base_prediction(self.impacts).wrench
-        return matvec(self.impacts.slip_axes.mT, left)
+        wrench = self.impacts.wrench - self.model.base_prediction(self.impacts).wrench
+        return matvec(self.impacts.slip_axes.mT, wrench)
 
     def save(self, folder: Path, provenance: Mapping[str, Any]) -> None:
         """Write the files of the module's table into a folder; each appears whole or not at all.
@@ -167,9 +167,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 def _evidence_arrays(prefix: str, evidence: tuple[Partial, ...] | tuple[Deviations, ...]) -> dict[str, np.ndarray]:
     """Fields of each evidence by prefix, field and number."""
     return {
-        f"{prefix}{field.name}_{k}": np.asarray(getattr(one, field.name))
-        for k, one in enumerate(evidence)
-        for field in fields(one)
+        f"{prefix}{field.name}_{k}": np.asarray(getattr(item, field.name))
+        for k, item in enumerate(evidence)
+        for field in fields(item)
     }
 
 

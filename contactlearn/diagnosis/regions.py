@@ -92,11 +92,8 @@ def _cuts(variable: Variable, values: Float[Tensor, " m"]) -> Float[Tensor, " k"
         return values[:0]
     values = variable.scale * values
     low, *inner, high = values.quantile(torch.linspace(0, 1, cells + 1, dtype=torch.float64)).tolist()
-    step = (
-        2.0
-        if variable.period
-        else 10.0 ** math.floor(math.log10((inner[-1] - inner[0] or high - low) / max(50, cells)))
-    )
+    span = inner[-1] - inner[0] or high - low
+    step = 2.0 if variable.period else 10.0 ** math.floor(math.log10(span / max(50, cells)))
     step = max(step, 1.0) if variable.name == "order" else step
     rounded = {round(x / step) for x in (low, *inner) if low < round(x / step) * step < high}
     return step * torch.tensor(sorted(rounded), dtype=torch.float64) / variable.scale
@@ -150,7 +147,7 @@ def improvement_by_region(
     regions: Sequence[Region], errors_before: Float[Tensor, " n"], errors_after: Float[Tensor, " n"]
 ) -> tuple[Improvement, ...]:
     """Compute the change of the error inside each region and outside it, from errors of the same trials."""
-    found, change = [], errors_after - errors_before
+    improvements, change = [], errors_after - errors_before
     for region in regions:
         inside = torch.zeros(len(change), dtype=torch.bool)
         inside[list(region.rows)] = True
@@ -170,8 +167,8 @@ def improvement_by_region(
             excess=Interval(mean - rest, mean - rest - wider, mean - rest + wider),
             share=region.trials * mean / change.sum().item() if change.sum() else 0.0,
         )
-        found.append(improvement)
-    return tuple(found)
+        improvements.append(improvement)
+    return tuple(improvements)
 
 
 @dataclass(frozen=True)
@@ -199,9 +196,9 @@ class _Window:
 
 def _search(grids: Sequence[Grid], errors: Float[Tensor, " n"], searched: Bool[Tensor, " n"]) -> list[_Window]:
     """The best windows, best first; each without the trials of those before it."""
-    found, free = [], torch.ones_like(searched)
+    windows, free = [], torch.ones_like(searched)
     size = [grid.sums(searched.double())[0] for grid in grids]
-    while len(found) < _MAX_REGIONS and (searched & free).sum() >= 2 * _SMALLEST:
+    while len(windows) < _MAX_REGIONS and (searched & free).sum() >= 2 * _SMALLEST:
         within = (searched & free).double()
         ranks = _ranks(errors, searched & free)
         best = (0.0, None, 0)
@@ -215,9 +212,9 @@ def _search(grids: Sequence[Grid], errors: Float[Tensor, " n"], searched: Bool[T
         _, grid, index = best
         if grid is None:
             break
-        found.append(_Window(grid, index, grid.rows(index), free))
+        windows.append(_Window(grid, index, grid.rows(index), free))
         free = free & ~grid.rows(index, margin=0 if grid.variable.labels else 1)
-    return found
+    return windows
 
 
 def _ranks(errors: Float[Tensor, " n"], within: Bool[Tensor, " n"]) -> Float[Tensor, " n"]:

@@ -99,7 +99,7 @@ def confirm(
     outside = torch.ones(len(impacts), dtype=torch.bool)
     outside[rows] = False
     law, named = (predicted(model, impacts) for model in (record.base, record.model))
-    before, after = (mass_error(impacts, one) for one in (law, named))
+    before, after = (mass_error(impacts, prediction) for prediction in (law, named))
     error = normal_interval(after[outside])
     regions = find_regions(impacts, named, generator=generator, thresholds=thresholds, worst=_WORST_SHARE)
     return Confirmation(
@@ -126,10 +126,10 @@ def normal_interval(errors: Float[Tensor, " n"]) -> Interval:
     return Interval(mean, mean - margin, mean + margin)
 
 
-def agree(one: Interval, other: Interval, thresholds: Thresholds) -> bool:
+def agree(mean_error: Interval, other: Interval, thresholds: Thresholds) -> bool:
     """Return whether two mean errors of different trials differ by no more than chance."""
-    spread = math.hypot(one.high - one.low, other.high - other.low) / (2 * Z_95)
-    return abs(one.mean - other.mean) <= thresholds.certain_sigmas * spread
+    spread = math.hypot(mean_error.high - mean_error.low, other.high - other.low) / (2 * Z_95)
+    return abs(mean_error.mean - other.mean) <= thresholds.certain_sigmas * spread
 
 
 def _noise(
@@ -161,17 +161,15 @@ def error_map(impacts: Impacts, law: Prediction, before: Float[Tensor, " n"], af
         before: error of the law.
         after: error of the full model.
     """
-    known = {one.name: one for one in variables(impacts, law)}
+    known = {variable.name: variable for variable in variables(impacts, law)}
     folded = "theta" if "theta_folded" in known else ""
     varying = [known[name] for name in _PREFERRED if name in known and name != folded]
-    varying = [one for one in varying if one.values.min() < one.values.max()]
+    varying = [variable for variable in varying if variable.values.min() < variable.values.max()]
     across, up = (*varying, *known.values())[:2]
     (column, left, right), (row, low, high) = _placed(across, _ACROSS), _placed(up, _UP)
     cell, size = row * _ACROSS + column, _ACROSS * _UP
     trials = torch.bincount(cell, minlength=size)
-    law_mean, named_mean = (
-        (torch.bincount(cell, error, minlength=size) / trials).tolist() for error in (before, after)
-    )
+    law_mean, named_mean = ((torch.bincount(cell, x, minlength=size) / trials).tolist() for x in (before, after))
     return ErrorMap(
         across=(across.name, across.letter, across.unit),
         up=(up.name, up.letter, up.unit),
@@ -266,7 +264,8 @@ def _confirmed(
     """Test the diagnosis of the last subsample on all trials; outliers then refer to the whole table."""
     assert diagnosis.record is not None
     objects = numbered(impacts.object)
-    corrections = diagnosis.corrections[sum(one.correction is not None for one in findings) :]  # those of the stages
+    audited = sum(finding.correction is not None for finding in findings)  # the stages have added to those
+    corrections = diagnosis.corrections[audited:]
     confirmation = confirm(
         diagnosis,
         diagnosis.record,
@@ -388,7 +387,7 @@ def _with_every_object(
         return rows
     order = drawn.argsort(stable=True)
     several = order[1:][drawn[order].diff() == 0]
-    rows[several[torch.linspace(0, len(several) - 1, len(missing)).long()]] = torch.zeros(
-        len(seen), dtype=torch.long
-    ).scatter(0, objects[shuffled], shuffled)[missing]
+    replaced = several[torch.linspace(0, len(several) - 1, len(missing)).long()]
+    trial_of = torch.zeros_like(seen).scatter(0, objects[shuffled], shuffled)  # one of each object, at random
+    rows[replaced] = trial_of[missing]
     return rows

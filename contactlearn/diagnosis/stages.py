@@ -108,14 +108,14 @@ def diagnose_audited(
     """
     if any(finding.name == "sorted_trials" for finding in findings):
         candidates = usable(question.candidates, impacts, question.thresholds)
-        question = question.without_order({key for key, one in candidates.items() if follows_order(one, impacts)})
+        question = question.without_order({key for key, effect in candidates.items() if follows_order(effect, impacts)})
     folds = Folds.draw(len(impacts), generator, repeats=2 if len(impacts) <= _REPEATED_UP_TO else 1)
     fits = compare_laws(question, impacts, folds)
     law = question.law or question.laws[min(fits, key=lambda fit: fit.error).name]
     exact = less_error_of_steps(impacts, next(fit.law() for fit in fits if fit.name == law.name))
     if exact is not impacts:
-        again = _law_fit(law, question.given, exact, folds, question.options)
-        impacts, fits = exact, tuple(again if fit.name == law.name else fit for fit in fits)
+        refitted = _law_fit(law, question.given, exact, folds, question.options)
+        impacts, fits = exact, tuple(refitted if fit.name == law.name else fit for fit in fits)
     question.on_event(LawsCompared(law=law.name, fits=fits))
     search = search_effects(question, law, fits, impacts, folds, generator)
     drift = measurement_drift(search.selection, question.thresholds, generator) if question.ordered else None
@@ -152,15 +152,10 @@ def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[La
 
 def _law_fit(law: Law, given: Mapping[str, Effect], impacts: Impacts, folds: Folds, options: FitOptions) -> LawFit:
     """Fit a law without any effect, and validate it with the given ones."""
-    alone = _fit_alone(law, impacts, options)
+    quick = replace(options, starts=2, standard_errors=False)
+    alone = joint.fit(impacts, law, options=quick).model.law
     start = None if given else torch.stack(alone.coefficients)
     return LawFit.of(alone, held_out_error(law, given, impacts, folds, options, start))
-
-
-def _fit_alone(law: Law, impacts: Impacts, options: FitOptions) -> Law:
-    """Fit a law without any effect to all trials."""
-    options = replace(options, starts=2, standard_errors=False)
-    return joint.fit(impacts, law, options=options).model.law
 
 
 # --- Search ------------------------------------------------------------------------------------
@@ -227,7 +222,7 @@ class SearchResult:
         return replace(
             self,
             selection=selection,
-            candidates=tuple(sorted((*self.candidates, *candidates), key=lambda one: -one.error_reduction)),
+            candidates=tuple(sorted((*self.candidates, *candidates), key=lambda candidate: -candidate.error_reduction)),
             error_with_candidates=self.error_with_candidates or larger.present.mean_error,
         )
 
@@ -247,11 +242,9 @@ def search_effects(
     validation = CrossValidation(law=law, impacts=impacts, folds=folds, options=question.options)
     base = validation.validated(question.given, validation.fit(question.given))
     ceiling = _learn(question, base, impacts, folds, generator)
-
-    def error_on(drops: Impacts) -> float:
-        return held_out_error(law, question.given, drops, folds, question.options)
-
-    notes = noise_notes(impacts, ceiling.v_post, error_on)
+    notes = noise_notes(
+        impacts, ceiling.v_post, lambda drops: held_out_error(law, question.given, drops, folds, question.options)
+    )
     if notes:
         question.on_event(MeasurementsReplaced(findings=notes))
         corrections = [note.correction for note in notes if note.correction]
@@ -314,7 +307,7 @@ def drop_proxy_effects(
     if dependence is None or not dependence.large or dependence.share.mean * selection.present.mean_error < form:
         return tested
     path = selection.path()
-    spec = path[index_without_proxies(impacts, [one.fit for one in path], options, thresholds, block)].spec
+    spec = path[index_without_proxies(impacts, [model.fit for model in path], options, thresholds, block)].spec
     if spec == selection.spec:
         return tested
     reduced = selection.at(spec, thresholds.window, generator)
@@ -337,7 +330,7 @@ def without_candidates(
         if effect not in probable:
             (model,) = smaller(pool, model, effect)
     specs = [model.spec.with_law(law) for law in dict.fromkeys((model.spec.law, *fitted_first(pool.laws)))]
-    spec = pool.best(pool.all_fitted({one: pool.start(one, model, {}) for one in specs})).spec
+    spec = pool.best(pool.all_fitted({spec: pool.start(spec, model, {}) for spec in specs})).spec
     return _reduced(question, search, selection.at(spec, question.thresholds.window, generator), confidence, generator)
 
 
@@ -398,9 +391,7 @@ def compare_effects(
     """Find what else could explain what the effects of the ladder do."""
     selection = search.selection
     rivals = find_rivals(selection, question.thresholds, question.progress("rivals of the effects"))
-    models = {
-        Substitution(effect, one.rival.effect): one.fitted.fit.model for effect, some in rivals.items() for one in some
-    }
+    models = {Substitution(e, r.rival.effect): r.fitted.fit.model for e, each in rivals.items() for r in each}
     experiment = None
     if models:
         chosen = selection.present.fit.model
@@ -484,7 +475,7 @@ def _result(
     laws = _law_fits(question, search, laws, bool(missing))
     if (scatter := decomposition.scatter) is not None:
         model = replace(model, scatter=scatter.model.scatter, noise=scatter.model.noise)
-    others = [one for one in laws if one.name != selection.law.name]
+    others = [fit for fit in laws if fit.name != selection.law.name]
     physics = verdict(
         decomposition.judged,
         named=bool(missing),
@@ -514,8 +505,8 @@ def _result(
         scatter=_scatter(decomposition),
         choices=choices.choices,
         models=tuple(
-            PlausibleModel(law=one.model.spec.law, effects=tuple(sorted(one.model.spec.effects)), share=one.share)
-            for one in selection.plausible
+            PlausibleModel(law=p.model.spec.law, effects=tuple(sorted(p.model.spec.effects)), share=p.share)
+            for p in selection.plausible
         ),
         shapeless=_shapeless(question, impacts),
         unwanted=_unwanted(selection, missing),
@@ -528,7 +519,7 @@ def _result(
             base=selection.base.fit.model,
             model=model,
             outcomes=choices.outcomes,
-            residuals=tuple(partial_residuals(model, impacts, one.effect.name) for one in missing),
+            residuals=tuple(partial_residuals(model, impacts, effect.effect.name) for effect in missing),
             deviations=() if decomposition.scatter is None else decomposition.scatter.deviations,
         ),
     )
@@ -539,7 +530,7 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
     if decomposition.scatter is None:
         return None
     scatter, whole = decomposition.scatter.result, decomposition.budget.shares.scatter or 0.0
-    return replace(scatter, components=tuple(replace(one, share=whole * one.share) for one in scatter.components))
+    return replace(scatter, components=tuple(replace(c, share=whole * c.share) for c in scatter.components))
 
 
 def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
@@ -584,34 +575,32 @@ def _choices(
     choices = fit_choices(
         impacts,
         selection.present.fit.model,
-        [one.effect for one in missing],
+        [effect.effect for effect in missing],
         generator=generator,
         options=question.options,
         progress=question.progress("choices of effects"),
     )
-    complete = tuple(
-        replace(
-            one,
-            confidence=confidence[one.effect].of_name,
-            level=confidence[one.effect].level,
-            rivals=tuple(rival.rival for rival in comparison.rivals[one.effect]),
-            reduction_on_all_trials=choices.reduction(impacts, one.effect, generator),
+    complete = list[MissingEffect]()
+    for effect in missing:
+        sure = confidence[effect.effect]
+        either = sure.level is Level.EITHER  # its own name is not probable, that or another one is
+        complete.append(
+            replace(
+                effect,
+                confidence=sure.of_name,
+                level=sure.level,
+                alternatives=sure.alternatives if either else (),
+                joint_confidence=sure.joint if either else None,
+                rivals=tuple(fitted.rival for fitted in comparison.rivals[effect.effect]),
+                reduction_on_all_trials=choices.reduction(impacts, effect.effect, generator),
+            )
         )
-        for one in missing
-    )
-    return choices, tuple(_with_alternatives(one, confidence[one.effect]) for one in complete)
-
-
-def _with_alternatives(missing: MissingEffect, confidence: Confidence) -> MissingEffect:
-    """Add what does as well in the place of an effect whose own name is not probable."""
-    if missing.level is not Level.EITHER:
-        return missing
-    return replace(missing, alternatives=confidence.alternatives, joint_confidence=confidence.joint)
+    return choices, tuple(complete)
 
 
 def _shapeless(question: Question, impacts: Impacts) -> tuple[EffectId, ...]:
     """List the candidates that need the body's shape, where that is unknown."""
-    return tuple(key for key, one in question.candidates.items() if one.needs_shape and impacts.shape is None)
+    return tuple(key for key, effect in question.candidates.items() if effect.needs_shape and impacts.shape is None)
 
 
 def _confidence(
@@ -620,51 +609,49 @@ def _confidence(
     """Compute the probability that each name is right; effects that cannot be compared share that of their like."""
     impacts, budget, unknown = selection.impacts, decomposition.budget, decomposition.learned.remainder.unknown
     sharing, confidence = 1 + len({key.name for key in _shapeless(question, impacts)}), dict[EffectId, Confidence]()
-    for one in missing:
-        removed, candidate = budget.removed(one.error_reduction), question.candidates[one.effect]
-        alternatives, share = selection.replacements(one.effect)
-        shares = one.share, one.share + share
+    for effect in missing:
+        removed, candidate = budget.removed(effect.error_reduction), question.candidates[effect.effect]
+        alternatives, share = selection.replacements(effect.effect)
+        shares = effect.share, effect.share + share
         sure = [calibrated(each, removed, budget.reducible, len(impacts), unknown) for each in shares]
-        if _undetermined(candidate, one):
+        if _undetermined(candidate, effect):
             sure = [min(each, _MAX_CONFIDENCE_UNDETERMINED) for each in sure]
         if candidate.like_shape:
             sure = [each / sharing for each in sure]
-        confidence[one.effect] = Confidence(*sure, alternatives=tuple(alternatives.values()))
+        confidence[effect.effect] = Confidence(*sure, alternatives=tuple(alternatives.values()))
     return confidence
 
 
-def _undetermined(effect: Effect, found: MissingEffect) -> bool:
+def _undetermined(effect: Effect, missing: MissingEffect) -> bool:
     """Whether no parameter of an effect is known better than by its range, or the only one better than by its value.
 
     Parameters of a curve may be open each and still make one of a known form.
     """
     declared = {p.name: p for p in effect.parameters}
-    known = [(parameter, declared[parameter.name]) for parameter in found.parameters if parameter.name in declared]
+    known = [(fitted, declared[fitted.name]) for fitted in missing.parameters if fitted.name in declared]
     alone = len(known) == 1 and known[0][1].vanishing is not None
-    sizes = [abs(one.value - (p.vanishing or 0.0)) if alone else p.high - p.low for one, p in known]
-    return bool(known) and all(not one.standard_error < size for (one, _), size in zip(known, sizes, strict=True))
+    sizes = [abs(fitted.value - (p.vanishing or 0.0)) if alone else p.high - p.low for fitted, p in known]
+    return bool(known) and all(not fitted.standard_error < size for (fitted, _), size in zip(known, sizes, strict=True))
 
 
 def _unwanted(selection: Selection, missing: Sequence[MissingEffect]) -> tuple[EffectId, ...]:
     """List the user's own candidates that are in no plausible model and are no rival of an effect."""
-    wanted = {effect for one in selection.plausible for effect in one.model.spec.effects} | selection.spec.effects
+    wanted = selection.spec.effects.union(*(plausible.model.spec.effects for plausible in selection.plausible))
     wanted |= {rival.effect for effect in missing for rival in effect.rivals}
     return tuple(key for key in user_candidates(selection.pool.candidates) if key not in wanted)
 
 
 def _frontier(selection: Selection, generator: torch.Generator) -> tuple[FrontierModel, ...]:
     """Validate the best model of each number of effects, up to the best score's and to one more than were chosen."""
-    pool, sizes = (
-        selection.pool,
-        range(max(len(selection.spec.effects) + 1, len(selection.pool.best().spec.effects)) + 1),
-    )
-    each = [[model for model in pool.models.values() if len(model.spec.effects) == size] for size in sizes]
-    models = [pool.best(some) for some in each if some]
+    pool = selection.pool
+    most = max(len(selection.spec.effects) + 1, len(pool.best().spec.effects))
+    sizes = sorted({size for spec in pool.models if (size := len(spec.effects)) <= most})
+    models = [pool.best_of_sizes([size]) for size in sizes]
     predict_held_out(pool, selection.folds, models)
     errors = [held_out_interval(validated(pool, selection.folds, model).error, generator) for model in models]
     return tuple(
-        FrontierModel(law=one.spec.law, effects=tuple(sorted(one.spec.effects)), error=error)
-        for one, error in zip(models, errors, strict=True)
+        FrontierModel(law=model.spec.law, effects=tuple(sorted(model.spec.effects)), error=error)
+        for model, error in zip(models, errors, strict=True)
     )
 
 
@@ -674,9 +661,7 @@ def _hidden(selection: Selection, unnamed: float, generator: torch.Generator) ->
     It is at least the share that candidates remove.
     """
     chosen, pool = selection.spec.effects, selection.pool
-    larger = [
-        one for one in pool.models.values() if chosen < one.spec.effects and len(one.spec.effects) == len(chosen) + 1
-    ]
+    larger = [m for m in pool.models.values() if chosen < m.spec.effects and len(m.spec.effects) == len(chosen) + 1]
     if not larger:
         return None
     best = validated(pool, selection.folds, pool.best(larger))

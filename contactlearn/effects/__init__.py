@@ -50,14 +50,14 @@ def catalogue() -> dict[str, tuple[type[Effect], ...]]:
         importlib.import_module(f"{__name__}.{module.name}")
     for entry in announced(ENTRY_POINT):
         entry.load()
-    found: dict[str, tuple[type[Effect], ...]] = {}
+    families: dict[str, tuple[type[Effect], ...]] = {}
     for kind in sorted(_defined(Effect), key=lambda e: (PLACES.index(e.place), e.name)):
         forms = tuple(form for form in forms_of(kind) if all(_optional(f) for f in fields(form)))
-        if forms and kind.name in found:
-            raise _homonyms(f"effects are called {kind.name}", found[kind.name][0], kind)
+        if forms and kind.name in families:
+            raise _homonyms(f"effects are called {kind.name}", families[kind.name][0], kind)
         if forms:
-            found[kind.name] = forms
-    return found
+            families[kind.name] = forms
+    return families
 
 
 def find_effect(name: str, form: str | None = None, space: Space = PLANE) -> type[Effect]:
@@ -85,9 +85,9 @@ def named_effects(effects: Mapping[str, Effect] | Iterable[str | Effect], space:
     """
     named: Mapping[Any, Any] | None = effects if isinstance(effects, Mapping) else None
     if named is None and isinstance(effects, Iterable) and not isinstance(effects, str):
-        ids = [EffectId.parse(one) if isinstance(one, str) else one for one in effects]
-        made = [find_effect(one.name, one.form, space)() if isinstance(one, EffectId) else one for one in ids]
-        named = {getattr(one, "name", ""): one for one in made}
+        ids = [EffectId.parse(listed) if isinstance(listed, str) else listed for listed in effects]
+        made = [find_effect(key.name, key.form, space)() if isinstance(key, EffectId) else key for key in ids]
+        named = {getattr(effect, "name", ""): effect for effect in made}
     if named is None or not all(isinstance(effect, Effect) for effect in named.values()):
         raise ContactLearnError(
             "effects are listed by name or as effects, such as ['spin_damping:during', SideDrag()], or are effects by "
@@ -102,12 +102,12 @@ def forms_of(kind: type[Effect]) -> tuple[type[Effect], ...]:
     Raises:
         ContactLearnError: two forms of one name.
     """
-    found: dict[str | None, type[Effect]] = {}
+    forms: dict[str | None, type[Effect]] = {}
     for form in _defined(kind) if inspect.isabstract(kind) else (kind,):
-        if form.form in found:
-            raise _homonyms(f"forms of {kind.name} are called {form.form}", found[form.form], form)
-        found[form.form] = form
-    return tuple(found.values())
+        if form.form in forms:
+            raise _homonyms(f"forms of {kind.name} are called {form.form}", forms[form.form], form)
+        forms[form.form] = form
+    return tuple(forms.values())
 
 
 def choose_form(kind: type[Effect], form: str | None = None) -> type[Effect]:

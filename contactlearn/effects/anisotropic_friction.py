@@ -38,8 +38,8 @@ class AnisotropicFriction(Effect):
         p, q = (torch.as_tensor(x).to(wrench) for x in (self.p, self.q))
         size = (p.square() + q.square()).clamp_min(_LEAST).sqrt()
         mean, per = size.cosh(), size.sinh() / size
-        none, one = torch.zeros_like(size), torch.ones_like(size)
-        rows = (mean + per * p, per * q, none), (per * q, mean - per * p, none), (none, none, one)
+        zero, unit = torch.zeros_like(size), torch.ones_like(size)
+        rows = (mean + per * p, per * q, zero), (per * q, mean - per * p, zero), (zero, zero, unit)
         D = torch.stack([columns(*row) for row in rows], -2)
         round_cone = _impulse(state, state.W, state.approach)
         change = matvec(D, _impulse(state, D @ state.W @ D, matvec(D, state.approach))) - round_cone

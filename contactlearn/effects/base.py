@@ -48,6 +48,8 @@ from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE, SPACE, Space, require_space
 
+OWN_FAMILY = "own family"
+"""Stands in `Effect.refines` for the family of the class itself."""
 OUTPUTS: dict[str, dict[str, str]] = {
     "state": {"rx": "m", "ry": "m", "theta": "rad"},
     "law": {"mu": "–", "eps": "–"},
@@ -136,6 +138,8 @@ class Effect(Frozen, ABC):
     A value is written with its unit, mm for m, ° for rad, ms for s; `{c:%}` writes a share in percent, `{kappa:exp}`
     the factor e^κ, `{p:doubled}` the change of x^p where x doubles, and `{c:-}`, `{c:-%}` or `{p:-doubled}` what the
     opposite value has.  Without words values are listed by their symbols."""
+    quantity: ClassVar[str] = ""
+    """What {quantity} stands for in the `formula` and `in_words` of functions that several families share: μ, ε, …"""
     form: ClassVar[str | None] = None
     """Name of a form within its family; None for an effect that has no other form."""
     source: ClassVar[str] = ""
@@ -156,8 +160,8 @@ class Effect(Frozen, ABC):
     """Whether another contact point looks the same: a moment of an arm that follows from the pose alone.  Where the
     body's shape is unknown, such an effect shares its probability with those that need the shape."""
     refines: ClassVar[tuple[str, ...]] = ()
-    """Families, its own or others, in whose place alone the search tries it: it takes long, or a linearisation where it
-    vanishes tells little of it."""
+    """Families, `OWN_FAMILY` or others, in whose place alone the search tries it: it takes long, or a linearisation
+    where it vanishes tells little of it."""
     last: ClassVar[bool] = False
     """Whether it acts after the others of its place, because it depends on what they change."""
     usual_range: ClassVar[tuple[str, float, float]] = ("–", -0.5, 0.5)
@@ -176,10 +180,11 @@ class Effect(Frozen, ABC):
         super().__init_subclass__()
         if "place" in vars(cls) and cls.place not in vars(cls):  # of a family, whose forms override the method
             setattr(cls, cls.place, abstractmethod(lambda *given: None))
-        family = next((base for base in cls.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
+        family = _family(cls)
         if family is not None:
-            own = {*PLACES} & {*vars(cls)}
-            if own and family.place not in own:  # of a form that acts at another place than its family
+            form_bases = cls.__mro__[: cls.__mro__.index(family)]
+            places = {*PLACES} & {name for base in form_bases for name in vars(base)}
+            if places and family.place not in places:  # of a form that acts at another place than its family
                 setattr(cls, family.place, None)
             _check_form(cls, family)
         elif cls.form is not None:
@@ -187,6 +192,10 @@ class Effect(Frozen, ABC):
         cls.place = _place(cls)
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower() if family is None else family.name
         cls.id = EffectId(cls.name, cls.form)
+        cls.refines = tuple(cls.name if name == OWN_FAMILY else name for name in cls.refines)
+        for text in ("formula", "in_words"):
+            if "{quantity}" in getattr(cls, text, ""):
+                setattr(cls, text, getattr(cls, text).replace("{quantity}", cls.quantity))
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -244,8 +253,8 @@ class Effect(Frozen, ABC):
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; they broadcast against [..., N]."""
         parts = values.unbind(-1) if isinstance(values, Tensor) else values
-        own = self.parameters if len(parts) == len(self.parameters) else self.every_parameter()
-        return replace(self, **{p.name: value for p, value in zip(own, parts, strict=True)})
+        parameters = self.parameters if len(parts) == len(self.parameters) else self.every_parameter()
+        return replace(self, **{p.name: value for p, value in zip(parameters, parts, strict=True)})
 
     def vanished(self) -> Self:
         """Return the effect where it changes nothing."""
@@ -289,9 +298,7 @@ class Effect(Frozen, ABC):
         Raises:
             ContactLearnError: it does not exist there.
         """
-        family = next(
-            (base for base in type(self).__mro__[1:] if base is not Effect and issubclass(base, Effect)), None
-        )
+        family = _family(type(self))
         forms = family.__subclasses__() if family is not None else []
         there = " or ".join(str(form.id) for form in forms if space in form.spaces)
         require_space(f"effect {self.id}", space, self.spaces, hint=f"; there it is {there}" if there else "")
@@ -319,6 +326,8 @@ def require_shape(effect: str, impacts: Impacts) -> None:
 class ChangesFriction(ABC):
     """Mixin of an effect that makes μ a function of the state and leaves ε alone."""
 
+    quantity: ClassVar[str] = "μ"
+
     @abstractmethod
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         """Return μ of each impact [..., N], from μ of the law."""
@@ -331,6 +340,8 @@ class ChangesFriction(ABC):
 class ChangesRestitution(ABC):
     """Mixin of an effect that makes ε a function of the state and leaves μ alone."""
 
+    quantity: ClassVar[str] = "ε"
+
     @abstractmethod
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         """Return ε of each impact [..., N], from ε of the law."""
@@ -340,11 +351,16 @@ class ChangesRestitution(ABC):
         return mu, self.coefficient(state, eps)
 
 
+def _family(kind: type[Effect]) -> type[Effect] | None:
+    """The family that a class is a form of; None of a class that is no form."""
+    return next((base for base in kind.__mro__[1:] if base is not Effect and issubclass(base, Effect)), None)
+
+
 def _place(kind: type[Effect]) -> str:
     """Name of the one place whose method a class overrides, itself or by a base."""
     bases = [base for base in kind.__mro__ if base is not Effect]
-    found = {place: next((vars(base)[place] for base in bases if place in vars(base)), None) for place in PLACES}
-    places = [place for place, method in found.items() if method is not None]
+    methods = {place: next((vars(base)[place] for base in bases if place in vars(base)), None) for place in PLACES}
+    places = [place for place, method in methods.items() if method is not None]
     if len(places) != 1:
         raise TypeError(f"{kind.__name__} must override one of {', '.join(PLACES)}, not {places or 'none'}")
     return places[0]
@@ -357,7 +373,7 @@ def _check_form(kind: type[Effect], family: type[Effect]) -> None:
     for method in family.__abstractmethods__:
         if getattr(getattr(kind, method), "__isabstractmethod__", False):
             raise TypeError(f"{kind.__name__} must override {method}, as its family {family.name} does")
-    if not isinstance(kind.__dict__.get("form"), str):
+    if kind.form is None:
         raise TypeError(f'{kind.__name__} must name its form of {family.name}; write such as form = "quadratic"')
 
 

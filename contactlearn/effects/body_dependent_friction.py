@@ -2,7 +2,6 @@
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import ByBody
-from contactlearn.mechanics.space import BOTH
 
 
 class BodyDependentFriction(ByBody, ChangesFriction, Effect):
@@ -11,7 +10,3 @@ class BodyDependentFriction(ByBody, ChangesFriction, Effect):
     It is not a change in time, which objects that were measured one after the other would show too
     (`parameter_drift`).
     """
-
-    spaces = BOTH
-    formula = "μ ← μ + Δ(object), 0 for the first object"
-    source = "materials"

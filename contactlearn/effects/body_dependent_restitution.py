@@ -2,7 +2,6 @@
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import ByBody
-from contactlearn.mechanics.space import BOTH
 
 
 class BodyDependentRestitution(ByBody, ChangesRestitution, Effect):
@@ -11,7 +10,3 @@ class BodyDependentRestitution(ByBody, ChangesRestitution, Effect):
     It is not a change in time, which objects that were measured one after the other would show too
     (`parameter_drift`).
     """
-
-    spaces = BOTH
-    formula = "ε ← ε + Δ(object), 0 for the first object"
-    source = "materials"

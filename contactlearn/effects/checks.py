@@ -73,10 +73,7 @@ def added(effect: Effect, impacts: Impacts, measured: Impacts) -> dict[str, Floa
     """
     state, *given = _given(effect.place, measured)
     state = State.of(impacts).replace(mu=state.mu, eps=state.eps)
-    without = {"state": state, "law": tuple(given), "wrench": measured.wrench, "velocity": measured.v_post}[
-        effect.place
-    ]
-    before = _outputs(effect.place, without)
+    before = _unchanged(effect.place, (state, *given))
     after = _outputs(effect.place, getattr(effect, effect.place)(state, *given))
     return {name: values - before[name] for name, values in after.items()}
 
@@ -110,10 +107,8 @@ def _given(place: str, impacts: Impacts) -> tuple[Any, ...]:
     """Arguments of the method of a place."""
     middle = torch.full_like(impacts.mass, 0.5)
     state = State.of(impacts).replace(mu=middle, eps=middle)
-    return (
-        state,
-        *{"law": (middle, middle), "wrench": (impacts.wrench,), "velocity": (impacts.v_post,)}.get(place, ()),
-    )
+    further = {"law": (middle, middle), "wrench": (impacts.wrench,), "velocity": (impacts.v_post,)}
+    return state, *further.get(place, ())
 
 
 def _call(effect: Effect, impacts: Impacts) -> Any:
@@ -138,21 +133,20 @@ def _outputs(place: str, returned: Any) -> dict[str, Float[Tensor, "..."]]:
         return named_outputs(place, returned)
     parts = dict(zip(("rx", "ry", "rz"), returned.r.unbind(-1), strict=False))
     parts |= {"mass": returned.mass, "corner": returned.corner, "tilt": returned.tilt}
-    inertia = returned.inertia[..., None] if returned.space is PLANE else returned.inertia
+    inertia = returned.inertia
     if returned.space is PLANE:
-        parts["theta"] = returned.theta
-    else:  # of the tilt, what is not the identity
-        parts["tilt"] = (
-            None if returned.tilt is None else (returned.tilt - torch.eye(3).to(returned.tilt)).abs().amax((-2, -1))
-        )
-    for name, value in (
-        ("stretch", returned.stretch),
-        ("v_pre", returned.v_pre.unbind(-1)),
-        ("q", returned.q.unbind(-1)),
-        ("inertia", inertia.unbind(-1)),
-    ):
+        parts["theta"], inertia = returned.theta, inertia[..., None]
+    elif returned.tilt is not None:
+        parts["tilt"] = (returned.tilt - torch.eye(3).to(returned.tilt)).abs().amax((-2, -1))  # from the identity
+    vectors = {"v_pre": returned.v_pre, "q": returned.q, "inertia": inertia}
+    for name, value in {"stretch": returned.stretch, **{name: x.unbind(-1) for name, x in vectors.items()}}.items():
         parts |= {f"{name}[{k}]": part for k, part in enumerate(value)}
     return {name: torch.as_tensor(0.0 if value is None else value) for name, value in parts.items()}
+
+
+def _unchanged(place: str, given: tuple[Any, ...]) -> dict[str, Float[Tensor, "..."]]:
+    """Quantities by name that a method of a place would return if it changed nothing, from its arguments."""
+    return _outputs(place, given[1:] if place == "law" else given[-1])
 
 
 def _infinite(effect: Effect, impacts: Impacts) -> Iterator[str]:
@@ -168,8 +162,8 @@ def _infinite(effect: Effect, impacts: Impacts) -> Iterator[str]:
         changed = [value.sum() for value in outputs.values() if value.requires_grad]
         slopes = torch.autograd.grad(torch.stack(changed).sum(), values, allow_unused=True) if changed else ()
         for p, slope in zip(effect.parameters, slopes, strict=bool(changed)):
-            if slope is not None and (one := _bad_trials(f"has the derivative in {p.name}", slope, impacts)):
-                yield one
+            if slope is not None and (broken := _bad_trials(f"has the derivative in {p.name}", slope, impacts)):
+                yield broken
 
 
 def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: float) -> Iterator[str]:
@@ -177,12 +171,12 @@ def _lasting(effect: Effect, impacts: Impacts, share: float | None, rounding: fl
     free = (p.start if share is None else p.low + share * (p.high - p.low) for p in effect.parameters)
     values = [f if p.vanishing is None else p.vanishing for f, p in zip(free, effect.parameters, strict=True)]
     given = _given(effect.place, impacts)
-    before = _outputs(effect.place, given[1:] if effect.place == "law" else given[-1])
+    before = _unchanged(effect.place, given)
     units = outputs(effect.place, impacts.space)
     for output, after in _outputs(effect.place, _call(effect.at(values), impacts)).items():
         change = (after - before[output]).abs()
-        if one := _bad_trials(f"gives {output}, where it should vanish, the value", change, impacts):
-            yield one
+        if broken := _bad_trials(f"gives {output}, where it should vanish, the value", change, impacts):
+            yield broken
         elif change.max() > rounding:
             at = ", ".join(f"{p.name} = {v:g}" for p, v in zip(effect.parameters, values, strict=True))
             amount = f"{change.max():g} {units.get(output, '')}".rstrip()
@@ -208,9 +202,9 @@ def _bad_trials(sentence: str, value: Float[Tensor, "..."], impacts: Impacts) ->
 
 def _lacks_gradient(effect: Effect, k: int, impacts: Impacts) -> bool:
     """Whether an output depends on the k-th parameter, and none of its gradients shows it."""
-    own = effect.parameters[k]
+    p = effect.parameters[k]
     shares = torch.tensor(_SHARES, dtype=torch.float64)[:, None].to(impacts.mass)
-    tried = (own.start + shares * (own.high - own.low)).clamp(own.low, own.high).requires_grad_()
+    tried = (p.start + shares * (p.high - p.low)).clamp(p.low, p.high).requires_grad_()
     others = [torch.full_like(tried, p.start + 0.3 * (p.high - p.start)) for p in effect.parameters]
     with torch.enable_grad():
         changed = _outputs(effect.place, _call(effect.at([*others[:k], tried, *others[k + 1 :]]), impacts)).values()

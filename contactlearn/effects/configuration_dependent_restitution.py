@@ -51,6 +51,5 @@ class LinearLeverRestitution(ConfigurationDependentRestitution):
 class RestitutionOverLever(Spline, ConfigurationDependentRestitution):
     """ε → ε + s(|r_x|/ρ).  It need not fall with the lever (`QuadraticLeverRestitution`)."""
 
-    form = "curve"
     formula = "ε ← ε + s(|r_x|/ρ), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = LEVER

@@ -8,7 +8,7 @@ from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, altered, columns
 from contactlearn.mechanics.space import SPACE
 
 
@@ -36,23 +36,31 @@ class ContactPatch(Effect):
     like_shape = True
 
 
-class LinearContactPatch(ContactPatch):
-    """The arm is c − k r_x.  It does not end at the edge of the patch (`ContactPatchCurve`)."""
+class _LinearArm(Frozen):
+    """An arm c − k r_x."""
 
-    form = "linear"
-    formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
     in_words = "the normal impulse acts at an arm of {c} plus {k:-%} of r_x"
     k: Tensor | float = parameter("k", "–", -1.0, 1.0)
     c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
+    def arm(self, state: State) -> Float[Tensor, "... n"]:
+        """Return the arm in m."""
+        return self.c - self.k * state.r[..., 0]
+
+
+class LinearContactPatch(_LinearArm, ContactPatch):
+    """The arm is c − k r_x.  It does not end at the edge of the patch (`ContactPatchCurve`)."""
+
+    form = "linear"
+    formula = "τ ← τ − k r_x P_n + c P_n while the contact lasts, P_t and P_n responding"
+
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        return perturbed_path(state, wrench, arm=self.c - self.k * state.r[..., 0])
+        return perturbed_path(state, wrench, arm=self.arm(state))
 
 
 class ContactPatchCurve(Spline, ContactPatch):
     """The arm is c + s(r_x).  It is not proportional to r_x (`LinearContactPatch`)."""
 
-    form = "curve"
     formula = "τ ← τ + (c + s(r_x)) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     in_words = "is {c}, and changes by {c1}, {c2} and {c3} from knot to knot"
     argument = Argument("r_x", "m", lambda state: state.r[..., 0])
@@ -62,7 +70,7 @@ class ContactPatchCurve(Spline, ContactPatch):
         return perturbed_path(state, wrench, arm=self.c + self.change(state.r[..., 0]))
 
 
-class ContactPatchAfter(ContactPatch):
+class ContactPatchAfter(_LinearArm, ContactPatch):
     """The arm is c − k r_x, and its moment is added to what the law gives.
 
     The contact does not respond to it (`LinearContactPatch`).
@@ -70,16 +78,12 @@ class ContactPatchAfter(ContactPatch):
 
     form = "after"
     formula = "τ ← τ − k r_x P_n + c P_n"
-    in_words = "the normal impulse acts at an arm of {c} plus {k:-%} of r_x"
-    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
-    c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau + (self.c - self.k * state.r[..., 0]) * P_n)
+        return altered(wrench, 2, self.arm(state) * wrench[..., 1])
 
 
-class ContactPatchAtPoint(ContactPatch):
+class ContactPatchAtPoint(_LinearArm, ContactPatch):
     """r_x → r_x + c − k r_x: the law of contact acts at the centre of pressure, with the velocity of that point.
 
     The edge of the patch does not keep its own restitution (`LinearContactPatch`).
@@ -89,8 +93,6 @@ class ContactPatchAtPoint(ContactPatch):
     form = "point"
     formula = "r_x ← r_x + c − k r_x, where the law acts"
     in_words = "the law acts at an arm of {c} plus {k:-%} of r_x"
-    k: Tensor | float = parameter("k", "–", -1.0, 1.0)
-    c: Tensor | float = parameter("c", "m", -0.01, 0.01)
 
     def state(self, state: State) -> State:
         r_x, r_y = state.r.unbind(-1)

@@ -2,7 +2,6 @@
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import ByGroup, CovariateCurve, LinearInCovariate
-from contactlearn.mechanics.space import BOTH
 
 
 class CovariateDependentFriction(ChangesFriction, Effect):
@@ -15,26 +14,14 @@ class CovariateDependentFriction(ChangesFriction, Effect):
     It is not a change in time, which a covariate that drifts would show too (`parameter_drift`).
     """
 
-    spaces = BOTH
-    source = "temperature, humidity, material, operator"
-
 
 class FrictionLinearInCovariate(LinearInCovariate, CovariateDependentFriction):
     """μ → μ + c (u − ū)/Δu.  It does not bend (`FrictionCovariateCurve`)."""
-
-    form = "linear"
-    formula = "μ ← μ + c (u − ū)/Δu"
 
 
 class FrictionCovariateCurve(CovariateCurve, CovariateDependentFriction):
     """μ → μ + s(u).  It is no straight line (`FrictionLinearInCovariate`)."""
 
-    form = "curve"
-    formula = "μ ← μ + s(u), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-
 
 class FrictionByGroup(ByGroup, CovariateDependentFriction):
     """μ → μ + Δ(group).  It is no dependence on the body (`body_dependent_friction`)."""
-
-    form = "group"
-    formula = "μ ← μ + Δ(group), 0 for the first group"

@@ -2,7 +2,6 @@
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import ByGroup, CovariateCurve, LinearInCovariate
-from contactlearn.mechanics.space import BOTH
 
 
 class CovariateDependentRestitution(ChangesRestitution, Effect):
@@ -15,26 +14,14 @@ class CovariateDependentRestitution(ChangesRestitution, Effect):
     It is not a change in time, which a covariate that drifts would show too (`parameter_drift`).
     """
 
-    spaces = BOTH
-    source = "temperature, humidity, material, operator"
-
 
 class RestitutionLinearInCovariate(LinearInCovariate, CovariateDependentRestitution):
     """ε → ε + c (u − ū)/Δu.  It does not bend (`RestitutionCovariateCurve`)."""
-
-    form = "linear"
-    formula = "ε ← ε + c (u − ū)/Δu"
 
 
 class RestitutionCovariateCurve(CovariateCurve, CovariateDependentRestitution):
     """ε → ε + s(u).  It is no straight line (`RestitutionLinearInCovariate`)."""
 
-    form = "curve"
-    formula = "ε ← ε + s(u), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-
 
 class RestitutionByGroup(ByGroup, CovariateDependentRestitution):
     """ε → ε + Δ(group).  It is no dependence on the body (`body_dependent_restitution`)."""
-
-    form = "group"
-    formula = "ε ← ε + Δ(group), 0 for the first group"

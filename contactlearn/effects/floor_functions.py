@@ -21,7 +21,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.core.frozen import Frozen
-from contactlearn.effects.base import parameter, usual_parameter
+from contactlearn.effects.base import OWN_FAMILY, parameter, usual_parameter
 from contactlearn.effects.functions import SHARPNESS, within_part
 from contactlearn.effects.state import State
 from contactlearn.mechanics.impacts import Impacts
@@ -39,6 +39,7 @@ class OverFloor(Frozen, ABC):
 
     spaces = (SPACE,)
     mirror_symmetric = False
+    form: ClassVar[str | None]
     formula: ClassVar[str]
     square: Square | None = None  # middle (x, y) and half-span in m; None: of the measurements
 
@@ -79,6 +80,8 @@ class OverFloor(Frozen, ABC):
 class FieldOverFloor(OverFloor):
     """c_10 u + c_01 w + c_20 P_2(u) + c_11 u w + c_02 P_2(w)."""
 
+    form = "field"
+    formula = "{quantity} ← {quantity} + c₁₀ u + c₀₁ w + c₂₀ P₂(u) + c₁₁ u w + c₀₂ P₂(w), u and w = x and y"
     c10: Tensor | float = usual_parameter("c₁₀")
     c01: Tensor | float = usual_parameter("c₀₁")
     c20: Tensor | float = usual_parameter("c₂₀")
@@ -94,6 +97,7 @@ class FieldOverFloor(OverFloor):
 class _Shaped(OverFloor):
     """A change a of one part of the floor; b is half a width, of a border its softness."""
 
+    refines = (OWN_FAMILY,)
     a: Tensor | float = usual_parameter("a")
 
     def in_metres(self, name: str) -> tuple[float, float] | None:
@@ -108,6 +112,9 @@ class _Shaped(OverFloor):
 class BorderOnFloor(_Shaped):
     """a/(1 + exp(−t/b)) at a distance t from a border."""
 
+    form = "border"
+    formula = "{quantity} ← {quantity} + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
+    in_words = "{quantity} changes by {a} beyond the line x cos φ + y sin φ = {d}, φ = {phi}, within {b}"
     phi: Tensor | float = parameter("φ", "rad", -3.2, 3.2, vanishing=None, start=0.0)
     d: Tensor | float = parameter("d", "–", -0.9, 0.9, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.01, 0.3, vanishing=None, start=0.1)
@@ -119,6 +126,9 @@ class BorderOnFloor(_Shaped):
 class SpotOnFloor(_Shaped):
     """a exp(−(s/b)²ⁿ) at a distance s from the middle of a spot."""
 
+    form = "spot"
+    formula = "{quantity} ← {quantity} + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
+    in_words = "{quantity} changes by {a} in a spot about ({u_0}, {w_0}), {b} in radius, its edge of sharpness {n}"
     u_0: Tensor | float = parameter("u₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     w_0: Tensor | float = parameter("w₀", "–", -1.1, 1.1, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.1, 1.2, vanishing=None, start=0.5)
@@ -131,6 +141,12 @@ class SpotOnFloor(_Shaped):
 class StripOnFloor(_Shaped):
     """a exp(−(t/b)²ⁿ) at a distance t from the middle line of a strip."""
 
+    form = "strip"
+    formula = "{quantity} ← {quantity} + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
+    in_words = (
+        "{quantity} changes by {a} on a strip about the line x cos φ + y sin φ = {d}, φ = {phi}, {b} to each side, "
+        "edges of sharpness {n}"
+    )
     phi: Tensor | float = parameter("φ", "rad", -1.6, 1.6, vanishing=None, start=0.0)
     d: Tensor | float = parameter("d", "–", -1.0, 1.0, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.03, 0.6, vanishing=None, start=0.3)

@@ -9,7 +9,8 @@
     OfCovariate         functions of a covariate: LinearInCovariate, CovariateCurve, ByGroup
 
 A function that a coefficient adds has a method `coefficient`, which `base.ChangesFriction` and
-`base.ChangesRestitution` apply to μ and to ε.  A family whose forms are arms states their range, `ARM`.
+`base.ChangesRestitution` apply to μ and to ε.  It states its form and its formula for both, with {quantity} for the
+letter of either.  A family whose forms are arms states their range, `ARM`.
 """
 
 import math
@@ -26,10 +27,11 @@ from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError, DataError, suggest
 from contactlearn.core.frozen import Frozen
-from contactlearn.effects.base import Parameter, parameter, require_positive, usual_parameter
+from contactlearn.effects.base import OWN_FAMILY, Parameter, parameter, require_positive, usual_parameter
 from contactlearn.effects.state import State, columns
 from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.space import BOTH, PLANE as IN_PLANE
 
 ARM = ("m", -0.01, 0.01)
 """Unit and range of an arm at which an impulse acts, to the right of the contact point."""
@@ -114,6 +116,7 @@ class Spline(Frozen):
     inner ones, or at the first one where the curve starts at rest.  Source: Hastie, Tibshirani & Friedman 2009, §5.2.1.
     """
 
+    form: ClassVar[str | None] = "curve"
     formula: ClassVar[str]
     in_words: ClassVar[str] = "changes by {c1}, {c2} and {c3} from knot to knot"
     argument: ClassVar[Argument]
@@ -142,7 +145,9 @@ class Spline(Frozen):
         if self.knots is None or len(self.knots) != 4 or any(b <= a for a, b in pairwise(self.knots)):
             rule = f"the knots of a curve are four increasing values of {self.argument.symbol}"
             raise ContactLearnError(f"{rule}, given or taken by prepare(impacts); got {self.knots}")
-        shapes = _shapes(u, self.knots, self.knots[0] if self.at_rest else (self.knots[1] + self.knots[2]) / 2)
+        zero = self.knots[0] if self.at_rest else (self.knots[1] + self.knots[2]) / 2
+        rises, origin = _rises(self.knots, zero, u.device)
+        shapes = (_truncated(u, self.knots) - origin) @ rises
         return self.c1 * shapes[..., 0] + self.c2 * shapes[..., 1] + self.c3 * shapes[..., 2]
 
     def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -183,12 +188,6 @@ def _separate(knots: list[float]) -> Knots:
     return tuple(round(knot, digits) for knot in knots)
 
 
-def _shapes(u: Float[Tensor, "... n"], knots: Knots, zero: float) -> Float[Tensor, "... n 3"]:
-    """S_k at u [..., N], which are 0 at u = `zero`."""
-    rises, origin = _rises(knots, zero, u.device)
-    return (_truncated(u, knots) - origin) @ rises
-
-
 @lru_cache(maxsize=256)
 def _rises(knots: Knots, zero: float, device: torch.device) -> tuple[Float[Tensor, "3 3"], Float[Tensor, "3"]]:
     """The matrix from truncated powers to S_k, and the powers at `zero`."""
@@ -204,6 +203,28 @@ def _truncated(u: Float[Tensor, "*batch"], knots: Knots) -> Float[Tensor, "*batc
     cubes = {knot: (t - knot).clamp_min(0) ** 3 for knot in (first, second, third, last)}
     bends = [(cubes[knot] - cubes[last]) / (last - knot) for knot in (first, second, third)]
     return torch.stack((t, bends[0] - bends[2], bends[1] - bends[2]), -1)
+
+
+class LinearInIncidence(Frozen):
+    """c α, proportional to the angle of incidence."""
+
+    form: ClassVar[str | None] = "linear"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + c α, α = arctan(|v_t|/|v_n|)"
+    in_words: ClassVar[str] = "{quantity} changes by {c} of incidence"
+    c: Tensor | float = parameter("c", "1/rad", -1.0, 1.0)
+
+    def coefficient(self, state: State, value: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the coefficient with c α added."""
+        return value + self.c * state.incidence
+
+
+class CurveOverIncidence(Spline):
+    """s(α), a smooth curve over the angle of incidence."""
+
+    argument: ClassVar[Argument] = INCIDENCE
+    formula: ClassVar[str] = (
+        "{quantity} ← {quantity} + s(α), α = arctan(|v_t|/|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    )
 
 
 # --- Orientation -------------------------------------------------------------------------------------------
@@ -224,6 +245,11 @@ class _OfOrientation(Frozen, ABC):
 class AroundBody(_OfOrientation):
     """Σ a_k cos kθ + b_k sin kθ: smooth all around with k = 1, 2."""
 
+    form: ClassVar[str | None] = "harmonics"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
+    in_words: ClassVar[str] = (
+        "around the body {quantity} changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
+    )
     a1: Tensor | float = usual_parameter("a₁")
     b1: Tensor | float = usual_parameter("b₁")
     a2: Tensor | float = usual_parameter("a₂")
@@ -240,6 +266,9 @@ class AroundBody(_OfOrientation):
 class CurveAroundBody(AroundBody):
     """The same with k = 1 … 4: features of about 45°."""
 
+    form: ClassVar[str | None] = "curve"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
+    in_words: ClassVar[str] = ""
     argument: ClassVar[Argument] = ORIENTATION
     a3: Tensor | float = usual_parameter("a₃")
     b3: Tensor | float = usual_parameter("b₃")
@@ -250,6 +279,9 @@ class CurveAroundBody(AroundBody):
 class SpotOnBody(_OfOrientation):
     """a/(1 + (2 sin((θ − θ_0)/2)/w)⁴): one feature of half-width w about θ_0."""
 
+    form: ClassVar[str | None] = "spot"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
+    in_words: ClassVar[str] = "{quantity} changes by {a} about θ = {theta_0}, within ±{w}"
     a: Tensor | float = usual_parameter("a")
     theta_0: Tensor | float = parameter("θ₀", "rad", -4.0, 4.0, vanishing=None, start=0.0)
     w: Tensor | float = parameter("w", "rad", 0.1, 1.5, vanishing=None, start=0.5)
@@ -304,8 +336,10 @@ class _OnSpan(Frozen, ABC):
 class AlongFloor(_OnSpan):
     """Σ c_k P_k(u), k = 1 … 5, with Legendre's polynomials; u is the place on the span, or its nearer end."""
 
+    spaces = BOTH
+    form: ClassVar[str | None] = "along"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
     argument: ClassVar[Argument] = PLACE
-    formula: ClassVar[str]
     c1: Tensor | float = usual_parameter("c₁")
     c2: Tensor | float = usual_parameter("c₂")
     c3: Tensor | float = usual_parameter("c₃")
@@ -343,7 +377,13 @@ def within_part(square: Float[Tensor, "... n"], b: Tensor | float, n: Tensor | f
 class StretchOfFloor(_OnSpan):
     """a exp(−(t/b)²ⁿ) at a distance t = u − d from the middle of a stretch of the floor."""
 
-    formula: ClassVar[str]
+    spaces = (IN_PLANE,)
+    form: ClassVar[str | None] = "stretch"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + a exp(−((x − d)/b)²ⁿ)"
+    in_words: ClassVar[str] = (
+        "{quantity} changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
+    )
+    refines: ClassVar[tuple[str, ...]] = (OWN_FAMILY,)
     a: Tensor | float = usual_parameter("a")
     d: Tensor | float = parameter("d", "–", -1.1, 1.1, vanishing=None, start=0.0)
     b: Tensor | float = parameter("b", "–", 0.05, 1.0, vanishing=None, start=0.3)
@@ -378,7 +418,9 @@ class ByBody(Frozen):
     one object, or more than `MOST_OBJECTS`, there is no parameter and the effect changes nothing.
     """
 
-    formula: ClassVar[str]
+    spaces = BOTH
+    source = "materials"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + Δ(object), 0 for the first object"
     differences: Tensor | tuple[()] = field(default=(), metadata={"parameter": None})
     objects: tuple[str | float, ...] | None = None  # names; None: those of the measurements
 
@@ -407,10 +449,9 @@ class ByBody(Frozen):
         """The formula, and the object that the others are compared with."""
         if self.objects is None:
             return self.formula
-        count = len(self.objects)
-        return self.formula + (
-            f", {_written(self.objects[0])}" if self._others else f"; undetermined with {count} of them"
-        )
+        if not self._others:
+            return f"{self.formula}; undetermined with {len(self.objects)} of them"
+        return f"{self.formula}, {_written(self.objects[0])}"
 
     def at(self, values: Float[Tensor, "... k"] | Sequence[Tensor | float]) -> Self:
         """Return the effect with values [..., K] of its K parameters; without a value it stays as it is.
@@ -454,6 +495,9 @@ class OfCovariate(Frozen):
     of the middle of the measured range.
     """
 
+    spaces = BOTH
+    source = "temperature, humidity, material, operator"
+    quantity: ClassVar[str]
     formula: ClassVar[str]
     covariate: str = field(kw_only=True)
 
@@ -475,14 +519,15 @@ class OfCovariate(Frozen):
         """Parameters with symbols that say over which values of the covariate each of them is the rise."""
         if knots is None:
             return parameters
-        letter = self.formula[0]
-        symbols = (f"Δ{letter}({self.covariate} {low:g} → {high:g})" for low, high in pairwise(knots))
-        return tuple(replace(one, symbol=symbol) for one, symbol in zip(parameters, symbols, strict=True))
+        symbols = (f"Δ{self.quantity}({self.covariate} {low:g} → {high:g})" for low, high in pairwise(knots))
+        return tuple(replace(p, symbol=symbol) for p, symbol in zip(parameters, symbols, strict=True))
 
 
 class LinearInCovariate(OfCovariate):
     """c (u − ū)/Δu over the middle nine tenths, Δu about ū, of the measured values u: c is the change over it."""
 
+    form: ClassVar[str | None] = "linear"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + c (u − ū)/Δu"
     c: Tensor | float = usual_parameter("c")
     span: tuple[float, float] | None = None  # of u; None: that of nine tenths of the measurements
 
@@ -523,6 +568,8 @@ class LinearInCovariate(OfCovariate):
 class CovariateCurve(OfCovariate, Spline):
     """s(u), a smooth curve over the measured values u."""
 
+    formula: ClassVar[str] = "{quantity} ← {quantity} + s(u), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+
     @property
     def argument(self) -> Argument:  # pyright: ignore[reportIncompatibleVariableOverride]  (of this very effect)
         """The covariate as the argument of a curve."""
@@ -545,6 +592,9 @@ class CovariateCurve(OfCovariate, Spline):
 
 class ByGroup(OfCovariate, ByBody):
     """Differences Δ_j of the groups of a covariate after the first, named or few distinct numbers."""
+
+    form: ClassVar[str | None] = "group"
+    formula: ClassVar[str] = "{quantity} ← {quantity} + Δ(group), 0 for the first group"
 
     def taken_from(self, impacts: Impacts) -> Self:
         """Return the effect with the groups taken from the impacts where they are open."""

@@ -87,10 +87,8 @@ def _followed(
     friction: Callable[[Tensor], Tensor],
 ) -> Float[Tensor, "... n 6"]:
     """The wrench of Routh's path in steps of v_n; components of vectors and matrices are the first axes here."""
-    vectors, matrices = (
-        (state.r, state.approach, state.v_pre[..., 3:]),
-        (rigid_body.inverse(state.world_inertia), state.W),
-    )
+    vectors = state.r, state.approach, state.v_pre[..., 3:]
+    matrices = rigid_body.inverse(state.world_inertia), state.W
     r, v, omega = (x.expand(*mu.shape, 3).movedim(-1, 0).contiguous() for x in vectors)
     inverse, W = (x.expand(*mu.shape, 3, 3).movedim((-2, -1), (0, 1)).contiguous() for x in matrices)
     P, tau, change, step = torch.zeros_like(v), torch.zeros_like(v), torch.zeros_like(v), rise / _STEPS

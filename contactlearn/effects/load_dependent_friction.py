@@ -39,6 +39,5 @@ class PowerLawFriction(SpeedReference, LoadDependentFriction):
 class FrictionOverLoad(Spline, LoadDependentFriction):
     """μ → μ + s(|v_n|).  It is no law of the load (`PowerLawFriction`)."""
 
-    form = "curve"
     formula = "μ ← μ + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = APPROACH

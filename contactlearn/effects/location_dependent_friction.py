@@ -3,7 +3,6 @@
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
 from contactlearn.effects.functions import AlongFloor, StretchOfFloor
-from contactlearn.mechanics.space import BOTH, PLANE
 
 
 class LocationDependentFriction(ChangesFriction, Effect):
@@ -26,53 +25,22 @@ class LocationDependentFriction(ChangesFriction, Effect):
 class FrictionAlongFloor(AlongFloor, LocationDependentFriction):
     """μ → μ + Σ c_k P_k(u).  It is the same along y (`FrictionOverFloor`)."""
 
-    spaces = BOTH
-    form = "along"
-    formula = "μ ← μ + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
-
 
 class FrictionOfStretch(StretchOfFloor, LocationDependentFriction):
     """μ → μ + a exp(−(t/b)²ⁿ), t from the middle of a stretch.  It has edges (`FrictionAlongFloor`)."""
-
-    spaces = (PLANE,)
-    form = "stretch"
-    formula = "μ ← μ + a exp(−((x − d)/b)²ⁿ)"
-    in_words = "μ changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
-    refines = ("location_dependent_friction",)
 
 
 class FrictionOverFloor(FieldOverFloor, LocationDependentFriction):
     """μ → μ + Σ c_ij P_i(u) P_j(w), i + j = 1, 2.  It has no edge (`FrictionBorder`)."""
 
-    form = "field"
-    formula = "μ ← μ + c₁₀ u + c₀₁ w + c₂₀ P₂(u) + c₁₁ u w + c₀₂ P₂(w), u and w = x and y"
-
 
 class FrictionBorder(BorderOnFloor, LocationDependentFriction):
     """μ → μ + a/(1 + exp(−t/b)), t beyond a border.  It is no field without an edge (`FrictionOverFloor`)."""
-
-    form = "border"
-    formula = "μ ← μ + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
-    in_words = "μ changes by {a} beyond the line x cos φ + y sin φ = {d}, φ = {phi}, within {b}"
-    refines = ("location_dependent_friction",)
 
 
 class FrictionSpot(SpotOnFloor, LocationDependentFriction):
     """μ → μ + a exp(−(s/b)²ⁿ), s from the middle of a spot.  It is no strip (`FrictionStrip`)."""
 
-    form = "spot"
-    formula = "μ ← μ + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "μ changes by {a} in a spot about ({u_0}, {w_0}), {b} in radius, its edge of sharpness {n}"
-    refines = ("location_dependent_friction",)
-
 
 class FrictionStrip(StripOnFloor, LocationDependentFriction):
     """μ → μ + a exp(−(t/b)²ⁿ), t from the middle of a strip.  It has two borders (`FrictionBorder`)."""
-
-    form = "strip"
-    formula = "μ ← μ + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
-    in_words = (
-        "μ changes by {a} on a strip about the line x cos φ + y sin φ = {d}, φ = {phi}, {b} to each side, "
-        "edges of sharpness {n}"
-    )
-    refines = ("location_dependent_friction",)

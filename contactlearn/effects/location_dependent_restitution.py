@@ -3,7 +3,6 @@
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.floor_functions import BorderOnFloor, FieldOverFloor, SpotOnFloor, StripOnFloor
 from contactlearn.effects.functions import AlongFloor, StretchOfFloor
-from contactlearn.mechanics.space import BOTH, PLANE
 
 
 class LocationDependentRestitution(ChangesRestitution, Effect):
@@ -26,53 +25,22 @@ class LocationDependentRestitution(ChangesRestitution, Effect):
 class RestitutionAlongFloor(AlongFloor, LocationDependentRestitution):
     """ε → ε + Σ c_k P_k(u).  It is the same along y (`RestitutionOverFloor`)."""
 
-    spaces = BOTH
-    form = "along"
-    formula = "ε ← ε + Σ c_k P_k(u), k = 1 … 5, u = x on its span"
-
 
 class RestitutionOfStretch(StretchOfFloor, LocationDependentRestitution):
     """ε → ε + a exp(−(t/b)²ⁿ), t from the middle of a stretch.  It has edges (`RestitutionAlongFloor`)."""
-
-    spaces = (PLANE,)
-    form = "stretch"
-    formula = "ε ← ε + a exp(−((x − d)/b)²ⁿ)"
-    in_words = "ε changes by {a} on a stretch about x = {d}, {b} to each side, edges of sharpness {n}"
-    refines = ("location_dependent_restitution",)
 
 
 class RestitutionOverFloor(FieldOverFloor, LocationDependentRestitution):
     """ε → ε + Σ c_ij P_i(u) P_j(w), i + j = 1, 2.  It has no edge (`RestitutionBorder`)."""
 
-    form = "field"
-    formula = "ε ← ε + c₁₀ u + c₀₁ w + c₂₀ P₂(u) + c₁₁ u w + c₀₂ P₂(w), u and w = x and y"
-
 
 class RestitutionBorder(BorderOnFloor, LocationDependentRestitution):
     """ε → ε + a/(1 + exp(−t/b)), t beyond a border.  It is no field without an edge (`RestitutionOverFloor`)."""
-
-    form = "border"
-    formula = "ε ← ε + a/(1 + exp(−t/b)), t = x cos φ + y sin φ − d"
-    in_words = "ε changes by {a} beyond the line x cos φ + y sin φ = {d}, φ = {phi}, within {b}"
-    refines = ("location_dependent_restitution",)
 
 
 class RestitutionSpot(SpotOnFloor, LocationDependentRestitution):
     """ε → ε + a exp(−(s/b)²ⁿ), s from the middle of a spot.  It is no strip (`RestitutionStrip`)."""
 
-    form = "spot"
-    formula = "ε ← ε + a exp(−(s/b)²ⁿ), s² = (x − u₀)² + (y − w₀)²"
-    in_words = "ε changes by {a} in a spot about ({u_0}, {w_0}), {b} in radius, its edge of sharpness {n}"
-    refines = ("location_dependent_restitution",)
-
 
 class RestitutionStrip(StripOnFloor, LocationDependentRestitution):
     """ε → ε + a exp(−(t/b)²ⁿ), t from the middle of a strip.  It has two borders (`RestitutionBorder`)."""
-
-    form = "strip"
-    formula = "ε ← ε + a exp(−(t/b)²ⁿ), t = x cos φ + y sin φ − d"
-    in_words = (
-        "ε changes by {a} on a strip about the line x cos φ + y sin φ = {d}, φ = {phi}, {b} to each side, "
-        "edges of sharpness {n}"
-    )
-    refines = ("location_dependent_restitution",)

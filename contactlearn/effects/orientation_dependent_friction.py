@@ -2,7 +2,7 @@
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
-from contactlearn.effects.side_functions import CapOnBody, CornersOfBody, FacesOfBody, SidesOfBody
+from contactlearn.effects.side_functions import CapOnBody, ContactOnBody, CornersOfBody, FacesOfBody, SidesOfBody
 
 
 class OrientationDependentFriction(ChangesFriction, Effect):
@@ -30,64 +30,32 @@ class OrientationDependentFriction(ChangesFriction, Effect):
 class HarmonicFriction(AroundBody, OrientationDependentFriction):
     """μ → μ + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one rough spot (`RoughSpot`)."""
 
-    form = "harmonics"
-    formula = "μ ← μ + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
-    in_words = "around the body μ changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
-
 
 class RoughSpot(SpotOnBody, OrientationDependentFriction):
     """μ → μ + a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicFriction`)."""
-
-    form = "spot"
-    formula = "μ ← μ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
-    in_words = "μ changes by {a} about θ = {theta_0}, within ±{w}"
 
 
 class FrictionAroundBody(CurveAroundBody, OrientationDependentFriction):
     """μ → μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`RoughSpot`)."""
 
-    form = "curve"
-    formula = "μ ← μ + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
-
 
 class FrictionOfSides(SidesOfBody, OrientationDependentFriction):
     """μ → μ + spherical harmonics of the direction of the floor.  It has no edge (`FrictionOfCap`)."""
-
-    form = "sides"
-    formula = "μ ← μ + Σ a_i n_i + b_xx (n_x² − n_z²) + b_yy (n_y² − n_z²) + Σ b_ij n_i n_j, n to the floor"
 
 
 class FrictionOfCap(CapOnBody, OrientationDependentFriction):
     """μ → μ + a/(1 + (2 sin(γ/2)/w)⁴).  It is one side of the body (`FrictionOfSides`)."""
 
-    form = "cap"
-    formula = "μ ← μ + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the floor"
-    in_words = "μ changes by {a} on the side at longitude {longitude} and latitude {latitude}, within ±{w}"
-    refines = ("orientation_dependent_friction",)
 
-
-class FrictionOfContact(CapOnBody, OrientationDependentFriction):
+class FrictionOfContact(ContactOnBody, OrientationDependentFriction):
     """μ → μ + a/(1 + (2 sin(γ/2)/w)⁴) by the contact point: one corner of any body (`FrictionOfCorners`)."""
-
-    form = "contact"
-    formula = "μ ← μ + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the contact point"
-    in_words = "μ changes by {a} in contacts at longitude {longitude} and latitude {latitude}, within ±{w}"
-    refines = ("orientation_dependent_friction",)
-    of_contact_point = True
 
 
 class FrictionOfFaces(FacesOfBody, OrientationDependentFriction):
     """Each of the six faces of a box has its μ: of the face that is nearest to the floor (`FrictionOfCorners`)."""
 
-    form = "faces"
-    formula = "μ ← μ + Δ of the face ±x, ±y, ±z of the body that is lowest"
-    refines = ("orientation_dependent_friction",)
-
 
 class FrictionOfCorners(CornersOfBody, OrientationDependentFriction):
     """Each of the eight corners of a box has its μ, by the signs s of the contact point (`FrictionOfFaces`)."""
 
-    form = "corners"
-    formula = "μ ← μ + Σ a_i s_i + Σ b_ij s_i s_j + c s_x s_y s_z, s signs of the contact point in the body's axes"
-    refines = ("orientation_dependent_friction",)
     usual_range = ("–", -0.2, 0.2)  # of one of seven: together they reach what no pair of surfaces has

@@ -8,7 +8,7 @@ from torch import Tensor
 from contactlearn.effects.base import Effect
 from contactlearn.effects.functions import ARM, AroundBody, CurveAroundBody, SpotOnBody
 from contactlearn.effects.impulse_path import perturbed_path
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, altered
 
 
 class OrientationDependentMoment(Effect):
@@ -23,6 +23,7 @@ class OrientationDependentMoment(Effect):
     the body differs from the nominal one.  It is not an arm that follows the lever r_x (`contact_patch`).
     """
 
+    quantity = "the arm"
     usual_range = ARM
     source = "contour of the body"
     mirror_symmetric = False
@@ -40,11 +41,9 @@ class OrientationDependentMoment(Effect):
 class HarmonicMoment(AroundBody, OrientationDependentMoment):
     """The arm is a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one bump (`MomentOfBump`)."""
 
-    form = "harmonics"
     formula = (
         "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n while the contact lasts, P_t and P_n responding"
     )
-    in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
 
 class MomentAfterContact(AroundBody, OrientationDependentMoment):
@@ -55,17 +54,14 @@ class MomentAfterContact(AroundBody, OrientationDependentMoment):
 
     form = "after"
     formula = "τ ← τ + (a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ) P_n"
-    in_words = "around the body the arm changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
 
     def wrench(self, state: State, wrench: Float[Tensor, "... n 3"]) -> Float[Tensor, "... n 3"]:
-        P_t, P_n, tau = wrench.unbind(-1)
-        return columns(P_t, P_n, tau + self.change(state.theta) * P_n)
+        return altered(wrench, 2, self.change(state.theta) * wrench[..., 1])
 
 
 class MomentOfBump(SpotOnBody, OrientationDependentMoment):
     """The arm is a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicMoment`)."""
 
-    form = "spot"
     formula = "τ ← τ + a/(1 + (2 sin((θ − θ₀)/2)/w)⁴) P_n while the contact lasts, P_t and P_n responding"
     in_words = "the normal impulse acts at an arm of {a} about θ = {theta_0}, within ±{w}"
 
@@ -73,5 +69,4 @@ class MomentOfBump(SpotOnBody, OrientationDependentMoment):
 class MomentAroundBody(CurveAroundBody, OrientationDependentMoment):
     """The arm is Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`MomentOfBump`)."""
 
-    form = "curve"
     formula = "τ ← τ + (Σ a_k cos kθ + b_k sin kθ) P_n while the contact lasts, k = 1 … 4, P_t and P_n responding"

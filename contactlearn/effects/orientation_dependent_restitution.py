@@ -5,7 +5,7 @@ from torch import Tensor
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import AroundBody, CurveAroundBody, SpotOnBody
-from contactlearn.effects.side_functions import CapOnBody, CornersOfBody, FacesOfBody, SidesOfBody
+from contactlearn.effects.side_functions import CapOnBody, ContactOnBody, CornersOfBody, FacesOfBody, SidesOfBody
 from contactlearn.effects.state import State
 
 
@@ -34,15 +34,10 @@ class OrientationDependentRestitution(ChangesRestitution, Effect):
 class HarmonicRestitution(AroundBody, OrientationDependentRestitution):
     """ε → ε + a_1 cos θ + b_1 sin θ + a_2 cos 2θ + b_2 sin 2θ.  It is not one soft spot (`SoftSpot`)."""
 
-    form = "harmonics"
-    formula = "ε ← ε + a₁ cos θ + b₁ sin θ + a₂ cos 2θ + b₂ sin 2θ"
-    in_words = "around the body ε changes by {a1} cos θ, {b1} sin θ, {a2} cos 2θ and {b2} sin 2θ"
-
 
 class SoftSpot(SpotOnBody, OrientationDependentRestitution):
     """ε → ε − a/(1 + (2 sin((θ − θ_0)/2)/w)⁴).  It is not a smooth change all around (`HarmonicRestitution`)."""
 
-    form = "spot"
     formula = "ε ← ε − a/(1 + (2 sin((θ − θ₀)/2)/w)⁴)"
     in_words = "ε changes by {a:-} about θ = {theta_0}, within ±{w}"
 
@@ -53,47 +48,22 @@ class SoftSpot(SpotOnBody, OrientationDependentRestitution):
 class RestitutionAroundBody(CurveAroundBody, OrientationDependentRestitution):
     """ε → ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4.  It has no edge (`SoftSpot`)."""
 
-    form = "curve"
-    formula = "ε ← ε + Σ a_k cos kθ + b_k sin kθ, k = 1 … 4"
-
 
 class RestitutionOfSides(SidesOfBody, OrientationDependentRestitution):
     """ε → ε + spherical harmonics of the direction of the floor.  It has no edge (`RestitutionOfCap`)."""
-
-    form = "sides"
-    formula = "ε ← ε + Σ a_i n_i + b_xx (n_x² − n_z²) + b_yy (n_y² − n_z²) + Σ b_ij n_i n_j, n to the floor"
 
 
 class RestitutionOfCap(CapOnBody, OrientationDependentRestitution):
     """ε → ε + a/(1 + (2 sin(γ/2)/w)⁴).  It is one side of the body (`RestitutionOfSides`)."""
 
-    form = "cap"
-    formula = "ε ← ε + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the floor"
-    in_words = "ε changes by {a} on the side at longitude {longitude} and latitude {latitude}, within ±{w}"
-    refines = ("orientation_dependent_restitution",)
 
-
-class RestitutionOfContact(CapOnBody, OrientationDependentRestitution):
+class RestitutionOfContact(ContactOnBody, OrientationDependentRestitution):
     """ε → ε + a/(1 + (2 sin(γ/2)/w)⁴) by the contact point: one corner of any body (`RestitutionOfCorners`)."""
-
-    form = "contact"
-    formula = "ε ← ε + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the contact point"
-    in_words = "ε changes by {a} in contacts at longitude {longitude} and latitude {latitude}, within ±{w}"
-    refines = ("orientation_dependent_restitution",)
-    of_contact_point = True
 
 
 class RestitutionOfFaces(FacesOfBody, OrientationDependentRestitution):
     """Each of the six faces of a box has its ε: of the face that is nearest to the floor (`RestitutionOfCorners`)."""
 
-    form = "faces"
-    formula = "ε ← ε + Δ of the face ±x, ±y, ±z of the body that is lowest"
-    refines = ("orientation_dependent_restitution",)
-
 
 class RestitutionOfCorners(CornersOfBody, OrientationDependentRestitution):
     """Each of the eight corners of a box has its ε, by the signs s of the contact point (`RestitutionOfFaces`)."""
-
-    form = "corners"
-    formula = "ε ← ε + Σ a_i s_i + Σ b_ij s_i s_j + c s_x s_y s_z, s signs of the contact point in the body's axes"
-    refines = ("orientation_dependent_restitution",)

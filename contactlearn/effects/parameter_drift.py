@@ -55,6 +55,8 @@ class FrictionDrift(ChangesFriction, ParameterDrift):
 class _Settling(TrialShare):
     """a (1 − exp(−λ k/N)): a change that comes to an end."""
 
+    formula = "{quantity} ← {quantity} + a (1 − exp(−λ k/N)), N trials in all"
+    in_words = "{quantity} changes by {a} and settles at a rate of {rate} per sequence"
     a: Tensor | float = parameter("a", "–", -0.5, 0.5)
     rate: Tensor | float = parameter("λ", "–", 0.5, 20.0, vanishing=None, start=3.0)
 
@@ -66,6 +68,8 @@ class _Settling(TrialShare):
 class _Step(TrialShare):
     """a/(1 + exp(−(k/N − t)/0.03)): a change within a few per cent of the trials about one."""
 
+    formula = "{quantity} ← {quantity} + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
+    in_words = "{quantity} changes by {a} after {t:%} of the trials"
     a: Tensor | float = parameter("a", "–", -0.5, 0.5)
     t: Tensor | float = parameter("t", "–", 0.0, 1.0, vanishing=None, start=0.5)
 
@@ -74,52 +78,47 @@ class _Step(TrialShare):
         return value + self.a * torch.sigmoid((self.share(state) - self.t) / _STEP)
 
 
+class _CurveOverOrder(Spline):
+    """s(k): a change at any pace."""
+
+    formula = "{quantity} ← {quantity} + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
+    argument = TRIAL
+
+
 class SettlingRestitution(_Settling, ChangesRestitution, ParameterDrift):
     """ε → ε + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`RestitutionDrift`)."""
 
     form = "settling_restitution"
-    formula = "ε ← ε + a (1 − exp(−λ k/N)), N trials in all"
-    in_words = "ε changes by {a} and settles at a rate of {rate} per sequence"
 
 
 class SettlingFriction(_Settling, ChangesFriction, ParameterDrift):
     """μ → μ + a (1 − exp(−λ k/N)), as surfaces run in.  It does not go on for ever (`FrictionDrift`)."""
 
     form = "settling_friction"
-    formula = "μ ← μ + a (1 − exp(−λ k/N)), N trials in all"
-    in_words = "μ changes by {a} and settles at a rate of {rate} per sequence"
 
 
 class RestitutionStep(_Step, ChangesRestitution, ParameterDrift):
     """ε → ε + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingRestitution`)."""
 
     form = "restitution_step"
-    formula = "ε ← ε + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
-    in_words = "ε changes by {a} after {t:%} of the trials"
 
 
 class FrictionStep(_Step, ChangesFriction, ParameterDrift):
     """μ → μ + a/(1 + exp(−(k/N − t)/0.03)), as where a surface is changed.  It is not wear (`SettlingFriction`)."""
 
     form = "friction_step"
-    formula = "μ ← μ + a/(1 + exp(−(k/N − t)/0.03)), N trials in all"
-    in_words = "μ changes by {a} after {t:%} of the trials"
 
 
-class RestitutionDriftCurve(Spline, ChangesRestitution, ParameterDrift):
+class RestitutionDriftCurve(_CurveOverOrder, ChangesRestitution, ParameterDrift):
     """ε → ε + s(k).  It need not settle (`SettlingRestitution`)."""
 
     form = "restitution_curve"
-    formula = "ε ← ε + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    argument = TRIAL
 
 
-class FrictionDriftCurve(Spline, ChangesFriction, ParameterDrift):
+class FrictionDriftCurve(_CurveOverOrder, ChangesFriction, ParameterDrift):
     """μ → μ + s(k).  It need not settle (`SettlingFriction`)."""
 
     form = "friction_curve"
-    formula = "μ ← μ + s(k), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-    argument = TRIAL
 
 
 def _thousands(state: State) -> Float[Tensor, "... n"]:

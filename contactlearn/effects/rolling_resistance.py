@@ -9,7 +9,7 @@ from contactlearn.core.frozen import Frozen
 from contactlearn.effects.base import Effect, parameter, require_positive
 from contactlearn.effects.functions import ARM, Argument, Spline
 from contactlearn.effects.impulse_path import perturbed_path, perturbed_path_in_space
-from contactlearn.effects.state import State, columns
+from contactlearn.effects.state import State, altered
 from contactlearn.mechanics.space import BOTH, SPACE
 
 
@@ -87,7 +87,6 @@ class RollingResistanceInSpace(_ConstantArm, RollingResistance):
 class RollingResistanceCurve(Spline, RollingResistance):
     """τ → τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts.  It need not level off (`SmoothedRollingResistance`)."""
 
-    form = "curve"
     formula = (
         "τ ← τ − s(|ω̄|) sign(ω̄) P_n while the contact lasts, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     )
@@ -127,8 +126,8 @@ class RollingResistanceAtPoint(_ConstantArm, RollingResistance):
     formula = "r_x ← r_x − c sign(ω), smoothed, where the law acts"
 
     def state(self, state: State) -> State:
-        r_x, r_y = state.r.unbind(-1)
-        return state.replace(r=columns(r_x - self.c * state.omega / self._smoothed(state.omega[..., None]), r_y))
+        shift = -self.c * state.omega / self._smoothed(state.omega[..., None])
+        return state.replace(r=altered(state.r, 0, shift))
 
 
 def _mean_spin(state: State) -> Float[Tensor, "... n"]:

@@ -1,7 +1,8 @@
-"""Functions of the side on which a body in space lands, which restitution and friction share.
+"""Functions of the side on which a body in space lands, which restitution and friction share: their {quantity}.
 
     SidesOfBody      spherical harmonics of the first and second degree
     CapOnBody        a/(1 + (2 sin(γ/2)/w)⁴), γ from the middle of one side
+    ContactOnBody    the same of the contact point
     FacesOfBody      a value for each of the six faces of a box
     CornersOfBody    a value for each of the eight corners of a box
 
@@ -17,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.core.frozen import Frozen
-from contactlearn.effects.base import parameter, usual_parameter
+from contactlearn.effects.base import OWN_FAMILY, parameter, usual_parameter
 from contactlearn.effects.state import State
 from contactlearn.mechanics.rigid_body import in_body, rotation
 from contactlearn.mechanics.space import SPACE
@@ -30,6 +31,7 @@ class OfSide(Frozen, ABC):
 
     spaces = (SPACE,)
     mirror_symmetric = False
+    refines: ClassVar[tuple[str, ...]] = (OWN_FAMILY,)
     of_contact_point: ClassVar[bool] = False
     """Whether the direction is that of the contact point, not of the floor."""
 
@@ -48,6 +50,11 @@ class OfSide(Frozen, ABC):
 class SidesOfBody(OfSide):
     """a·n + b_xx (n_x² − n_z²) + b_yy (n_y² − n_z²) + b_xy n_x n_y + b_yz n_y n_z + b_zx n_z n_x."""
 
+    form = "sides"
+    formula = (
+        "{quantity} ← {quantity} + Σ a_i n_i + b_xx (n_x² − n_z²) + b_yy (n_y² − n_z²) + Σ b_ij n_i n_j, n to the floor"
+    )
+    refines = ()
     a_x: Tensor | float = usual_parameter("a_x")
     a_y: Tensor | float = usual_parameter("a_y")
     a_z: Tensor | float = usual_parameter("a_z")
@@ -67,6 +74,9 @@ class SidesOfBody(OfSide):
 class CapOnBody(OfSide):
     """a/(1 + (2 sin(γ/2)/w)⁴) at an angle γ from the direction of longitude λ and latitude β."""
 
+    form = "cap"
+    formula = "{quantity} ← {quantity} + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the floor"
+    in_words = "{quantity} changes by {a} on the side at longitude {longitude} and latitude {latitude}, within ±{w}"
     a: Tensor | float = usual_parameter("a")
     longitude: Tensor | float = parameter("λ", "rad", -3.2, 3.2, vanishing=None, start=0.0)
     latitude: Tensor | float = parameter("β", "rad", -1.6, 1.6, vanishing=None, start=0.0)
@@ -79,9 +89,20 @@ class CapOnBody(OfSide):
         return self.a / (1 + away.square())
 
 
+class ContactOnBody(CapOnBody):
+    """The same by the direction of the contact point."""
+
+    form = "contact"
+    formula = "{quantity} ← {quantity} + a/(1 + (2 sin(γ/2)/w)⁴), γ from (λ, β) to the contact point"
+    in_words = "{quantity} changes by {a} in contacts at longitude {longitude} and latitude {latitude}, within ±{w}"
+    of_contact_point = True
+
+
 class FacesOfBody(OfSide):
     """Δ of the face that is nearest to straight down; the mean of the six is 0."""
 
+    form = "faces"
+    formula = "{quantity} ← {quantity} + Δ of the face ±x, ±y, ±z of the body that is lowest"
     d_x: Tensor | float = usual_parameter("Δ_x")
     d_y: Tensor | float = usual_parameter("Δ_y")
     d_z: Tensor | float = usual_parameter("Δ_z")
@@ -98,6 +119,11 @@ class FacesOfBody(OfSide):
 class CornersOfBody(OfSide):
     """Σ a_i s_i + b_xy s_x s_y + b_yz s_y s_z + b_zx s_z s_x + c s_x s_y s_z with the signs s: Walsh's functions."""
 
+    form = "corners"
+    formula = (
+        "{quantity} ← {quantity} + Σ a_i s_i + Σ b_ij s_i s_j + c s_x s_y s_z, s signs of the contact point in the "
+        "body's axes"
+    )
     of_contact_point = True
     a_x: Tensor | float = usual_parameter("a_x")
     a_y: Tensor | float = usual_parameter("a_y")

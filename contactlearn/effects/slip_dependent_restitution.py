@@ -38,6 +38,5 @@ class LinearSlipRestitution(SpeedReference, SlipDependentRestitution):
 class RestitutionOverSlip(Spline, SlipDependentRestitution):
     """ε → ε + s(|v_t|).  It is not proportional to the slip (`LinearSlipRestitution`)."""
 
-    form = "curve"
     formula = "ε ← ε + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP

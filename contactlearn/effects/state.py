@@ -218,7 +218,7 @@ class State:
         """
         if self.shape is None:
             raise ContactLearnError("the contact point of an unknown shape cannot move; give state.replace(shape=…)")
-        return per_body(self.shape, self.body, lambda one: contact_point(one, theta, self.stretch, self.corner))
+        return per_body(self.shape, self.body, lambda shape: contact_point(shape, theta, self.stretch, self.corner))
 
     @property
     def height(self) -> Float[Tensor, "... n"]:

@@ -1,5 +1,6 @@
 """Friction depends on how fast the contact slips."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import torch
@@ -37,7 +38,39 @@ class VelocityDependentFriction(Effect):
     citations = ("stribeck1902",)
 
 
-class _Viscous(Frozen):
+class _OverSlip(Frozen, ABC):
+    """A change of μ at every slip."""
+
+    @abstractmethod
+    def at_slip(self, slip: Float[Tensor, "..."], mu: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """Return the change of μ at a slip in m/s."""
+
+
+class _Averaged(_OverSlip):
+    """Its mean over the slip of a contact in the plane."""
+
+    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
+        """Return (μ, ε) of each impact."""
+        assert isinstance(self, Effect)  # as every class that this is a part of
+        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
+
+
+class _AlongPath(_OverSlip):
+    """The change at each slip along the path of a contact in space."""
+
+    spaces = (SPACE,)
+    adds_energy = True
+
+    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
+        """Return the wrench in contact axes."""
+        assert isinstance(self, Effect)
+        mu, _ = state.coefficients
+        return perturbed_path_in_space(
+            state, wrench, self.values, friction=lambda slip: self.at_slip(smooth_norm(slip), mu)
+        )
+
+
+class _Viscous(_OverSlip):
     in_words = "μ changes by {c} of slip"
     c: Tensor | float = parameter("c", "s/m", -0.3, 0.3)
 
@@ -45,29 +78,21 @@ class _Viscous(Frozen):
         return self.c * slip
 
 
-class ViscousFriction(_Viscous, VelocityDependentFriction):
+class ViscousFriction(_Viscous, _Averaged, VelocityDependentFriction):
     """μ → μ + c v̄, v̄ the mean slip.  It does not level off at speed (`StribeckFriction`)."""
 
     form = "viscous"
     formula = "μ ← μ + c v̄, v̄ the mean slip"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
 
-
-class ViscousFrictionInSpace(_Viscous, VelocityDependentFriction):
+class ViscousFrictionInSpace(_Viscous, _AlongPath, VelocityDependentFriction):
     """μ → μ + c v along the path of a contact in space.  It does not level off at speed (`StribeckFrictionInSpace`)."""
 
-    spaces = (SPACE,)
-    adds_energy = True
     form = "viscous_path"
     formula = "μ ← μ + c v, v the slip along the path of the contact"
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        return _along_path(self.at_slip, state, wrench, self.values)
 
-
-class _Stribeck(Frozen):
+class _Stribeck(_OverSlip):
     in_words = "μ changes by {d:%} at little slip, which fades over {v_s}"
     d: Tensor | float = parameter("d", "–", -1.0, 5.0)
     v_s: Tensor | float = parameter("v_s", "m/s", 0.05, 5.0, vanishing=None, start=0.5)
@@ -76,32 +101,24 @@ class _Stribeck(Frozen):
         return mu * self.d * (-slip / self.v_s).exp()
 
 
-class StribeckFriction(_Stribeck, VelocityDependentFriction):
+class StribeckFriction(_Stribeck, _Averaged, VelocityDependentFriction):
     """μ → μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip.  It does not grow with the slip (`ViscousFriction`)."""
 
     form = "stribeck"
     formula = "μ ← μ (1 + d s̄), s̄ the mean of exp(−v/v_s) over the slip"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
 
-
-class StribeckFrictionInSpace(_Stribeck, VelocityDependentFriction):
+class StribeckFrictionInSpace(_Stribeck, _AlongPath, VelocityDependentFriction):
     """μ → μ (1 + d exp(−v/v_s)) along the path of a contact in space.
 
     It does not grow with the slip (`ViscousFrictionInSpace`).
     """
 
-    spaces = (SPACE,)
-    adds_energy = True
     form = "stribeck_path"
     formula = "μ ← μ (1 + d exp(−v/v_s)), v the slip along the path of the contact"
 
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        return _along_path(self.at_slip, state, wrench, self.values)
 
-
-class _Curve(Spline):
+class _Curve(Spline, _OverSlip):
     argument = Argument("v", "m/s", lambda state: torch.cat((state.slip, state.slip / 2), -1))
     # at first, and later if the contact sticks
 
@@ -109,26 +126,17 @@ class _Curve(Spline):
         return self.change(slip)
 
 
-class FrictionOverSlip(_Curve, VelocityDependentFriction):
+class FrictionOverSlip(_Curve, _Averaged, VelocityDependentFriction):
     """μ → μ + s̄, the mean of s(v) over the slip.  It is no law of lubrication (`StribeckFriction`)."""
 
-    form = "curve"
     formula = "μ ← μ + s̄, the mean over the slip v of a smooth s that rises by c₁, c₂, c₃ from knot to knot"
 
-    def law(self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."]) -> Coefficients:
-        return mu + _mean(lambda slip: self.at_slip(slip, mu), state, mu, eps, self.values), eps
 
-
-class FrictionOverSlipInSpace(_Curve, VelocityDependentFriction):
+class FrictionOverSlipInSpace(_Curve, _AlongPath, VelocityDependentFriction):
     """μ → μ + s(v) along the path of a contact in space.  It is no law of lubrication (`StribeckFrictionInSpace`)."""
 
-    spaces = (SPACE,)
-    adds_energy = True
     form = "curve_path"
     formula = "μ ← μ + s(v) along the path of the contact, a smooth s that rises by c₁, c₂, c₃ from knot to knot"
-
-    def wrench(self, state: State, wrench: Float[Tensor, "... n 6"]) -> Float[Tensor, "... n 6"]:
-        return _along_path(self.at_slip, state, wrench, self.values)
 
 
 class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction):
@@ -138,17 +146,6 @@ class FrictionOverInitialSlip(Spline, ChangesFriction, VelocityDependentFriction
     form = "initial"
     formula = "μ ← μ + s(|v_t|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = SLIP
-
-
-def _along_path(
-    change: Callable[[Tensor, Tensor], Tensor],
-    state: State,
-    wrench: Float[Tensor, "... n 6"],
-    parameters: Sequence[Float[Tensor, "..."]],
-) -> Float[Tensor, "... n 6"]:
-    """Wrench with a change of μ at each slip, given it and μ, along the path of a contact in space."""
-    mu, _ = state.coefficients
-    return perturbed_path_in_space(state, wrench, parameters, friction=lambda slip: change(smooth_norm(slip), mu))
 
 
 def _mean(
@@ -168,14 +165,9 @@ def _mean(
     for _ in range(_ROUNDS):
         last = final_slip(state, mu + mean, eps)
         changes = change(last + (first - last) * place)
-        weights = simpson / _floored_braking(state, mu + changes)
+        weights = simpson / braking(state, mu + changes).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
         mean = (weights * changes).sum(0) / weights.sum(0)
     return mean
-
-
-def _floored_braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:
-    """Braking of the slip by friction μ, at least that of `_LEAST_BRAKING`."""
-    return braking(state, mu).clamp_min(_LEAST_BRAKING * state.W[..., 0, 0])
 
 
 def braking(state: State, mu: Float[Tensor, "..."]) -> Float[Tensor, "... n"]:

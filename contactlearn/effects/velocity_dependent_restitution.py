@@ -103,6 +103,5 @@ class ThresholdRestitution(VelocityDependentRestitution):
 class RestitutionOverSpeed(Spline, VelocityDependentRestitution):
     """ε → ε + s(|v_n|).  It is no law of a material (`KuwabaraKonoRestitution`)."""
 
-    form = "curve"
     formula = "ε ← ε + s(|v_n|), a smooth s that rises by c₁, c₂, c₃ from knot to knot"
     argument = APPROACH

@@ -128,7 +128,7 @@ class ComparedRun:
     @property
     def found(self) -> tuple[EffectId, ...]:
         """Effects that a diagnosis found missing."""
-        return () if self.diagnosis is None else tuple(one.effect for one in self.diagnosis.missing)
+        return () if self.diagnosis is None else tuple(missing.effect for missing in self.diagnosis.missing)
 
     @property
     def trained_on(self) -> int | None:
@@ -171,7 +171,7 @@ class ComparedRun:
                 return {}
             floor = {} if budget.noise is None else {"noise": budget.noise}
             return {"named": budget.named, "law": budget.base, **floor, IRB: budget.bound}
-        return {printable(name): one for name, one in self.result.errors.items()}
+        return {printable(name): errors for name, errors in self.result.errors.items()}
 
     def error(self, metric: str, model: str | None = None) -> Interval | None:
         """Return a held-out error of a model, by default of the run's own; None where there is none."""
@@ -215,8 +215,8 @@ def read_runs(roots: Sequence[Path], on_event: OnEvent = ignore) -> tuple[list[C
     runs: list[ComparedRun] = []
     skipped: list[tuple[str, str]] = []
     top = Path(os.path.commonpath(roots))
-    found = dict.fromkeys(path for root in roots for path in find_results(root))
-    for path in track(found, "reading runs", on_event):
+    paths = dict.fromkeys(path for root in roots for path in find_results(root))
+    for path in track(paths, "reading runs", on_event):
         name = os.path.relpath(path.parent if path.name in FILES else path, top)
         name = printable(top.name if name == "." else name)
         try:
@@ -224,7 +224,7 @@ def read_runs(roots: Sequence[Path], on_event: OnEvent = ignore) -> tuple[list[C
         except ContactLearnError as error:
             skipped.append((f"{name} ({path.name})" if path.name in FILES else name, printable(str(error))))
             continue
-        both = all((path.parent / one).exists() for one in FILES)
+        both = all((path.parent / file).exists() for file in FILES)
         runs.append(ComparedRun(name=f"{name} ({path.stem})" if both else name, path=path, result=result))
     if not runs:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
@@ -311,7 +311,7 @@ def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
     settings = {f"setting_{key}": _typed(values) for key, values in varying(runs).items()}
     entries: list[dict[str, Any]] = []
     for k, run in enumerate(runs):
-        done, found = read_done(run.path.parent), run.diagnosis
+        done, diagnosis = read_done(run.path.parent), run.diagnosis
         about = {
             "run": run.name,
             "command": run.command,
@@ -320,8 +320,8 @@ def as_table(runs: Sequence[ComparedRun]) -> pd.DataFrame:
             "learned": run.learned,
             "given": ", ".join(map(str, run.given)),
             "found": ", ".join(map(str, run.found)),
-            "verdict": None if found is None else str(found.verdict),
-            "physics": None if found is None or found.physics is None else str(found.physics),
+            "verdict": None if diagnosis is None else str(diagnosis.verdict),
+            "physics": None if diagnosis is None or diagnosis.physics is None else str(diagnosis.physics),
             "trained_on": run.trained_on,
             "data": run.data.source,
             "trials": run.data.trials,
@@ -346,7 +346,7 @@ def _models(run: ComparedRun) -> Iterator[dict[str, Any]]:
             rest = {"outside_admissible": errors.outside_admissible, "back_spin": errors.back_spin}
         else:
             intervals, rest = {headline_metric(run.norm): errors}, {}
-        numbers = {key: x for metric, one in intervals.items() for key, x in zip(_columns(metric), one, strict=True)}
+        numbers = {key: x for metric, ends in intervals.items() for key, x in zip(_columns(metric), ends, strict=True)}
         roles = {"own": name == run.own, "bound": name in run.bounds, "law_alone": name == run.law_alone}
         yield {"model": name, **roles, **numbers, **rest}
     if not run.errors:
@@ -391,14 +391,14 @@ def distinguishing(runs: Sequence[ComparedRun]) -> Settings:
 
 def shared(runs: Sequence[ComparedRun]) -> list[tuple[str, str]]:
     """Return the settings that are the same wherever they are, with the commands that have them where not all do."""
-    found = []
+    settings = []
     for key, values in _settings([run.config for run in runs], [run.command for run in runs]).items():
         there = [(value, run.command) for value, run in zip(values, runs, strict=True) if value is not None]
         if there and not _differ(values):
             commands = sorted({command for _, command in there})
             few = len(commands) < len({run.command for run in runs})
-            found.append((key, there[0][0] + (f" ({', '.join(commands)})" if few else "")))
-    return found
+            settings.append((key, there[0][0] + (f" ({', '.join(commands)})" if few else "")))
+    return settings
 
 
 def _differ(values: Sequence[str | None]) -> bool:

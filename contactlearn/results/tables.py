@@ -98,8 +98,8 @@ def load_predictions(impacts: Impacts, path: Path) -> dict[str, Prediction]:
     columns = ["trial", "model", *space.components["v_post"], *space.wrench]
     with _readable(path):
         rows = _stored(path).to_table(columns=columns, filter=ds.field("trial").isin(impacts.trial)).to_pandas()
-    found = {str(model): part for model, part in rows.groupby("model", sort=False)}
-    return {model: _prediction(impacts, model, part, path) for model, part in found.items()}
+    by_model = {str(model): part for model, part in rows.groupby("model", sort=False)}
+    return {model: _prediction(impacts, model, part, path) for model, part in by_model.items()}
 
 
 def _stored(path: Path) -> ds.Dataset:

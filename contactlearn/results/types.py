@@ -206,7 +206,7 @@ class ModelErrors:
     @property
     def intervals(self) -> dict[str, Interval]:
         """The means and intervals that there are, by the metric's name in `METRICS`."""
-        return {name: one for name in METRICS if (one := getattr(self, name)) is not None}
+        return {name: interval for name in METRICS if (interval := getattr(self, name)) is not None}
 
     def of(self, metric: str) -> Interval:
         """The mean and interval of a metric by its name in `METRICS`.

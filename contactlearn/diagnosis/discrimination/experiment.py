@@ -133,9 +133,8 @@ def parameter_slopes(model: ContactModel, states: Impacts) -> tuple[Float[Tensor
     if model.parameter_covariance is None or not isinstance(law, Law):
         none = torch.zeros(len(states), states.space.D, 0, dtype=torch.float64)
         return none, torch.zeros(0, 0, dtype=torch.float64)
-    values = [law.mu, law.eps, *(value for effect in model.effects.values() for value in effect.values)]
-    theta = torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values])
-    about = linearise(law, model.effects, states, theta, torch.eye(states.space.D, dtype=torch.float64))
+    unit = torch.eye(states.space.D, dtype=torch.float64)
+    about = linearise(law, model.effects, states, torch.stack(model.values), unit)
     return -about.slope, model.parameter_covariance
 
 
@@ -227,9 +226,8 @@ def separations_of(
     impacts: Impacts, chosen: ContactModel, rivals: Mapping[Key, ContactModel], states: Impacts
 ) -> Float[Tensor, "r n"]:
     """Compute the squared difference d² between a chosen model and each rival at states; see `ModelDiscrimination`."""
-    return torch.stack(
-        [discrimination.squared() for discrimination in discriminations(impacts, chosen, rivals, states).values()]
-    )
+    against = discriminations(impacts, chosen, rivals, states)
+    return torch.stack([discrimination.squared() for discrimination in against.values()])
 
 
 def state_limits(impacts: Impacts, limits: Mapping[str, tuple[float, float]]) -> Float[Tensor, "s 2"]:
@@ -271,10 +269,8 @@ def _states(impacts: Impacts, within: Float[Tensor, "s 2"], generator: torch.Gen
     good = ((state >= within[:, 0]) & (state <= within[:, 1])).all(-1)
     good &= contact_velocity(r, v)[:, -1] < -_GRAZING * v[:, : impacts.space.d].norm(dim=-1).clamp_min(1e-9)
     if not good.any():
-        limits = ", ".join(
-            f"{name} in [{low:.3g}, {high:.3g}]"
-            for name, (low, high) in zip(STATES[impacts.space], within, strict=True)
-        )
+        ends = zip(STATES[impacts.space], within, strict=True)
+        limits = ", ".join(f"{name} in [{low:.3g}, {high:.3g}]" for name, (low, high) in ends)
         down = "v_y" if impacts.space is PLANE else "v_z"
         raise DataError(f"no drop within the limits approaches the floor: {limits}; {down} < 0 is downwards")
     last, names = impacts.order.max() + 1, tuple(impacts.object[k] for k in rows[good].tolist())

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.diagnosis.result.effects import Rival
@@ -71,32 +71,29 @@ def find_rivals(
     scatter = robust_covariance(residual)  # in which all models are compared
     chosen = validated(pool, folds, selection.chosen, scatter)
     similarities = [similarity(selection, effect) for effect in missing]
-    found: dict[EffectId, tuple[FittedRival, ...]] = {}
+    rivals_of: dict[EffectId, tuple[FittedRival, ...]] = {}
     for effect, among in progress(list(zip(missing, similarities, strict=True))):
         exchanged, _ = selection.replacements(effect)
-        among = {
-            key: one for key, one in among.items() if one.similarity >= _SIMILARITY or exchanged.get(key.name) == key
-        }
+        among = {k: c for k, c in among.items() if c.similarity >= _SIMILARITY or exchanged.get(k.name) == k}
         models = _refitted(selection, effect, among)
         rivals = list[FittedRival]()
         for (candidate, collinearity), model in zip(among.items(), models, strict=True):
             fitted = validated(pool, folds, model, scatter)
             gain, error = paired_gain(chosen, fitted)
-            rival = Rival(
-                effect=candidate, similarity=collinearity.similarity, loss_difference=-gain, standard_error=error
-            )
+            similar = collinearity.similarity
+            rival = Rival(effect=candidate, similarity=similar, loss_difference=-gain, standard_error=error)
             if _as_good(chosen, fitted, rival, thresholds):
                 fitted = replace(fitted, fit=pool.polished(model.spec)[0].fit)  # with standard errors
                 rivals.append(FittedRival(rival=rival, fitted=fitted))
-        found[effect] = tuple(sorted(rivals, key=lambda one: one.rival.loss_difference))
-    return found
+        rivals_of[effect] = tuple(sorted(rivals, key=lambda fitted: fitted.rival.loss_difference))
+    return rivals_of
 
 
 def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Collinearity]:
     """Compute how much of a chosen effect each candidate of another family reproduces to first order."""
     present, pool = selection.present, selection.pool
     others = {key: value for key, value in present.effects.items() if key != effect.name}
-    others_parameters = ~own_parameters(present, effect.name)
+    others_parameters = torch.tensor([not p.name.startswith(f"{effect.name}.") for p in present.fit.parameters])
     values = present.fit.values[others_parameters]
     among = {key: e for key, e in pool.candidates.items() if key.name not in present.effects}
     if not among:
@@ -109,19 +106,14 @@ def similarity(selection: Selection, effect: EffectId) -> dict[EffectId, Colline
     change = (root * (less.residual - whole.residual)).flatten()
     slope = (root[..., None] * -less.slope).flatten(0, 1).nan_to_num(0.0, 0.0, 0.0)  # of the prediction
     _, before = _least_squares(slope[:, : len(values)], change)
-    found, at = {}, len(values)
+    collinearities, at = {}, len(values)
     for candidate, e in among.items():
-        own = [*range(len(values)), *range(at, at + len(e.parameters))]
+        picked = [*range(len(values)), *range(at, at + len(e.parameters))]
         at += len(e.parameters)
-        step, after = _least_squares(slope[:, own], change)
+        step, after = _least_squares(slope[:, picked], change)
         share = 1 - (after / before).item() if before > 0 else 0.0
-        found[candidate] = Collinearity(similarity=share, start=start[own] + step)
-    return found
-
-
-def own_parameters(model: ValidatedFit, name: str) -> Bool[Tensor, " k"]:
-    """Mark the parameters of one effect among those of a model."""
-    return torch.tensor([p.name.startswith(f"{name}.") for p in model.fit.parameters])
+        collinearities[candidate] = Collinearity(similarity=share, start=start[picked] + step)
+    return collinearities
 
 
 def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds: Thresholds) -> bool:
@@ -135,10 +127,10 @@ def _as_good(chosen: ValidatedFit, other: ValidatedFit, rival: Rival, thresholds
 def _refitted(selection: Selection, effect: EffectId, among: Mapping[EffectId, Collinearity]) -> list[ScoredFit]:
     """The chosen model with each candidate in the place of one effect, refitted also on the same folds."""
     pool, starts = selection.pool, {}
-    for candidate, one in among.items():
+    for candidate, collinearity in among.items():
         spec = replace(selection.spec, effects=selection.spec.effects - {effect} | {candidate})
-        own = one.start[-len(pool.candidates[candidate].parameters) :]
-        starts[spec] = pool.start(spec, selection.chosen, {candidate: own})
+        start = collinearity.start[-len(pool.candidates[candidate].parameters) :]
+        starts[spec] = pool.start(spec, selection.chosen, {candidate: start})
     models = pool.all_fitted(starts)
     predict_held_out(pool, selection.folds, models)
     return models

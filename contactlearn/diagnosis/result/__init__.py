@@ -118,7 +118,7 @@ def clearly_better(laws: Iterable[LawFit], named: float, thresholds: Thresholds)
     """Find the law that does clearly better than the full model with its error `named`; None where none does."""
     limit = (1 - thresholds.form_error) * named
     better = [law for law in laws if law.least_error < limit]
-    return min(better, key=lambda one: one.least_error, default=None)
+    return min(better, key=lambda law: law.least_error, default=None)
 
 
 class NoiseSource(StrEnum):
@@ -168,7 +168,7 @@ class ErrorShares:
         return None if self.noise is None or self.scatter is None else self.noise - self.scatter
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """The share that no effect of the model explains and that is no noise, as far as that is known."""
         return self.unnamed + (self.unexplained or 0.0)
 
@@ -204,8 +204,8 @@ class ErrorBudget:
         on held-out trials.  Of few trials the first is too large, of weak dependences the second is too small.
         """
         floors = [floor for floor in (self.noise, self.flexible) if floor is not None]
-        left = [max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0 for floor in floors]
-        return math.prod(left) ** (1 / len(left))
+        excesses = [max(0.0, 1.0 - (floor.mean / self.named.mean) ** 2) if self.named.mean else 0.0 for floor in floors]
+        return math.prod(excesses) ** (1 / len(excesses))
 
     def removed(self, reduction: float) -> float:
         """Squared error that an effect removes, over the full model's, if it reduces the mean error by so much."""
@@ -293,9 +293,9 @@ class Diagnosis:
     def __repr__(self) -> str:
         """Write what a prompt shows, the story in a line; the fields have the rest."""
         story = [f"verdict={str(self.verdict)!r}", f"law={self.law!r}"]
-        for one in self.missing:
-            sure = f"{100 * min(one.claim_confidence, 0.99):.0f} %"
-            story.append(f"{' or '.join(map(str, (one.effect, *one.alternatives)))} ({sure})")
+        for effect in self.missing:
+            sure = f"{100 * min(effect.claim_confidence, 0.99):.0f} %"
+            story.append(f"{' or '.join(map(str, (effect.effect, *effect.alternatives)))} ({sure})")
         if self.budget is not None:
             story.append(f"error {self.budget.base.mean:.3g} → {self.budget.named.mean:.3g}")
         return f"Diagnosis({', '.join(story)})"
@@ -363,7 +363,7 @@ class Diagnosis:
         """
         if self.record is None:
             raise ContactLearnError(f"the diagnosis has no record of its trials, and so no impulses: {self!r}")
-        return LawImpulses.of(self.record.impacts, {one.name: one.law() for one in self.laws})
+        return LawImpulses.of(self.record.impacts, {fit.name: fit.law() for fit in self.laws})
 
     @property
     def corrections(self) -> tuple[str, ...]:

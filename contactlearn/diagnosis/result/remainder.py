@@ -154,9 +154,8 @@ class Remainder:
     @property
     def unknown(self) -> bool:
         """So much is predictable that something unknown must be missing."""
-        return self.large or any(
-            one is not None and one.large for one in (self.serial_dependence, self.state_dependence)
-        )
+        dependences = self.serial_dependence, self.state_dependence
+        return self.large or any(dependence is not None and dependence.large for dependence in dependences)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,7 +28,7 @@ class Answer:
 
     def agrees(self, other: "Answer") -> bool:
         """Return whether law, names and verdict are the same; the forms of the effects may differ."""
-        mine, theirs = ({effect.name for effect in one.effects} for one in (self, other))
+        mine, theirs = ({effect.name for effect in answer.effects} for answer in (self, other))
         return mine == theirs and (self.law, self.physics) == (other.law, other.physics)
 
 

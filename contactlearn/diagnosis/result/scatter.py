@@ -70,7 +70,7 @@ class ContactScatter:
     @property
     def seen(self) -> bool:
         """Whether contact or recorded pose differ from impact to impact by more than what follows something."""
-        recorded = any(one.name not in INSTRUMENT for one in self.instrument)
+        recorded = any(deviation.name not in INSTRUMENT for deviation in self.instrument)
         return recorded or any(component.follows < 1 for component in self.components)
 
     @property

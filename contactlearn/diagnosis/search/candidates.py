@@ -38,7 +38,7 @@ def all_candidates(space: Space = PLANE, covariates: Covariates = MappingProxyTy
 
     Those are named after the covariate, such as `temperature_dependent_restitution:linear`.
     """
-    found: dict[EffectId, Effect] = {
+    candidates: dict[EffectId, Effect] = {
         kind.id: kind() for forms in catalogue().values() for kind in forms if space in kind.spaces
     }
     for name, values in covariates.items():
@@ -47,8 +47,8 @@ def all_candidates(space: Space = PLANE, covariates: Covariates = MappingProxyTy
         forms += ["group"] if few else []
         for coefficient, form in product(("restitution", "friction"), forms):
             kind: Any = find_effect(f"covariate_dependent_{coefficient}", form)
-            found[EffectId(f"{name}_dependent_{coefficient}", form)] = kind(covariate=name)
-    return found
+            candidates[EffectId(f"{name}_dependent_{coefficient}", form)] = kind(covariate=name)
+    return candidates
 
 
 def all_laws(space: Space = PLANE) -> list[Law]:

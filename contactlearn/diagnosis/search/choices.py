@@ -65,20 +65,18 @@ def fit_choices(
     """
     effects = tuple(effects)[:MOST]
     law, full = model.law, 2 ** len(effects) - 1
-    options, sample = (
-        replace(options, tolerance=_TOLERANCE, standard_errors=False),
-        impacts[:: -(-len(impacts) // _FITTED)],
-    )
-    start = {full: torch.cat((columns(*law.coefficients), *(columns(*e.values) for e in model.effects.values())))}
+    options = replace(options, tolerance=_TOLERANCE, standard_errors=False)
+    sample = impacts[:: -(-len(impacts) // _FITTED)]
+    start = {full: columns(*model.values)}
     outcomes, errors = {}, {}
     for choice in progress(range(full, -1, -1)):
         left_out = {effect.name for j, effect in enumerate(effects) if not choice >> j & 1}
-        left = {name: effect for name, effect in model.effects.items() if name not in left_out}
-        fit = joint.fit(sample, law, left, options=options, start=start[choice])
-        owner = [p.name.rpartition(".")[0] for p in fit.parameters]
+        kept = {name: effect for name, effect in model.effects.items() if name not in left_out}
+        fit = joint.fit(sample, law, kept, options=options, start=start[choice])
+        owners = [p.name.rpartition(".")[0] for p in fit.parameters]
         for j, effect in enumerate(effects):
-            if effect.name in left:
-                others = torch.tensor([one != effect.name for one in owner])
+            if effect.name in kept:
+                others = torch.tensor([owner != effect.name for owner in owners])
                 start.setdefault(choice - 2**j, fit.values[others])
         prediction = fit.model.predict(impacts)
         outcomes[choice] = prediction.v_post

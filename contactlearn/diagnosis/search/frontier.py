@@ -19,6 +19,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import torch
 from jaxtyping import Float
@@ -160,29 +161,31 @@ class Search:
         parents = self.models(size - 1) if size == 1 else self._beam(size - 1)
         self._approximate(parents)
         each = [self._predicted(parent, _larger) for parent in parents]
-        near, trials = min((one.score for one in parents), default=0.0), len(self.pool.impacts)
+        near = min((parent.score for parent in parents), default=0.0)
+        margin = HOPELESS * len(self.pool.impacts)
         for parent, proposals in zip(parents, each, strict=True):
-            gains = proposals and size == 1 and proposals[0].score < parent.score - HOPELESS * trials
-            self._fit(proposals[:1], math.inf if gains else near + HOPELESS * trials, most=1)
-        self._fit(sorted((one for some in each for one in some), key=lambda one: one.score))
+            gains = proposals and size == 1 and proposals[0].score < parent.score - margin
+            self._fit(proposals[:1], math.inf if gains else near + margin, most=1)
+        self._fit(sorted(chain.from_iterable(each), key=lambda proposal: proposal.score))
         if parents:
-            self._localise(min(parents, key=lambda one: one.score))
+            self._localise(min(parents, key=lambda parent: parent.score))
 
     def _beam(self, size: int) -> list[ScoredFit]:
         """Models of a size to grow from, of several laws, and one alone of laws that agree about the same effects."""
         models, taken = self.models(size), []
         for model in models:
-            same = [one for one in taken if one.spec.law == model.spec.law]
-            twins = [one for one in taken if one.spec.effects == model.spec.effects and model.score < one.score + _SAME]
+            same_law = [other for other in taken if other.spec.law == model.spec.law]
+            same_effects = [other for other in taken if other.spec.effects == model.spec.effects]
+            agree = any(model.score < other.score + _SAME for other in same_effects)
             hopeless = model.score > models[0].score + HOPELESS * len(self.pool.impacts)
-            if not twins and not hopeless and len(same) < _OF_A_LAW and len(taken) < _BEAM:
+            if not agree and not hopeless and len(same_law) < _OF_A_LAW and len(taken) < _BEAM:
                 taken.append(model)
         return taken
 
     def _exchange(self, size: int) -> None:
         """Fit neighbours of the best models of a size, and the same effects around other laws."""
         tried: set[Spec] = set()
-        while not self.late and (found := self.models(size)) and (best := found[0]).spec not in tried:
+        while not self.late and (models := self.models(size)) and (best := models[0]).spec not in tried:
             tried.add(best.spec)
             if size > 1:
                 self._fit(self._predicted(best, _exchanged, _PASSES), best.score)
@@ -215,8 +218,8 @@ class Search:
                 points = [self.pool.start(spec, model, {other: point}) for point in self.pool.spread(other, _TRIED)]
                 tried[spec] = torch.stack([*points, *Projection(self.pool, model, effect).starts(other)])
         shifted = {spec: _shifted(best) for spec, (_, best) in self._best_of(tried, _EVERY).items()}
-        found = self._best_of(shifted).items()
-        self.pool.all_fitted({spec: best for spec, (score, best) in found if score < worthwhile})
+        scored = self._best_of(shifted).items()
+        self.pool.all_fitted({spec: best for spec, (score, best) in scored if score < worthwhile})
 
     def _transfer(self, model: ScoredFit, refining: bool = False) -> None:
         """Fit the effects of a model around the other laws that are not hopeless at its own parameters.
@@ -224,12 +227,12 @@ class Search:
         Those that refine others are tried apart, and must do better than the model at one of a few ε.
         """
         pool, values = self.pool, model.fit.values
-        own, tried = pool.score_at(model.spec, values), _shifted(values) if refining else values[None]
-        worthwhile = own if refining else own + HOPELESS * len(pool.impacts)
+        score, tried = pool.score_at(model.spec, values), _shifted(values) if refining else values[None]
+        worthwhile = score if refining else score + HOPELESS * len(pool.impacts)
         others = [model.spec.with_law(name) for name, law in pool.laws.items() if law.refines is refining]
         new, starts = [spec for spec in others if spec not in pool.models], dict[Spec, Tensor | None]()
         for spec, scores in zip(new, pool.scores_at(dict.fromkeys(new, tried)), strict=True):
-            if abs(scores[0] - own) < _IDENTICAL:
+            if abs(scores[0] - score) < _IDENTICAL:
                 pool.adopt(spec.law, model)
             elif min(scores) < worthwhile:
                 starts[spec] = tried[scores.index(min(scores))] if spec.effects or not refining else None
@@ -247,20 +250,20 @@ class Search:
         self._approximate([model])
         quadratic = self.quadratics[model.spec]
         groups = [group for group in quadratic.groups if group.effect is not None]
-        own = model.score - quadratic.losses([quadratic.present])[0].item() - self.pool.penalty(model.spec.effects)
+        offset = model.score - quadratic.losses([quadratic.present])[0].item() - self.pool.penalty(model.spec.effects)
         seen: dict[frozenset[Group], float] = {}
         present = quadratic.present
         for _ in range(passes):
-            sets = [one for one in neighbours(present, groups) if one not in seen]
+            sets = [subset for subset in neighbours(present, groups) if subset not in seen]
             losses = quadratic.losses(sets)[0].tolist() if sets else []
-            seen |= {
-                one: own + loss + self.pool.penalty(identities(one)) for one, loss in zip(sets, losses, strict=True)
-            }
+            for subset, loss in zip(sets, losses, strict=True):
+                seen[subset] = offset + loss + self.pool.penalty(identities(subset))
             best = min(seen, key=seen.__getitem__, default=present)
             if best == present:
                 break
             present = best
-        return [Proposal(model, quadratic, one, score) for one, score in sorted(seen.items(), key=lambda item: item[1])]
+        proposals = (Proposal(model, quadratic, subset, score) for subset, score in seen.items())
+        return sorted(proposals, key=lambda proposal: proposal.score)
 
     def _approximate(self, models: Sequence[ScoredFit]) -> None:
         """Approximate the losses about models that have not been."""
@@ -269,17 +272,18 @@ class Search:
 
     def _fit(self, proposals: Sequence[Proposal], worthwhile: float = math.inf, most: int = _FITTED) -> None:
         """Fit the most promising proposals of those that may be better than a score."""
-        self.pool.all_fitted({one.spec: one.start(self.pool) for one in self._promising(proposals, worthwhile, most)})
+        promising = self._promising(proposals, worthwhile, most)
+        self.pool.all_fitted({proposal.spec: proposal.start(self.pool) for proposal in promising})
 
     def _promising(self, proposals: Sequence[Proposal], worthwhile: float, most: int) -> list[Proposal]:
         """The first proposals, of models that have not been fitted, that may be better than a score."""
-        limit, found = worthwhile + _DOUBT * len(self.pool.impacts), dict[Spec, Proposal]()
-        for one in proposals:
-            if len(found) == most or self.late or one.score > limit:
+        limit, promising = worthwhile + _DOUBT * len(self.pool.impacts), dict[Spec, Proposal]()
+        for proposal in proposals:
+            if len(promising) == most or self.late or proposal.score > limit:
                 break
-            if one.spec not in self.pool.models:
-                found.setdefault(one.spec, one)
-        return list(found.values())
+            if proposal.spec not in self.pool.models:
+                promising.setdefault(proposal.spec, proposal)
+        return list(promising.values())
 
 
 def _shifted(values: Float[Tensor, " k"]) -> Float[Tensor, "c k"]:
@@ -292,12 +296,12 @@ def _shifted(values: Float[Tensor, " k"]) -> Float[Tensor, "c k"]:
 def _larger(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:
     """Sets with one effect more, of a family that is not there yet."""
     families = {group.effect.name for group in present if group.effect is not None}
-    yield from (present | {one} for one in groups if one.effect is not None and one.effect.name not in families)
+    yield from (present | {group} for group in groups if group.effect is not None and group.effect.name not in families)
 
 
 def _smaller(present: frozenset[Group], _: Sequence[Group]) -> Iterator[frozenset[Group]]:
     """Sets with one effect less."""
-    yield from (present - {one} for one in present)
+    yield from (present - {group} for group in present)
 
 
 def _exchanged(present: frozenset[Group], groups: Sequence[Group]) -> Iterator[frozenset[Group]]:

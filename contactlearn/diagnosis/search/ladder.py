@@ -81,10 +81,7 @@ def ladder(selection: Selection, regions: Sequence[Region], generator: torch.Gen
         )
         for k, effect in enumerate(effects)
     )
-    rungs = (
-        Rung(kind=RungKind.EFFECT, effect=effect, error=error)
-        for effect, error in zip(effects, errors[1:], strict=True)
-    )
+    rungs = [Rung(kind=RungKind.EFFECT, effect=e, error=error) for e, error in zip(effects, errors[1:], strict=True)]
     return Ladder(rungs=(Rung(kind=RungKind.LAW, error=errors[0]), *rungs), missing=missing)
 
 
@@ -95,16 +92,16 @@ def _filled(error: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
 
 def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[FittedParameter, ...]:
     """Return the parameters of one effect of a model, or of its law; places and lengths on the floor in m."""
-    fit, ends, found = fitted.fit, fitted.fit.at_ends(), list[FittedParameter]()
+    fit, ends, parameters = fitted.fit, fitted.fit.at_ends(), list[FittedParameter]()
     for p, value, error in zip(fit.parameters, fit.values.tolist(), fit.standard_errors.tolist(), strict=True):
-        of, _, own = p.name.rpartition(".")
-        if of == (name or ""):
+        owner, _, short_name = p.name.rpartition(".")
+        if owner == (name or ""):
             shown = value, error, p.unit
-            if of:
-                shown = fit.model.effects[of].in_shown_unit(own, value, error, p.unit)
-            found.append(
+            if owner:
+                shown = fit.model.effects[owner].in_shown_unit(short_name, value, error, p.unit)
+            parameters.append(
                 FittedParameter(
-                    name=own,
+                    name=short_name,
                     symbol=p.symbol,
                     unit=shown[2],
                     value=shown[0],
@@ -113,7 +110,7 @@ def fitted_parameters(fitted: ValidatedFit, name: str | None = None) -> tuple[Fi
                     undetermined=error > p.high - p.low,
                 )
             )
-    return tuple(found)
+    return tuple(parameters)
 
 
 def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple[float, float] | None:
@@ -130,24 +127,24 @@ def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple
 # --- Confidence --------------------------------------------------------------------------------
 
 
-def calibrated(share: float, removed: float, left: float, trials: int, unknown: bool) -> float:
+def calibrated(share: float, removed: float, reducible: float, trials: int, unknown: bool) -> float:
     """Compute the probability that a named effect is right.
 
     Args:
         share: of the plausible models that have it.
         removed: squared held-out error that it removes, the other effects in the model, over that of the model.
-        left: part of the model's squared error that something predictable makes.
+        reducible: part of the model's squared error that something predictable makes.
         trials: their number.
         unknown: whether the residual shows that something unknown is missing.
     """
-    values = regressors(removed, left, trials, unknown)
+    values = regressors(removed, reducible, trials, unknown)
     return share * SUREST / (1 + math.exp(-sum(x * b for x, b in zip(values, COEFFICIENTS, strict=True))))
 
 
-def regressors(removed: float, left: float, trials: int, unknown: bool) -> tuple[float, float, float]:
+def regressors(removed: float, reducible: float, trials: int, unknown: bool) -> tuple[float, float, float]:
     """Compute 1, the logarithm of what is removed over what is left, and whether something unknown is missing.
 
     What is left is known no better than the noise, which is estimated from the trials.
     """
-    reducible = max(left, 0.0) + _UNCERTAINTY * trials**-0.5
-    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / reducible), float(unknown)
+    uncertain = max(reducible, 0.0) + _UNCERTAINTY * trials**-0.5
+    return 1.0, math.log(min(max(removed, 1e-3), 1e3) / uncertain), float(unknown)

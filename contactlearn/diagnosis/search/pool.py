@@ -8,7 +8,7 @@ Sources: Schwarz 1978; Chen & Chen 2008.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -123,10 +123,10 @@ class Pool:
 
     def polished(self, *specs: Spec) -> list[ScoredFit]:
         """Return models of the pool after fits to the full tolerance, from which standard errors are taken."""
-        fit = partial(joint.fit, self.impacts, options=self.options)
+        refit = partial(joint.fit, self.impacts, options=self.options)
         models = [self.models[spec] for spec in specs]
-        fits = [fit(self.laws[one.spec.law], one.effects, start=one.fit.values) for one in models]
-        self.models |= {spec: self._scored(spec, found) for spec, found in zip(specs, fits, strict=True)}
+        fits = [refit(self.laws[model.spec.law], model.effects, start=model.fit.values) for model in models]
+        self.models |= {spec: self._scored(spec, fit) for spec, fit in zip(specs, fits, strict=True)}
         return [self.models[spec] for spec in specs]
 
     def score(self, spec: Spec, effects: Mapping[str, Effect], loss: float) -> float:
@@ -140,12 +140,12 @@ class Pool:
 
     def scores_at(self, tried: Mapping[Spec, Float[Tensor, "c k"]], every: int = 1) -> list[list[float]]:
         """Compute the same of models at several values each, with the mean loss of every so-manyth trial."""
-        models = [(spec, self.effects(spec), values) for spec, values in tried.items()]
-        impacts = self.impacts[::every]
-        return [
-            [self.score(spec, own, loss) for loss in _losses_at(impacts, self.laws[spec.law], own, values)]
-            for spec, own, values in models
-        ]
+        impacts, scores = self.impacts[::every], list[list[float]]()
+        for spec, values in tried.items():
+            effects = self.effects(spec)
+            losses = _losses_at(impacts, self.laws[spec.law], effects, values)
+            scores.append([self.score(spec, effects, loss) for loss in losses])
+        return scores
 
     def siblings(self, spec: Spec) -> list[tuple[EffectId, EffectId]]:
         """List each effect of a model with the other forms of its family, and those that refine it.
@@ -153,12 +153,12 @@ class Pool:
         A model has one form of a family.
         """
         return [
-            (own, other)
-            for own in sorted(spec.effects)
+            (effect, other)
+            for effect in sorted(spec.effects)
             for other in self.candidates
             if other not in spec.effects
-            and own.name in (other.name, *self.candidates[other].refines)
-            and other.name not in Spec(spec.law, spec.effects - {own}).families
+            and effect.name in (other.name, *self.candidates[other].refines)
+            and other.name not in Spec(spec.law, spec.effects - {effect}).families
         ]
 
     def spread(self, effect: EffectId, count: int) -> Float[Tensor, "c k"]:
@@ -170,8 +170,8 @@ class Pool:
     def penalty(self, effects: frozenset[EffectId]) -> float:
         """Compute the penalty of a set of effects, in nats."""
         given = sum(len(effect.parameters) for effect in self.given.values())
-        own = sum(len(self.candidates[key].parameters) for key in effects)
-        return self._penalty(2 + given + own, len(effects))
+        added = sum(len(self.candidates[key].parameters) for key in effects)
+        return self._penalty(2 + given + added, len(effects))
 
     def best(self, models: Iterable[ScoredFit] | None = None) -> ScoredFit:
         """Return the model with the least score, of all or of some; laws that do as well in the order of the question.
@@ -180,8 +180,12 @@ class Pool:
         """
         some = [*(self.models.values() if models is None else models)]
         best, laws = min(some, key=lambda model: model.score), [*self.laws]
-        alike = [one for one in some if one.spec.effects == best.spec.effects and one.score <= best.score + _ALIKE]
-        return min(alike, key=lambda one: laws.index(one.spec.law))
+        alike = [m for m in some if m.spec.effects == best.spec.effects and m.score <= best.score + _ALIKE]
+        return min(alike, key=lambda model: laws.index(model.spec.law))
+
+    def best_of_sizes(self, sizes: Container[int]) -> ScoredFit:
+        """Return the best model with so many effects."""
+        return self.best(model for model in self.models.values() if len(model.spec.effects) in sizes)
 
     def quadratics(self, models: Iterable[ScoredFit]) -> list[Quadratic]:
         """Approximate the losses about models."""
@@ -192,13 +196,13 @@ class Pool:
             candidates=self._vanishing,
             options=self.options,
         )
-        return [about(self.laws[one.spec.law], one.effects, one.fit) for one in models]
+        return [about(self.laws[model.spec.law], model.effects, model.fit) for model in models]
 
     def start(self, spec: Spec, about: ScoredFit, values: Mapping[EffectId, Float[Tensor, " k"]]) -> Tensor:
         """Return values to fit a model from: those given, else those of another model, else the effects' own."""
         known = {**about.values, **values}
-        own = (known.get(EffectId(name, e.form), columns(*e.values)) for name, e in self.effects(spec).items())
-        return torch.cat((about.fit.values[:2], *own))
+        parts = (known.get(EffectId(name, e.form), columns(*e.values)) for name, e in self.effects(spec).items())
+        return torch.cat((about.fit.values[:2], *parts))
 
     def _penalty(self, parameters: int, effects: int) -> float:
         return parameters / 2 * math.log(len(self.impacts)) + math.log(math.comb(self.families, effects))

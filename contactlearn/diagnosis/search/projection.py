@@ -32,17 +32,16 @@ class Projection:
     Args:
         pool: of the model.
         model: fitted.
-        own: an effect of it that others are to replace; None to add to all of them.
+        replaced: an effect of it that others are to replace; None to add to all of them.
     """
 
-    def __init__(self, pool: Pool, model: ScoredFit, own: EffectId | None = None) -> None:
+    def __init__(self, pool: Pool, model: ScoredFit, replaced: EffectId | None = None) -> None:
         self.pool, self.model = pool, model
-        self.spec = Spec(model.spec.law, model.spec.effects - {own})
+        self.spec = Spec(model.spec.law, model.spec.effects - {replaced})
         self.effects = pool.effects(self.spec)
         self.theta = pool.start(self.spec, model, {})
-        about = linearise(
-            pool.laws[self.spec.law], self.effects, pool.impacts, self.theta, model.fit.scatter, options=pool.options
-        )
+        law, scatter = pool.laws[self.spec.law], model.fit.scatter
+        about = linearise(law, self.effects, pool.impacts, self.theta, scatter, options=pool.options)
         curbed = _FAR / about.residual.norm(dim=-1, keepdim=True).clamp_min(_FAR)
         self.slope = (about.slope * curbed[..., None]).nan_to_num(0.0, 0.0, 0.0)
         residual = (about.residual * curbed).flatten()
@@ -77,7 +76,7 @@ class Projection:
         """Derivatives of the residual in the amplitudes of an effect, at points of its other parameters."""
         state = State.of(self.pool.impacts)
         coefficients = [part + torch.zeros_like(state.mass) for part in self.theta[:2]]
-        found = list[Tensor]()
+        derivatives = list[Tensor]()
         for k in linear:
             step = _STEP * (effect.parameters[k].high - effect.parameters[k].low)
             at = points.clone()
@@ -86,19 +85,19 @@ class Projection:
             pairs = zip(effect.at(at[:, None]).law(state, *coefficients), coefficients, strict=True)
             by = torch.stack(torch.broadcast_tensors(*((new - was) / step for new, was in pairs)), -1)
             change = (self.slope[..., :2] * by[..., None, :]).sum(-1)
-            found.append(change.expand(len(points), -1, -1).flatten(1))
-        return torch.stack(found, -1)
+            derivatives.append(change.expand(len(points), -1, -1).flatten(1))
+        return torch.stack(derivatives, -1)
 
     def _complete(
         self, other: EffectId, others: Float[Tensor, "c q"], points: Float[Tensor, "c k"]
     ) -> Float[Tensor, "c m"]:
         """Values of the model with one more effect, from its own and those of the effect, within their ranges."""
-        larger, counts = self.larger(other), [len(one.parameters) for one in self.effects.values()]
+        larger, counts = self.larger(other), [len(effect.parameters) for effect in self.effects.values()]
         starts = list[Tensor]()
-        for own, point in zip(others, points, strict=True):
-            parts = own[2:].split(counts) if counts else ()
-            known = {EffectId(name, one.form): x for (name, one), x in zip(self.effects.items(), parts, strict=True)}
-            starts.append(torch.cat((own[:2], self.pool.start(larger, self.model, known | {other: point})[2:])))
+        for values, point in zip(others, points, strict=True):
+            parts = values[2:].split(counts) if counts else ()
+            known = {EffectId(name, e.form): x for (name, e), x in zip(self.effects.items(), parts, strict=True)}
+            starts.append(torch.cat((values[:2], self.pool.start(larger, self.model, known | {other: point})[2:])))
         parameters = named_parameters(self.pool.effects(larger), self.pool.options.box, self.pool.impacts)
         low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64).T
         return torch.stack(starts).clamp(low, high)

@@ -85,8 +85,8 @@ class Quadratic:
             candidates: where they vanish, see `vanishing`; those of the model's own identities are left out.
             options: of the fit.
         """
-        own = {EffectId(name, effect.form) for name, effect in effects.items()}
-        added = {group: effect for group, effect in candidates.items() if group.effect not in own}
+        identities = {EffectId(name, effect.form) for name, effect in effects.items()}
+        added = {group: effect for group, effect in candidates.items() if group.effect not in identities}
         further = {f"{group.effect}/{group.place}": effect for group, effect in added.items()}
         start = [columns(*effect.values) for effect in added.values()]
         theta = torch.cat((fit.values, *start))
@@ -104,11 +104,10 @@ class Quadratic:
         for group, effect in added.items():
             groups[group] = list(range(at, at + len(effect.parameters)))
             at += len(effect.parameters)
-        vanished = torch.cat(
-            (fit.values[:2], *(columns(*effect.vanished().values) for effect in effects.values()), *start)
-        )
+        at_rest = (columns(*effect.vanished().values) for effect in effects.values())
+        vanished = torch.cat((fit.values[:2], *at_rest, *start))
         low, high = torch.tensor([(p.low, p.high) for p in parameters], dtype=torch.float64).T
-        present = frozenset(group for group in groups if group.effect in own)
+        present = frozenset(group for group in groups if group.effect in identities)
         return cls(
             groups=groups, products=products, theta=theta, vanished=vanished, low=low, high=high,
             trials=len(impacts), present=present,
@@ -123,23 +122,23 @@ class Quadratic:
         size, q = len(sets), len(self.theta)
         step = torch.zeros(size, q + 1, dtype=torch.float64)
         step[:, -1] = 1.0
-        picked = [[*self.groups[Group(None)], *(k for group in one for k in self.groups[group])] for one in sets]
-        for row, one in enumerate(sets):
-            for group in self.present - one:
-                own = self.groups[group]
-                step[row, own] = (self.vanished - self.theta)[own]
+        picked = [[*self.groups[Group(None)], *(k for group in groups for k in self.groups[group])] for groups in sets]
+        for row, groups in enumerate(sets):
+            for group in self.present - groups:
+                indices = self.groups[group]
+                step[row, indices] = (self.vanished - self.theta)[indices]
         most = max(map(len, picked))
-        index = torch.tensor([[*one, *[q] * (most - len(one))] for one in picked])  # q stands for nothing
+        index = torch.tensor([[*columns, *[q] * (most - len(columns))] for columns in picked])  # q stands for nothing
         free = index < q
         total = torch.einsum("iipq->pq", self.products)
         width = self.high - self.low
         total = total + torch.diag(torch.cat((_PRIOR / width.square(), width.new_zeros(1))))
         right = -(step @ total).gather(1, index) * free
-        left = total[index[:, :, None], index[:, None, :]] * free[:, :, None] * free[:, None, :]
-        left = left + torch.diag_embed((~free).double())
-        scale = left.diagonal(dim1=-2, dim2=-1).clamp_min(1e-300).rsqrt()
-        left = left * scale[:, :, None] * scale[:, None, :] + 1e-10 * torch.eye(most, dtype=torch.float64)
-        solved = scale * torch.linalg.solve(left, (scale * right)[..., None])[..., 0]
+        gram = total[index[:, :, None], index[:, None, :]] * free[:, :, None] * free[:, None, :]
+        gram = gram + torch.diag_embed((~free).double())
+        scale = gram.diagonal(dim1=-2, dim2=-1).clamp_min(1e-300).rsqrt()
+        gram = gram * scale[:, :, None] * scale[:, None, :] + 1e-10 * torch.eye(most, dtype=torch.float64)
+        solved = scale * torch.linalg.solve(gram, (scale * right)[..., None])[..., 0]
         step.scatter_add_(1, index, solved * free)
         step[:, :q] = (self.theta + step[:, :q]).clamp(self.low, self.high) - self.theta
         scatter = torch.einsum("ijpq,sp,sq->sij", self.products, step, step) / self.trials

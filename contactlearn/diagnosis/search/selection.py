@@ -13,7 +13,7 @@ Sources: Madigan & Raftery 1994; Yao, Vehtari, Simpson & Gelman 2018.
 
 import math
 import time
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -65,13 +65,13 @@ def plausible_models(pool: Pool, chosen: ScoredFit, window: float, generator: to
     near = [model for model in near if len(model.spec.effects) <= len(chosen.spec.effects)]
     models = [model for model in near if model is chosen or not any(_part(other, model) for other in near)]
     shares = _shares(pool, models, generator)
-    found = [Plausible(model, share) for model, share in zip(models, shares.tolist(), strict=True)]
-    return tuple(sorted(found, key=lambda one: -one.share))
+    plausible = [Plausible(model, share) for model, share in zip(models, shares.tolist(), strict=True)]
+    return tuple(sorted(plausible, key=lambda model: -model.share))
 
 
 def inclusion(models: Sequence[Plausible], effect: EffectId) -> float:
     """Compute the share of the models that contain an effect, in whatever form."""
-    return sum(one.share for one in models if effect.name in one.model.spec.families)
+    return sum(plausible.share for plausible in models if effect.name in plausible.model.spec.families)
 
 
 def _part(other: ScoredFit, model: ScoredFit) -> bool:
@@ -162,17 +162,17 @@ class Selection:
 
         The likeliest effect comes first, each in its likeliest form.
         """
-        found, share = dict[str, EffectId](), 0.0
-        for one in self.plausible:
-            others = [other for other in one.model.spec.effects if other.name not in self.spec.families]
-            if others and effect.name not in one.model.spec.families:
-                found |= {other.name: other for other in others if other.name not in found}
-                share += one.share
-        return found, share
+        replacing, share = dict[str, EffectId](), 0.0
+        for plausible in self.plausible:
+            others = [other for other in plausible.model.spec.effects if other.name not in self.spec.families]
+            if others and effect.name not in plausible.model.spec.families:
+                replacing |= {other.name: other for other in others if other.name not in replacing}
+                share += plausible.share
+        return replacing, share
 
     def path(self) -> list[ScoredFit]:
         """List the best model of each smaller number of effects, and the chosen one."""
-        return [*(_best_of(self.pool, [size]) for size in range(len(self.spec.effects))), self.chosen]
+        return [*(self.pool.best_of_sizes([size]) for size in range(len(self.spec.effects))), self.chosen]
 
     def at(self, spec: Spec, window: float, generator: torch.Generator) -> "Selection":
         """Choose another model of the pool."""
@@ -184,8 +184,8 @@ class Selection:
             return self.present.mean_error
         pool = Pool({law.name: law}, self.impacts, self.pool.candidates, self.given, self.pool.options)
         spec, values = self.spec.with_law(law.name), self.present.fit.values
-        own = self.pool.score_at(self.spec, values)
-        if pool.score_at(spec, values) > own + HOPELESS * len(self.impacts):
+        score = self.pool.score_at(self.spec, values)
+        if pool.score_at(spec, values) > score + HOPELESS * len(self.impacts):
             return None
         return validated(pool, self.folds, pool.fitted(spec, values)).mean_error
 
@@ -239,11 +239,10 @@ def validated(pool: Pool, folds: Folds, model: ScoredFit, scatter: Float[Tensor,
 
 def predict_held_out(pool: Pool, folds: Folds, models: Iterable[ScoredFit]) -> None:
     """Fit models to the folds, whose predictions `validated` then finds in the pool."""
-    pool.predicted |= {
-        (folds, model.spec): _folds(pool, folds, model).predicted(model.effects, model.fit)
-        for model in models
-        if (folds, model.spec) not in pool.predicted
-    }
+    for model in models:
+        if (folds, model.spec) not in pool.predicted:
+            predicted = _folds(pool, folds, model).predicted(model.effects, model.fit)
+            pool.predicted[folds, model.spec] = predicted
 
 
 def _folds(pool: Pool, folds: Folds, model: ScoredFit) -> CrossValidation:
@@ -305,11 +304,11 @@ def _weighed(pool: Pool, complete: bool, end: float, thresholds: Thresholds) -> 
     impacts = weighed(pool.impacts, pool.best().fit.model, pool.options, thresholds)
     if impacts is None:
         return pool, complete
-    again = Pool(pool.laws, impacts, pool.candidates, pool.given, pool.options)
-    _carry(Search(pool, _MOST_EFFECTS), again)
-    search = Search(again, _MOST_EFFECTS, end)
+    reweighed = Pool(pool.laws, impacts, pool.candidates, pool.given, pool.options)
+    _carry(Search(pool, _MOST_EFFECTS), reweighed)
+    search = Search(reweighed, _MOST_EFFECTS, end)
     search.improve()
-    return again, complete and not search.late
+    return reweighed, complete and not search.late
 
 
 def _carry(search: Search, pool: Pool) -> None:
@@ -329,7 +328,7 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
     def improves(less: ScoredFit, more: ScoredFit) -> bool:
         base = pool.fitted(Spec(more.spec.law))
         predict_held_out(pool, folds, (less, more, base))
-        without, whole, alone = (validated(pool, folds, one) for one in (less, more, base))
+        without, whole, alone = (validated(pool, folds, fitted) for fitted in (less, more, base))
         effects = len(more.spec.effects) - len(less.spec.effects)
         return _improves_enough(without, whole, alone.mean_error, thresholds, effects)
 
@@ -337,21 +336,16 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
         less = pool.best(smaller(pool, model, *sorted(model.spec.effects)))
         if improves(less, model):
             break
-        model = _best_of(pool, range(len(less.spec.effects) + 1))
-    sizes = sorted({len(one.effects) for one in pool.models if len(one.effects) < len(model.spec.effects)})
-    frontier = [_best_of(pool, [size]) for size in sizes]
+        model = pool.best_of_sizes(range(len(less.spec.effects) + 1))
+    sizes = sorted({len(spec.effects) for spec in pool.models if len(spec.effects) < len(model.spec.effects)})
+    frontier = [pool.best_of_sizes([size]) for size in sizes]
     if all(improves(less, model) for less in frontier):
         return model
-    found = frontier[0]
+    chosen = frontier[0]
     for more in frontier[1:]:
-        if improves(found, more):
-            found = more
-    return found
-
-
-def _best_of(pool: Pool, sizes: Container[int]) -> ScoredFit:
-    """The best model with so many effects."""
-    return pool.best(model for model in pool.models.values() if len(model.spec.effects) in sizes)
+        if improves(chosen, more):
+            chosen = more
+    return chosen
 
 
 def _improves_enough(

@@ -72,13 +72,10 @@ def contact_scatter(
     for name in scatter.names:
         coefficient = coefficients.get(scatter.model.scatter[name].symbol)
         relative = by_name[name].value / coefficient if coefficient else None
-        components.append(
-            ScatterComponent(
-                deviation=by_name[name], relative=relative, share=sizes.get(name, 0.0), follows=1 - random[name]
-            )
-        )
+        share, follows = sizes.get(name, 0.0), 1 - random[name]
+        components.append(ScatterComponent(deviation=by_name[name], relative=relative, share=share, follows=follows))
     result = ContactScatter(
-        components=tuple(sorted(components, key=lambda one: -one.share)),
+        components=tuple(sorted(components, key=lambda component: -component.share)),
         instrument=tuple(deviation for deviation in scatter.deviations if deviation.name not in scatter.names),
         stated=scatter.stated,
         trials=len(some),
@@ -124,11 +121,9 @@ def _with_stated_noise(impacts: Impacts, options: FitOptions) -> Impacts:
     if options.noise is None:
         return impacts
     before = options.noise if options.noise_before is None else options.noise_before
-    covariances = [
-        torch.tensor(sigma, dtype=torch.float64).square().diag().expand(len(impacts), -1, -1)
-        for sigma in (before, options.noise)
-    ]
-    return impacts.replace(v_pre_cov=covariances[0], v_post_cov=covariances[1], validate=False)
+    variances = torch.tensor((before, options.noise), dtype=torch.float64).square()
+    v_pre_cov, v_post_cov = (part.expand(len(impacts), -1, -1) for part in torch.diag_embed(variances))
+    return impacts.replace(v_pre_cov=v_pre_cov, v_post_cov=v_post_cov, validate=False)
 
 
 def _noise(impacts: Impacts, scatter: Scatter) -> Float[Tensor, "D D"]:
@@ -164,9 +159,7 @@ def _drawn(
         noise = (root @ unit)[..., 0]
         alone.append(error(expected.v_post + noise))
         both.append(error(model.scattered(impacts, generator).v_post + noise))
-    sizes = {
-        name: _mass_square(impacts, replace(model, scatter={name: component})) for name, component in components.items()
-    }
+    sizes = {name: _mass_square(impacts, replace(model, scatter={name: c})) for name, c in components.items()}
     whole = sum(sizes.values()) or 1.0
     intervals = [bootstrap(torch.stack(part).mean(0), generator, _RESAMPLES) for part in (alone, both)]
     return intervals[0], intervals[1], {name: size / whole for name, size in sizes.items()}
@@ -185,7 +178,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
     known = state_quantities(State.of(impacts))
     past = histories(impacts, scatter.model.base_prediction(impacts))
     earlier = {f"{memory.variable} of earlier impacts": values for memory, values in past.items()}
-    by_name, found = {one.name: one for one in scatter.deviations}, list[Deviations]()
+    by_name, deviations = {deviation.name: deviation for deviation in scatter.deviations}, list[Deviations]()
     for name, (u, error) in scatter.each.items():
         first = next((dependence.variable for dependence in dependences if dependence.component == name), "")
         if first in earlier:
@@ -198,7 +191,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
                 column = u[:, int(u.square().sum(0).argmax())]
                 symbol = max(known, key=lambda key: share_explained(known[key][2], column))
             variable, unit, x = known[symbol]
-        found.append(
+        deviations.append(
             Deviations(
                 component=name,
                 symbol=by_name[name].symbol.removeprefix("σ_"),
@@ -211,4 +204,4 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
                 error=error,
             )
         )
-    return found
+    return deviations

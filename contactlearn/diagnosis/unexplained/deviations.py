@@ -79,13 +79,12 @@ def screen_deviations(
     for k in refuting:
         column, variable, order = labels[k]
         component, u = columns[column]
-        if (component, variable) not in best and sum(
-            one.component == component for one in best.values()
-        ) < _MAX_DEPENDENCES:
+        count = sum(dependence.component == component for dependence in best.values())
+        if (component, variable) not in best and count < _MAX_DEPENDENCES:
             # An angle has more harmonics than there may be trials: its share is that of the strongest one.
-            own = functions[:, [n == variable and (n not in (_POSE, _HEADING) or k == order) for n, k, _ in named]]
+            matching = functions[:, [n == variable and (n not in (_POSE, _HEADING) or k == order) for n, k, _ in named]]
             best[component, variable] = DeviationDependence(
-                component=component, variable=variable, order=order, share=_explained(u, own), p_value=p_value
+                component=component, variable=variable, order=order, share=_explained(u, matching), p_value=p_value
             )
     return tuple(best.values())
 
@@ -105,19 +104,17 @@ def random_shares(
         followed = {dependence.variable for dependence in dependences if dependence.component == name}
         following = functions[:, [variable in followed for variable, *_ in named]]
         if followed and 0 < following.shape[1] < len(u) - 1 and not followed & _SERIAL:
-            rest_of, centred = _left(u, following), u - u.mean(0)
+            residual, centred = _residual(u, following), u - u.mean(0)
             lost = (len(u) - 1) / (len(u) - following.shape[1] - 1)
-            rest[name], shares[name] = (
-                (rest_of, error),
-                min(1.0, (rest_of.square().sum() / centred.square().sum() * lost).item()),
-            )
+            rest[name] = residual, error
+            shares[name] = min(1.0, (residual.square().sum() / centred.square().sum() * lost).item())
         elif followed:
             shares[name] = 0.0
     still = screen_deviations(replace(scatter, each=rest), impacts, thresholds)
-    return shares | {one.component: 0.0 for one in still}
+    return shares | {dependence.component: 0.0 for dependence in still}
 
 
-def _left(u: Float[Tensor, "n *k"], functions: Float[Tensor, "n m"]) -> Float[Tensor, "n *k"]:
+def _residual(u: Float[Tensor, "n *k"], functions: Float[Tensor, "n m"]) -> Float[Tensor, "n *k"]:
     """What least squares on functions leave of centred deviations."""
     centred = (u - u.mean(0)).reshape(len(u), -1)
     return (centred - functions @ torch.linalg.lstsq(functions, centred, driver="gelsd").solution).reshape(u.shape)
@@ -128,7 +125,7 @@ def _explained(u: Float[Tensor, " n"], functions: Float[Tensor, "n k"]) -> float
     n, k = functions.shape
     if not 0 < k < n - 1:
         return None
-    residual, whole = _left(u, functions).square().sum(), (u - u.mean()).square().sum()
+    residual, whole = _residual(u, functions).square().sum(), (u - u.mean()).square().sum()
     return 1 - (residual / whole).item() * (n - 1) / (n - k - 1)
 
 

@@ -132,21 +132,21 @@ class Library:
         free[k] = True
         if free.sum() < 2:
             return []
-        pair, left = list[int](), y
+        pair, residual = list[int](), y
         for _ in range(2):
-            pair = sorted((*pair, int((self.columns.T @ left).abs().where(free, -1.0).argmax())))
+            pair = sorted((*pair, int((self.columns.T @ residual).abs().where(free, -1.0).argmax())))
             columns = self.columns[:, pair]
-            left = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
+            residual = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
         second = [i for i in pair if i != k]
         return [first, self.terms[second[0]]] if self._clear(y, pair, second[0]) else []
 
     def _clear(self, y: Float[Tensor, " n"], which: list[int], last: int) -> bool:
         """Return whether the coefficient of the last of these terms is significant."""
-        columns, own = self.columns[:, which], self.columns[:, last]
+        columns, column = self.columns[:, which], self.columns[:, last]
         residual = y - columns @ torch.linalg.lstsq(columns, y[:, None]).solution[:, 0]
         others = self.columns[:, [k for k in which if k != last]]
-        own = own - others @ (others.T @ own)
-        sigmas = (own @ y).abs() / (own * residual).norm().clamp_min(1e-300)  # White's standard error
+        column = column - others @ (others.T @ column)
+        sigmas = (column @ y).abs() / (column * residual).norm().clamp_min(1e-300)  # White's standard error
         return sigmas.item() > -NormalDist().inv_cdf(_CHANCE / 2 / len(self.terms) / self.libraries)
 
     def coefficients(self, terms: Sequence[str], y: Float[Tensor, " n"]) -> Float[Tensor, " t"]:
@@ -225,7 +225,7 @@ def formulas(
         UnknownNameError: no such component.
         ContactLearnError: the model has no law.
     """
-    if component not in (known := [one.value for one in WrenchComponent]):
+    if component not in (known := [kind.value for kind in WrenchComponent]):
         raise UnknownNameError("component of the wrench", component, known)
     if not isinstance(model.base, Law):
         raise ContactLearnError(f"a formula acts around a law, got {model.base}; fit one, such as law=wang_mason")
@@ -234,19 +234,21 @@ def formulas(
     component = WrenchComponent(component)
     libraries = {axis: Library.of(impacts, model, component, axis) for axis in axes(component, impacts.space)}
     trials = _Trials(impacts, model, component, folds, name, replace(options, tolerance=_TOLERANCE))
-    alike = {(axis, term): x for axis, (one, y) in libraries.items() for term, x in one.resembling(y, _STARTS).items()}
+    alike = dict[tuple[str, str], float]()
+    for axis, (library, y) in libraries.items():
+        alike |= {(axis, term): share for term, share in library.resembling(y, _STARTS).items()}
     starts = sorted(alike, key=alike.__getitem__, reverse=True)[:_STARTS]
     pairs = dict[tuple[str, frozenset[str]], list[str]]()
     for axis, term in starts:
         library, y = libraries[axis]
-        if pair := library.pursued(y, term, [other for own, other in starts if own == axis]):
+        if pair := library.pursued(y, term, [other for start_axis, other in starts if start_axis == axis]):
             pairs[axis, frozenset(pair)] = pair
     before = trials.held_out(model.effects, trials.start)
 
     single = [*dict.fromkeys((*starts, *((axis, term) for (axis, _), pair in pairs.items() for term in pair)))]
     terms = [*((axis, [term]) for axis, term in single), *((axis, pair) for (axis, _), pair in pairs.items())]
     coefficients = (libraries[axis][0].coefficients(some, libraries[axis][1]) for axis, some in terms)
-    tried = [trials.tried(*one, c) for one, c in zip(terms, coefficients, strict=True)]
+    tried = [trials.tried(*term, c) for term, c in zip(terms, coefficients, strict=True)]
     best = _best(tried[: len(single)], tried[len(single) :], before, thresholds)
     return tuple(trial.formula(before) for trial in best)
 
@@ -262,10 +264,6 @@ class _Trial:
     coefficients: tuple[float, ...]
     error: Float[Tensor, " n"]
 
-    def reduction(self, before: Float[Tensor, " n"]) -> float:
-        """Share of the held-out error that the terms take away."""
-        return 1 - (self.error.nanmean() / before.nanmean()).item()
-
     def formula(self, before: Float[Tensor, " n"]) -> Formula:
         """The trial as a result."""
         return Formula(
@@ -274,7 +272,7 @@ class _Trial:
             terms=self.terms,
             ranges=self.ranges,
             coefficients=self.coefficients,
-            error_reduction=self.reduction(before),
+            error_reduction=1 - (self.error.nanmean() / before.nanmean()).item(),
             standard_error=_error_of_mean(before - self.error) / before.nanmean().item(),
         )
 
@@ -293,9 +291,7 @@ class _Trials:
     @property
     def start(self) -> Float[Tensor, " k"]:
         """Values of the model's parameters."""
-        law = self.model.law
-        values = [law.mu, law.eps, *(v for effect in self.model.effects.values() for v in effect.values)]
-        return torch.stack([torch.as_tensor(value, dtype=torch.float64).reshape(()) for value in values])
+        return torch.stack([value.reshape(()) for value in self.model.values])
 
     def held_out(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
         """Held-out mass error of the law with effects."""
@@ -310,13 +306,13 @@ class _Trials:
         effects = {**self.model.effects, self.name: formula_effect(self.component.output(axis), terms, ranges)}
         start = torch.cat((self.start, coefficients))
         fit = joint.fit(self.impacts, self.model.law, effects, options=self.options, start=start)
-        own = tuple(fit.values[len(self.start) :].tolist())
-        return _Trial(self.component, axis, tuple(terms), ranges, own, self.held_out(effects, fit.values))
+        fitted = tuple(fit.values[len(self.start) :].tolist())
+        return _Trial(self.component, axis, tuple(terms), ranges, fitted, self.held_out(effects, fit.values))
 
 
 def _best(
-    one: Sequence[_Trial],
-    two: Sequence[_Trial],
+    single: Sequence[_Trial],
+    pairs: Sequence[_Trial],
     before: Float[Tensor, " n"],
     thresholds: Thresholds,
 ) -> list[_Trial]:
@@ -325,9 +321,9 @@ def _best(
     def clearly(gain: Tensor) -> bool:
         return gain.nanmean().item() > thresholds.chance_sigmas * _error_of_mean(gain)
 
-    two = [trial for trial in two if all(clearly(single.error - trial.error) for single in one)]
-    found = sorted((*one, *two), key=lambda trial: trial.error.nanmean().item())
-    good = [t for t in found if clearly(before - t.error)]
+    pairs = [pair for pair in pairs if all(clearly(trial.error - pair.error) for trial in single)]
+    ranked = sorted((*single, *pairs), key=lambda trial: trial.error.nanmean().item())
+    good = [t for t in ranked if clearly(before - t.error)]
     good = [t for t in good if not clearly(t.error - good[0].error)]
     return [t for t in good if t is good[0] or not {*good[0].terms} & {*t.terms}][:_MOST_FORMULAS]
 

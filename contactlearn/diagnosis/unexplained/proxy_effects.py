@@ -38,12 +38,12 @@ def index_without_proxies(
         The index of the model; the last one if no remainder depends on the state.
     """
     level = thresholds.dependence_level
-    found = [fit_state_dependence(impacts, fit, options, level, _TRIALS, block) for fit in fits]
-    dependent = [(k, one) for k, one in enumerate(found) if one is not None]
+    dependences = [fit_state_dependence(impacts, fit, options, level, _TRIALS, block) for fit in fits]
+    dependent = {k: fitted for k, fitted in enumerate(dependences) if fitted is not None}
     if not dependent:
         return len(fits) - 1
-    held = [one.fit.v_post if one.fit.share.mean > 0 else one.model.v_post for _, one in dependent]
-    error = dependent[-1][1].model.errors(*held)
+    models = [*dependent.values()]
+    error = models[-1].model.errors(*(m.fit.v_post if m.fit.share.mean > 0 else m.model.v_post for m in models))
     worse = error - error[error.mean(1).argmin()]
     chance = thresholds.chance_sigmas * worse.std(1) / math.sqrt(error.shape[1])
-    return next(k for (k, _), enough in zip(dependent, worse.mean(1) <= chance, strict=True) if enough)
+    return next(k for k, enough in zip(dependent, worse.mean(1) <= chance, strict=True) if enough)

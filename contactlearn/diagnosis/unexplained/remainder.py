@@ -91,17 +91,15 @@ class Processes:
 
         if rows.shape[-1] < 2:
             raise DataError(f"what remains needs at least 2 trials to learn from, got {rows.shape[-1]}")
-        x = torch.cat([columns for columns in input_columns(impacts).values()], -1)
+        x = torch.cat([*input_columns(impacts).values()], -1)
         unit = impacts.mass_diagonal
         residual = residual / unit
         inputs, outputs = Standardisation.of(x[rows]), Standardisation.of(residual[rows])
         weight = noise_weight(impacts, "wrench")
         if weight is not None:
             parts = [weight[:, numbers] for numbers in wrench_columns(impacts.space).values()]
-            weight = torch.cat([part.mean(1, keepdim=True).expand_as(part) for part in parts], 1)
-        gps = ExactGPs(
-            inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, None if weight is None else weight[rows].mT
-        )
+            weight = torch.cat([part.mean(1, keepdim=True).expand_as(part) for part in parts], 1)[rows].mT
+        gps = ExactGPs(inputs.apply(x[rows]), outputs.apply(residual[rows]).mT, weight)
         gps.fit_folds()
         return cls(x, unit, inputs, outputs, gps)
 
@@ -122,13 +120,13 @@ def input_columns(impacts: Impacts) -> dict[str, Float[Tensor, "n _"]]:
         axes = impacts.slip_axes.mT[:, :3, :3]
         r, spin = matvec(axes, impacts.r), matvec(axes, impacts.v_pre[:, 3:])
         down = -rotation(impacts.q[:, 3:])[:, 2]
-        found = {"m": impacts.mass[:, None], "I": impacts.inertia, "orientation": torch.cat((r, down), -1)}
-        found |= {name: known[name][:, None] for name in ("slip", "vn", "x", "floor_y", "order")}
-        found |= {"spin": spin[:, :2], "twist": spin[:, 2:]}
-        return {name: columns for name, columns in found.items() if _varies(columns)} | impacts.covariate_columns
+        inputs = {"m": impacts.mass[:, None], "I": impacts.inertia, "orientation": torch.cat((r, down), -1)}
+        inputs |= {name: known[name][:, None] for name in ("slip", "vn", "x", "floor_y", "order")}
+        inputs |= {"spin": spin[:, :2], "twist": spin[:, 2:]}
+        return {name: columns for name, columns in inputs.items() if _varies(columns)} | impacts.covariate_columns
     theta = torch.stack((known["theta"].cos(), known["theta"].sin()), -1)
-    found = {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
-    return found | impacts.covariate_columns
+    inputs = {name: theta if name == "theta" else known[name][:, None] for name in _INPUTS}
+    return inputs | impacts.covariate_columns
 
 
 def _varies(columns: Float[Tensor, "n c"]) -> bool:
@@ -191,9 +189,10 @@ def learn_remainder(
     share = relative_error_reduction(before[counted], error[counted], generator)
     large = share.mean > thresholds.form_error and share.low > thresholds.minor_share
     tested = [_tested(learned, residual, name, before, counted, thresholds) for name in _COMPONENTS]
-    most = max(tested, key=lambda one: one.error_reduction)
-    named = sorted((one for one in tested if one.clear or (one is most and large)), key=lambda c: -c.error_reduction)
-    components = tuple(one.component for one in named)
+    most = max(tested, key=lambda test: test.error_reduction)
+    named = [test for test in tested if test.clear or (test is most and large)]
+    named.sort(key=lambda test: -test.error_reduction)
+    components = tuple(test.component for test in named)
     remainder = Remainder(
         share=share,
         large=large,
@@ -314,11 +313,11 @@ def _groups(impacts: Impacts) -> dict[str, list[int]]:
     groups, at = {}, 0
     turn = wrapped(impacts.q[:, 2]) if impacts.space is PLANE else None
     for name, columns in input_columns(impacts).items():
-        own, at = list(range(at, at + columns.shape[-1])), at + columns.shape[-1]
+        indices, at = list(range(at, at + columns.shape[-1])), at + columns.shape[-1]
         if not _varies(columns):
             continue
         moves = turn is not None and name in ("rx", "ry", "y") and share_explained(turn, columns[:, 0]) > FUNCTION_OF
-        groups.setdefault("theta" if moves else name, []).extend(own)
+        groups.setdefault("theta" if moves else name, []).extend(indices)
     return groups
 
 
@@ -339,14 +338,14 @@ def total_indices(
         groups: columns of each variable, which move together.
         generator: of the other trials.
     """
-    here, found = predict(x), []
+    here, changes = predict(x), []
     for _ in range(_PERMUTATIONS):
         other = x[:, torch.randperm(x.shape[1], generator=generator)]
         for columns in groups.values():
             changed = x.clone()
             changed[..., columns] = other[..., columns]
-            found.append((predict(changed) - here).square().mean((0, 1)))
-    return torch.stack(found).unflatten(0, (_PERMUTATIONS, len(groups))).mean(0)
+            changes.append((predict(changed) - here).square().mean((0, 1)))
+    return torch.stack(changes).unflatten(0, (_PERMUTATIONS, len(groups))).mean(0)
 
 
 def variable_shares(

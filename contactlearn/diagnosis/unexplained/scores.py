@@ -59,9 +59,8 @@ class Scores:
         place = (impacts.order.argsort(stable=True).argsort() + 0.5) / len(impacts)
         slow = (math.pi * place[:, None] * torch.arange(most + 1)).cos()
         drifts = (torch.eye(impacts.space.D, dtype=torch.float64)[..., None] * slow[:, None, None]).flatten(2)
-        return cls._beside(
-            impacts, fit, options, torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
-        )
+        other = torch.cat((drifts, attenuation_regressors(impacts, fit, options)), -1)
+        return cls._beside(impacts, fit, options, other)
 
     @classmethod
     def _beside(
@@ -70,7 +69,7 @@ class Scores:
         fit: Fit,
         options: FitOptions,
         other: Float[Tensor, "n D k"],
-        own: Float[Tensor, "n f"] | None = None,
+        state: Float[Tensor, "n f"] | None = None,
     ) -> "Scores":
         """Project out the parameters, other whitened changes, and coefficients over variables of the trials' own."""
         rows, model = impacts.order.argsort(stable=True), fit.model
@@ -80,8 +79,8 @@ class Scores:
         slopes = -root[:, None, None] * about.slope[rows].nan_to_num(0.0, 0.0, 0.0)
         slopes = torch.where(slopes.abs() > _ROUNDING, slopes, 0.0)
         slope, beside = slopes[..., :2], [root[:, None, None] * other[rows].nan_to_num(0.0, 0.0, 0.0)]
-        if own is not None:
-            beside.append((slope[..., None] * own[rows][:, None, None]).flatten(2))
+        if state is not None:
+            beside.append((slope[..., None] * state[rows][:, None, None]).flatten(2))
         flat = torch.cat((slopes, *beside), -1).flatten(0, 1)
         span, size, _ = torch.linalg.svd(flat / flat.norm(dim=0).clamp_min(1e-300), full_matrices=False)
         reach = span[:, size > 1e-6 * size.max()].unflatten(0, (len(rows), -1))  # an orthonormal basis
@@ -100,9 +99,9 @@ class Scores:
 
     def terms(self, change: Float[Tensor, "n D"], functions: Float[Tensor, "n k"]) -> Float[Tensor, "n k"]:
         """Return residuals times a change that follows functions of the trials, without what is projected out."""
-        own = (change * self.residual).sum(1, keepdim=True)
+        products = (change * self.residual).sum(1, keepdim=True)
         back, there = ((self.reach * x[..., None]).sum(1) for x in (self.residual, change))
-        return own * functions - back @ (there.mT @ functions)
+        return products * functions - back @ (there.mT @ functions)
 
 
 def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
@@ -111,7 +110,7 @@ def _own_state(impacts: Impacts) -> Float[Tensor, "n f"]:
         return torch.zeros(len(impacts), 0, dtype=torch.float64)
     state, bodies = State.of(impacts), numbered(impacts.object)
     if impacts.space is SPACE:
-        parts = [one for name, one in of_state(state).items() if name not in ("order", *state.covariates)]
+        parts = [values for name, values in of_state(state).items() if name not in ("order", *state.covariates)]
     else:
         circle = (f(k * state.theta) for f in (torch.sin, torch.cos) for k in (1, 2))
         parts = [state.v_n, state.v_t, state.v_t.abs(), state.omega, state.x, *circle]

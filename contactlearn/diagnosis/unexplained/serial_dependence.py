@@ -51,6 +51,7 @@ _WIDTHS, _BINS = (0.03, 0.12), 128  # of a place, standard deviations in the ran
 _PLACE_DECAYS = (1.0, 0.9)  # of the memory of a place, from trial to trial: of all earlier impacts, of about ten
 _NUMBERS = 1_000_000  # of scores with flipped signs at once
 _COEFFICIENTS = tuple(Coefficient)
+_SEQUENTIAL = (LaggedVariable.ORDER, LaggedVariable.PERIOD)
 _MIN_TRIALS = 40  # trials below which nothing is tested
 _MAX_CONSECUTIVE = 560  # consecutive trials that processes are fitted to and tested on, at most
 _MAX_TRIED = 4  # associations, the most significant ones
@@ -101,19 +102,19 @@ def histories(impacts: Impacts, prediction: Prediction) -> dict[Memory, Float[Te
     values[LaggedVariable.TANGENTIAL_IMPULSE] = wrench[:, 0]
     gaps = impacts.order.diff()
     consecutive = torch.cat((torch.zeros(1, dtype=torch.bool), gaps <= 1.5 * gaps.median()))
-    found = {
+    standardised = {
         Memory(name, 1 / (1 - decay)): torch.where(consecutive, _remembered(x, decay), 0.0)
         for decay in _DECAYS
         for name, x in values.items()
         if x.std() > 1e-9 * x.abs().max()
     }
     vectors = {LaggedVariable.SLIP_ALONG: state.v_c[..., : d - 1], LaggedVariable.SPIN_ALONG: spin}
-    found |= {
+    standardised |= {
         Memory(name, 1.0): torch.where(consecutive, along, 0.0)
         for name, vector in vectors.items()
         if (along := _along_the_last(vector)).std() > 0
     }
-    return found | _visited(state) if impacts.space is PLANE else found
+    return standardised | _visited(state) if impacts.space is PLANE else standardised
 
 
 def screen_associations(
@@ -183,8 +184,8 @@ def _kinds(memory: Memory, D: int) -> tuple[Coefficient | None, ...]:
 
 def _remembered(x: Float[Tensor, " n"], decay: float) -> Float[Tensor, " n"]:
     """Standardised sum of earlier values, each less by the decay than the one after it."""
-    found = _earlier((x - x.mean()) / x.std().clamp_min(1e-300), decay)
-    return found / found.std().clamp_min(1e-300)
+    total = _earlier((x - x.mean()) / x.std().clamp_min(1e-300), decay)
+    return total / total.std().clamp_min(1e-300)
 
 
 def _along_the_last(vector: Float[Tensor, "n k"]) -> Float[Tensor, " n"]:
@@ -199,32 +200,32 @@ def _visited(state: State) -> dict[Memory, Float[Tensor, " n"]]:
     """Standardised numbers of earlier impacts near the place of each, at several widths; none where all are at one."""
     place = state.x + state.r[..., 0]
     low, high = place.quantile(0.01), place.quantile(0.99)
-    found: dict[Memory, Tensor] = {}
+    visits: dict[Memory, Tensor] = {}
     if not high - low > 1e-9 * place.abs().max():
-        return found
+        return visits
     each = ((place - low) / (high - low) * _BINS).long().clamp(0, _BINS - 1)
-    apart = (torch.arange(_BINS) - torch.arange(_BINS)[:, None]) / _BINS
+    distances = (torch.arange(_BINS) - torch.arange(_BINS)[:, None]) / _BINS
     for decay in _PLACE_DECAYS:
         there = _earlier(one_hot(each, _BINS).to(torch.float64), decay)
         for width in _WIDTHS:
-            near = (there * (-0.5 * (apart / width).square()).exp()[each]).sum(1)
+            near = (there * (-0.5 * (distances / width).square()).exp()[each]).sum(1)
             trials = 1 / (1 - decay) if decay < 1 else float(len(place))
             memory = Memory(LaggedVariable.PLACE, trials, width * (high - low).item())
-            found[memory] = (near - near.mean()) / near.std().clamp_min(1e-300)
-    return found
+            visits[memory] = (near - near.mean()) / near.std().clamp_min(1e-300)
+    return visits
 
 
 def _earlier(x: Float[Tensor, "n *k"], decay: float) -> Float[Tensor, "n *k"]:
     """Sum of earlier values, each less by the decay than the one after it."""
     if decay == 1:
         return x.cumsum(0) - x
-    found, weight = torch.zeros_like(x), 1.0
+    total, weight = torch.zeros_like(x), 1.0
     for lag in range(1, min(_REMEMBERED, len(x))):
-        found[lag:] += weight * x[:-lag]
+        total[lag:] += weight * x[:-lag]
         weight *= decay
         if weight == 0:
             break
-    return found
+    return total
 
 
 def find_serial_dependence(
@@ -243,12 +244,12 @@ def find_serial_dependence(
     scores, model = Scores.of_sequence(impacts, fit, options), fit.model
     ordered = impacts[scores.rows]
     history = histories(ordered, model.base_prediction(ordered))
-    chance, found = screen_associations(scores, history, thresholds.dependence_level)
-    if not found:
+    chance, associations = screen_associations(scores, history, thresholds.dependence_level)
+    if not associations:
         return None
     first = max(0, (len(ordered) - _MAX_CONSECUTIVE) // 2)
     stretch = slice(first, first + _MAX_CONSECUTIVE)
-    best = _best(VaryingCoefficientModel.of(ordered, fit, scores, stretch), stretch, found[:_MAX_TRIED])
+    best = _best(VaryingCoefficientModel.of(ordered, fit, scores, stretch), stretch, associations[:_MAX_TRIED])
     if best is None:
         return None
     coefficient, association, share, scale = best
@@ -264,27 +265,27 @@ def find_serial_dependence(
 
 
 def _best(
-    model: VaryingCoefficientModel, stretch: slice, found: Sequence[Association]
+    model: VaryingCoefficientModel, stretch: slice, associations: Sequence[Association]
 ) -> tuple[Coefficient | None, Association, Interval, float] | None:
     """Fit every association and return the best; None if none helps, or if velocities that drift predict more."""
-    order = replace(found[0], memory=Memory(LaggedVariable.ORDER, 1.0), coefficient=None)
-    asked = {(one.coefficient, one.memory): one for whole in found for one in (whole, replace(whole, coefficient=None))}
-    asked = {key: one for key, one in asked.items() if one.coefficient or one.variable is not LaggedVariable.ORDER}
-    drift, *others = (model.dependent(one.coefficient, _inputs(one)[stretch]) for one in (order, *asked.values()))
+    order = replace(associations[0], memory=Memory(LaggedVariable.ORDER, 1.0), coefficient=None)
+    asked = {(a.coefficient, a.memory): a for whole in associations for a in (whole, replace(whole, coefficient=None))}
+    asked = {key: a for key, a in asked.items() if a.coefficient or a.variable is not LaggedVariable.ORDER}
+    drift, *others = (model.dependent(a.coefficient, _inputs(a)[stretch]) for a in (order, *asked.values()))
     fits = dict(zip(asked, others, strict=True))
     tried: list[tuple[Coefficient | None, Association, VaryingCoefficientFit]] = []
-    for one in found:
-        alike = fits.get((None, one.memory), drift)
-        if one.coefficient is not None:
-            own = fits[one.coefficient, one.memory]
-            if own.share.mean >= alike.share.mean:
-                tried.append((one.coefficient, one, own))
+    for association in associations:
+        of_velocities = fits.get((None, association.memory), drift)
+        if association.coefficient is not None:
+            of_coefficient = fits[association.coefficient, association.memory]
+            if of_coefficient.share.mean >= of_velocities.share.mean:
+                tried.append((association.coefficient, association, of_coefficient))
                 continue
-        if one.variable not in (LaggedVariable.ORDER, LaggedVariable.PERIOD) and one.memory.trials == 1:
-            tried.append((None, one, alike))
+        if association.variable not in _SEQUENTIAL and association.memory.trials == 1:
+            tried.append((None, association, of_velocities))
     if not tried:
         return None
-    coefficient, association, fit = max(tried, key=lambda one: one[2].share.mean)
+    coefficient, association, fit = max(tried, key=lambda candidate: candidate[2].share.mean)
     if fit.share.low <= 0 or fit.share.mean < drift.share.mean:
         return None
     if association.variable is not LaggedVariable.ORDER:

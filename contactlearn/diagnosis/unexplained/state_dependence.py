@@ -13,7 +13,7 @@ Source: Efron 1969 for the signs; ranks make the test indifferent to the distrib
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -206,14 +206,14 @@ def find_state_dependence(
         trials=_TRIALS,
         block=block,
     )
-    found = ask(fit)
-    if found is None or found.fit.share.mean <= 0:
+    dependence = ask(fit)
+    if dependence is None or dependence.fit.share.mean <= 0:
         return None
     if not torch.equal(best.model.predict(impacts).v_post, fit.model.predict(impacts).v_post):
         rest = ask(best)
         if rest is None or rest.fit.share.mean <= 0:
             return None
-    return _described(found, thresholds)
+    return _described(dependence, thresholds)
 
 
 def fit_state_dependence(
@@ -227,47 +227,47 @@ def fit_state_dependence(
     among = state_variables(ordered)
     if not among:
         return None
-    p_value, found = screen_state_associations(scores, among, level, block)
-    if not found:
+    p_value, associations = screen_state_associations(scores, among, level, block)
+    if not associations:
         return None
     rows = torch.randperm(len(ordered), generator=torch.Generator().manual_seed(0))[:trials].sort().values
     model = VaryingCoefficientModel.of(ordered, fit, scores, rows)
     inputs = {name: columns[rows] for name, columns in among.items()}
-    tried = _tried(found)
-    products = (torch.cat([order * inputs[name] for name, order in one.orders.items()], -1) for one in tried)
-    fits = [model.dependent(one.coefficient, product) for one, product in zip(tried, products, strict=True)]
-    association, best = max(zip(tried, fits, strict=True), key=lambda one: one[1].share.mean)
+    tried = _tried(associations)
+    products = (torch.cat([order * inputs[name] for name, order in a.orders.items()], -1) for a in tried)
+    fits = [model.dependent(a.coefficient, product) for a, product in zip(tried, products, strict=True)]
+    association, best = max(zip(tried, fits, strict=True), key=lambda pair: pair[1].share.mean)
     return StateDependenceFit(model=model, inputs=inputs, association=association, fit=best, p_value=p_value)
 
 
-def _described(found: StateDependenceFit, thresholds: Thresholds) -> StateDependence:
+def _described(dependence: StateDependenceFit, thresholds: Thresholds) -> StateDependence:
     """The result, with its variables and with the effect of the model that has it in another form."""
-    model, coefficient, share = found.model, found.association.coefficient, found.fit.share
-    variables = _variables(model, found.fit, found.association.orders, found.inputs, thresholds.minor_share)
+    model, coefficient, share = dependence.model, dependence.association.coefficient, dependence.fit.share
+    variables = _variables(dependence, thresholds.minor_share)
     form_of = _same_dependence(model, coefficient, variables)
     return StateDependence(
         coefficient=coefficient,
         variables=variables,
-        p_value=found.p_value,
+        p_value=dependence.p_value,
         share=share,
         large=form_of is None and share.mean > thresholds.least_gain,
         form_of=form_of,
     )
 
 
-def _tried(found: Sequence[StateAssociation]) -> list[StateAssociation]:
+def _tried(associations: Sequence[StateAssociation]) -> list[StateAssociation]:
     """The first associations of different variables, and for each coefficient of theirs the union of its variables."""
     first: dict[tuple[Coefficient | None, frozenset[str]], StateAssociation] = {}
-    for one in found:
-        first.setdefault((one.coefficient, frozenset(one.orders)), one)
+    for association in associations:
+        first.setdefault((association.coefficient, frozenset(association.orders)), association)
     chosen = list(first.values())[:_MAX_TRIED]
-    for coefficient in {one.coefficient for one in chosen}:
+    for coefficient in {association.coefficient for association in chosen}:
         union: dict[str, int] = {}
-        for one in first.values():
-            if one.coefficient is coefficient and len({*union, *one.orders}) <= _UNION:
-                union |= {name: max(order, union.get(name, 1)) for name, order in one.orders.items()}
-        if (coefficient, frozenset(union)) not in {(one.coefficient, frozenset(one.orders)) for one in chosen}:
-            chosen.append(StateAssociation(coefficient=coefficient, orders=union, neg_log_p=found[0].neg_log_p))
+        for association in first.values():
+            if association.coefficient is coefficient and len({*union, *association.orders}) <= _UNION:
+                union |= {name: max(order, union.get(name, 1)) for name, order in association.orders.items()}
+        if all((a.coefficient, a.orders.keys()) != (coefficient, union.keys()) for a in chosen):
+            chosen.append(StateAssociation(coefficient=coefficient, orders=union, neg_log_p=associations[0].neg_log_p))
     return chosen
 
 
@@ -292,18 +292,12 @@ def _same_dependence(
     return None
 
 
-def _variables(
-    model: VaryingCoefficientModel,
-    fit: VaryingCoefficientFit,
-    names: Iterable[str],
-    inputs: Mapping[str, Tensor],
-    least: float,
-) -> tuple[VariableShare, ...]:
+def _variables(dependence: StateDependenceFit, least: float) -> tuple[VariableShare, ...]:
     """Shares of the variables in the varying part, as it counts in the mass error."""
-    groups, at = dict[str, range](), 0
-    for name in names:
-        groups[name], at = range(at, at + inputs[name].shape[1]), at + inputs[name].shape[1]
+    groups, at, fit = dict[str, range](), 0, dependence.fit
+    for name in dependence.association.orders:
+        groups[name] = range(at, at + dependence.inputs[name].shape[1])
+        at = groups[name].stop
     index = total_indices(fit.at, fit.x, groups, torch.Generator().manual_seed(0))
-    impacts, outputs = model.impacts, index.shape[1]
-    in_mass = impacts.mass_diagonal.mean(0)
-    return variable_shares(groups, (index * in_mass).sum(1) if outputs > 1 else index[:, 0], least)
+    in_mass = dependence.model.impacts.mass_diagonal.mean(0)
+    return variable_shares(groups, (index * in_mass).sum(1) if index.shape[1] > 1 else index[:, 0], least)

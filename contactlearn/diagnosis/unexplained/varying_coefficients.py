@@ -111,9 +111,9 @@ class VaryingCoefficientModel:
         """
         counted = self.inliers & torch.isin(torch.arange(len(self.impacts)), self.folds.held_out)
         base = self.impacts.residual(self.v_post)[self.inliers]
-        left = self.impacts.residual(torch.stack(v_post))[:, counted]
+        residuals = self.impacts.residual(torch.stack(v_post))[:, counted]
         root = torch.linalg.cholesky(robust_covariance(base))
-        return torch.linalg.solve_triangular(root, left.mT, upper=False).norm(dim=1)
+        return torch.linalg.solve_triangular(root, residuals.mT, upper=False).norm(dim=1)
 
     def _validate(
         self, v_post: Float[Tensor, "n D"], make_fit: Callable[[Interval, Tensor], VaryingCoefficientFit]
@@ -135,11 +135,10 @@ class VaryingCoefficientModel:
         rows = [part[informative[part]] for part in self.folds.fitted]
         size = min(map(len, rows))
         rows = torch.stack([part[:size] for part in rows])
-        mean = (weight[rows] * y[rows]).sum(1, keepdim=True) / weight[rows].sum(1, keepdim=True)
-        spread = (
-            (weight[rows] * (y[rows] - mean).square()).sum(1, keepdim=True) / weight[rows].sum(1, keepdim=True)
-        ).sqrt()
-        spread = spread.clamp_min(1e-300)
+        total = weight[rows].sum(1, keepdim=True)
+        mean = (weight[rows] * y[rows]).sum(1, keepdim=True) / total
+        variance = (weight[rows] * (y[rows] - mean).square()).sum(1, keepdim=True) / total
+        spread = variance.sqrt().clamp_min(1e-300)
         gps = ExactGPs(x[rows], ((y[rows] - mean) / spread).mT, weight[rows].sqrt().mT)
         gps.fit_folds()
         learned = gps.mean()

@@ -72,9 +72,7 @@ class Declaration:
         parameters = tuple(_parameter(name, given) for name, given in declared.items())
         lines = {output: Expression(text) for output, text in expressions.items()}
         spaces = [space for space in BOTH if {*lines} <= {*FORMULA_OUTPUTS[space][place]}]
-        used = {
-            name for output, line in lines.items() for name in _names(place, output, line, declared, spaces or BOTH)
-        }
+        used = set[str]().union(*(_names(place, o, line, declared, spaces or BOTH) for o, line in lines.items()))
         spaces = tuple(space for space in spaces if used <= {*declared, *at_place(place, [space])})
         if not spaces:
             names = ", ".join(dict.fromkeys([*lines, *used - {*declared}]))
@@ -107,7 +105,7 @@ def place_of_outputs(expressions: Mapping[str, str], wanted: str | None = None) 
         UnknownNameError: no such output.
         ContactLearnError: no outputs, outputs of several places, or of another place than the wanted one.
     """
-    place_of = {output: place for space in BOTH for place, own in FORMULA_OUTPUTS[space].items() for output in own}
+    place_of = {output: place for space in BOTH for place, units in FORMULA_OUTPUTS[space].items() for output in units}
     if not isinstance(expressions, Mapping) or not expressions:
         raise ContactLearnError(
             f'a formula needs an output, got {expressions!r}; write such as tau="-c*rx*Pn", for {", ".join(place_of)}'
@@ -220,14 +218,14 @@ class _Formula(Frozen):
 
     def __post_init__(self) -> None:
         read = self.read
-        own = {
+        completed = {
             "expressions": dict(self.expressions),
             "declared": read.declared,
             "current": self.current or tuple(p.start for p in read.parameters),
             "needs_shape": "theta" in self.expressions,  # of this formula alone
             "spaces": read.spaces,
         }
-        for name, value in own.items():
+        for name, value in completed.items():
             object.__setattr__(self, name, value)
 
     @cached_property

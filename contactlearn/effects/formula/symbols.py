@@ -159,7 +159,7 @@ def symbol_named(name: str) -> Symbol:
 
 def at_place(place: str, spaces: Sequence[Space] = (PLANE,)) -> list[str]:
     """Names of the symbols that are known at a place in one of these spaces."""
-    return [*dict.fromkeys(name for space in spaces for name, one in KNOWN[space].items() if place in one.places)]
+    return [*dict.fromkeys(name for space in spaces for name, s in KNOWN[space].items() if place in s.places)]
 
 
 def _value(name: str, state: State, place: str, known: Mapping[str, Tensor | None]) -> Tensor:
