@@ -266,10 +266,12 @@ def _body(entry: Any, key: str, _: Any) -> Specimen | None:
         return None
     rule = "be {mass: 0.05, shape: {kind: disc, radius: 0.02}}, with inertia in kg m² if the density is not uniform"
     body = _entry(_Body, entry, key, rule)
-    shape, inertia = make_shape(body.shape), body.inertia
-    if inertia is None and shape is not None:
-        inertia = (body.mass * torch.as_tensor(shape.gyration_squared(), dtype=torch.float64)).tolist()
-    moments = tuple(inertia) if isinstance(inertia, list) else inertia
+    shape, moments = make_shape(body.shape), body.inertia
+    if shape is None:
+        raise ContactLearnError(f"{key}.shape must be given; {key} must {rule}")
+    if moments is None:
+        uniform = (body.mass * torch.as_tensor(shape.gyration_squared(), dtype=torch.float64)).tolist()
+        moments = tuple(uniform) if isinstance(uniform, list) else uniform
     return Specimen(mass=body.mass, inertia=moments, shape=shape, name=body.name)
 
 
