@@ -104,7 +104,7 @@ class State:
     @property
     def orientation(self) -> Float[Tensor, "..."]:
         """θ [..., N] in rad, in space the quaternion [..., N, 4] from the body to the axes of the contact."""
-        return rigid_body.orientation(self.q)
+        return rigid_body.orientation_of(self.q)
 
     @property
     def x(self) -> Float[Tensor, "... n"]:

@@ -54,12 +54,14 @@ def turn_quaternion(
     return torch.cat((c * w - (s * u).sum(-1, keepdim=True), c * u + w * s + torch.linalg.cross(s, u)), -1)
 
 
-def orientation(q: Float[Tensor, "*batch pose"]) -> Float[Tensor, "..."]:
+def orientation_of(q: Float[Tensor, "*batch pose"]) -> Float[Tensor, "..."]:
     """θ [...] in rad of poses in the plane, or quaternions [..., 4] of those in space."""
     return q[..., 2] if q.shape[-1] == 3 else q[..., 3:]
 
 
-def displaced(q: Float[Tensor, "*#batch pose"], moved: Float[Tensor, "*#batch D"]) -> Float[Tensor, "*#batch pose"]:
+def displaced_pose(
+    q: Float[Tensor, "*#batch pose"], moved: Float[Tensor, "*#batch D"]
+) -> Float[Tensor, "*#batch pose"]:
     """Pose [..., 3 or 7] after a displacement [..., D] in m and rad, in space with a rotation vector in world axes."""
     if q.shape[-1] == 3:
         return q + moved

@@ -34,10 +34,10 @@ from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.mechanics.rigid_body import (
     GRAVITY,
-    displaced,
+    displaced_pose,
     in_body,
     in_world,
-    orientation,
+    orientation_of,
     squared_mass_norm,
     swept,
 )
@@ -347,7 +347,7 @@ class _Bodies:
         p = (-height.clamp_max(0) / now.W[:, -1, -1]).minimum((lost + moving) / self.gravity)
         slower = (1 - (self.gravity * p - lost).clamp_min(0) / moving.clamp_min(1e-300)).clamp_min(0).sqrt()
         moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
-        lifted, after = displaced(pose, moved), slower[:, None] * after
+        lifted, after = displaced_pose(pose, moved), slower[:, None] * after
         if self.space is PLANE:
             return lifted, after
         spin = in_world(in_body(after[:, d:], pose), lifted)  # turned as well: its energy stays
@@ -363,7 +363,7 @@ class _Bodies:
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
         mass, inertia, order = (self.fixed[name][rows] for name in ("mass", "inertia", "order"))
-        r = contact_point(self.shape, orientation(pose))
+        r = contact_point(self.shape, orientation_of(pose))
         body = torch.full((len(rows),), body_code(self.name))
         return self.actual(State(mass, inertia, r, pose, velocity, order, self.shape, body=body), rows)
 

@@ -32,16 +32,17 @@ from torch.nn.functional import pad
 
 from contactlearn.core.numerics import MAD_SCALE, biweight
 from contactlearn.data.audit.moments import torque
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
 from contactlearn.mechanics.bodies import AnyShape, contact_points, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import (
     contact_velocity,
-    displaced,
+    displaced_pose,
     in_body,
     in_world,
     moment,
-    orientation,
+    orientation_of,
     rotate,
     spin_momentum,
     swept,
@@ -54,8 +55,6 @@ _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
 _SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a length over the distance of contacts
 _COMPARED, _AS_GOOD = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
 _MIN_IMPACTS = 5  # impacts for each change, at least
-# of the spread that the best single physical cause leaves, below which the rig explains the balance
-_EXPLAINED_SHARE = 0.8
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
 _LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
 _SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
@@ -81,10 +80,10 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     middle, centre = (vector([get(f"{name}_{axis}") for axis in "abc"[:d]]) for name in ("middle", "centre"))
     tilt = pad(vector((-get("slope"),) if flat else (-get("slope_b"), get("slope"), 0.0)), (d, 0))
     turn = tilt + vector([0.0] * d + [get("orientation")]) if flat else tilt
-    tilted, turned = displaced(impacts.q, tilt), displaced(impacts.q, turn)
+    tilted, turned = displaced_pose(impacts.q, tilt), displaced_pose(impacts.q, turn)
     root = root_of_mass(impacts.r, before, after)[:, None]
     swing = get("late") * (before + after) / 2 + get("swing") * (root if flat else 1.0) * (after - before)
-    touching = displaced(turned, pad(swing[:, d:], (d, 0)))
+    touching = displaced_pose(turned, pad(swing[:, d:], (d, 0)))
     placed = touching if flat else turned
     offset = in_world(centre, placed)
 
@@ -96,15 +95,15 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
         return torch.cat((level(v[:, :d]) + swept(offset, spin), spin), -1)
 
     def pose(q: Float[Tensor, "n pose"]) -> Float[Tensor, "n pose"]:
-        return torch.cat((level(q[:, :d]) + offset, displaced(q, turn)[:, d:]), -1)
+        return torch.cat((level(q[:, :d]) + offset, displaced_pose(q, turn)[:, d:]), -1)
 
     r = level(impacts.r) + in_world(middle, placed) - offset
     r[:, -1] -= get("depth") + get("yield") * root[:, 0] * contact_velocity(impacts.r, before)[:, -1]
     if shape is not None:
-        stated = contact_points(shape, impacts.body, orientation(impacts.q))
+        stated = contact_points(shape, impacts.body, orientation_of(impacts.q))
         changes = {name: reshaped(one, change) for name, one in shapes_among(shape).items()}
         shape = changes if isinstance(shape, Mapping) else changes[""]
-        r = r + contact_points(shape, impacts.body, orientation(touching)) - level(stated)
+        r = r + contact_points(shape, impacts.body, orientation_of(touching)) - level(stated)
     return impacts.replace(
         shape=shape,
         r=r,
@@ -193,7 +192,12 @@ def fit_balance(impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[s
     return BalanceFit(estimates=estimates, remaining=remaining, given=given, physical=_physical(impacts, known))
 
 
-def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
+def with_balance(
+    impacts: Impacts,
+    rig: Apparatus,
+    meets_below: Estimate | None = None,
+    thresholds: AuditThresholds = AuditThresholds(),
+) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
     The inertia and the centre of mass are fitted; what wobble says of the latter takes part with its error.  All else
@@ -203,6 +207,7 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
         impacts: as stated.
         rig: card that heights and flights show.
         meets_below: s_d, where it is known.
+        thresholds: that decide.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
     few, length = _MIN_IMPACTS * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
@@ -224,12 +229,12 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
     free = {name: Estimate(value=0.0, error=error) for name, error in expected.items() if name not in known}
     free |= {name: known.pop(name) for name in [*known] if name.startswith("centre")}
     fit = fit_balance(impacts, free, known)
-    if fit.remaining >= _EXPLAINED_SHARE * min(fit.physical, fit.given):
+    if fit.remaining >= thresholds.rig_explains * min(fit.physical, fit.given):
         return rig
     return replace(rig, **{name: one for name, one in fit.estimates.items() if name in CHANGES})
 
 
-def simplest_rig(impacts: Impacts) -> BalanceFit | None:
+def simplest_rig(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> BalanceFit | None:
     """Return the fewest changes of what was stated that close the balance of a table nearly as well as any.
 
     Combinations of inertia, zero of θ, outline and its place are compared; None where none closes it clearly better.
@@ -254,7 +259,7 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
     least = min((fit.remaining for _, fit in fits), default=math.inf)
     near = [(count, fit.remaining, fit) for count, fit in fits if fit.remaining <= least * _AS_GOOD]
     best = min(near, key=lambda one: one[:2])[2] if near else None
-    return best if best and best.remaining < _EXPLAINED_SHARE * best.given else None
+    return best if best and best.remaining < thresholds.rig_explains * best.given else None
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:

@@ -37,7 +37,7 @@ from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import displaced, in_world, swept
+from contactlearn.mechanics.rigid_body import displaced_pose, in_world, swept
 from contactlearn.mechanics.shapes import Shape, Solid, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
@@ -382,7 +382,7 @@ class _Take:
             first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
             errors = np.zeros(2 * [2 * len(first_velocity)])
         moved, faster = np.split(generator.multivariate_normal(np.zeros(len(errors)), errors, FAN), 2, 1)
-        fan = displaced(torch.from_numpy(first_pose), torch.from_numpy(moved))
+        fan = displaced_pose(torch.from_numpy(first_pose), torch.from_numpy(moved))
         pose = torch.cat((torch.from_numpy(np.vstack((first_pose, track.pose[frames]))), fan))
         velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
         velocity[0], velocity[-FAN:] = torch.from_numpy(first_velocity), torch.from_numpy(first_velocity + faster)
