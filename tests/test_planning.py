@@ -573,6 +573,7 @@ WRONG = {
     "alike": ((BODY, "rig.theta=[-1,1]", "rig.height=[0.2,0.2]"), "every contact within the limits is alike"),
     "order": ((BODY, "rig.height=[0.5,0.1]"), "rig.height must be [low, high] in order"),
     "entries": ((BODY, "rig.height={low: 0.1, hihg: 0.5}"), "rig.height must be [low, high], or {low:"),
+    "misspelt entry": ((BODY, "rig.height={low: 0.1, high: 0.5, presicion: 0.1}"), "did you mean 'precision'"),
     "misspelt": ((BODY, "rig.hight=[0.1,0.5]"), "did you mean 'height'"),
     "setting": ((BODY, "rigg.height=[0.1,0.5]"), "unknown setting 'rigg', did you mean 'rig'"),
     "goal": ((BODY, "goal=name"), "did you mean 'names'"),

@@ -36,7 +36,7 @@ from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, matvec, rotation, turn_quaternion
+from contactlearn.mechanics.rigid_body import in_world, matvec, orientation_of, rotation, turn_quaternion
 from contactlearn.mechanics.shapes import scaled
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
@@ -97,7 +97,9 @@ def correct(
         require_space(f"correction {name}", impacts.space, CORRECTIONS[name].spaces)
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, orientation_of(corrected)))
+            corrected = corrected.replace(
+                r=contact_points(corrected.shape, corrected.body, orientation_of(corrected.q))
+            )
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
@@ -133,11 +135,6 @@ def _multiplied(impacts: Impacts, factors: Sequence[float], names: Sequence[str]
     fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
     fields |= {f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
     return impacts.replace(**fields)
-
-
-def orientation_of(impacts: Impacts | Columns) -> Tensor:
-    """θ, or in space the quaternion, of every trial."""
-    return impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
 
 
 def _written(unit: Miswritten) -> Correction:
@@ -179,7 +176,7 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
     shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
-    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts.q))
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
@@ -325,7 +322,7 @@ def _with_contact(one: Correction) -> Correction:
         shape = impacts.shape
         if shape is None:
             return after
-        before, now = (contact_points(shape, one.body, orientation_of(one)) for one in (impacts, after))
+        before, now = (contact_points(shape, one.body, orientation_of(one.q)) for one in (impacts, after))
         rounding = _FOLLOWS * before.norm(dim=(-2, -1))
         off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
         follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]
@@ -441,7 +438,7 @@ def _moving_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
 def _contact_from_shape(impacts: Impacts, _: AuditThresholds) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated that contact points could be computed from")
-    return impacts.replace(r=contact_points(impacts.shape, impacts.body, orientation_of(impacts)))
+    return impacts.replace(r=contact_points(impacts.shape, impacts.body, orientation_of(impacts.q)))
 
 
 def _ordered_by_time(impacts: Impacts, _: AuditThresholds) -> Impacts:
