@@ -241,12 +241,17 @@ def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
 # --- Space -----------------------------------------------------------------------------------------
 
 
+def _turn(by: Tensor) -> Tensor:
+    """Rotation matrix of quarter turns, by a vector in rad."""
+    return rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+
+
 def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction to axes with z up, by a turn about a vector in rad, of the body's axes too or not."""
 
     def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
         by = torch.tensor(vector, dtype=torch.float64)
-        turn = rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+        turn = _turn(by)
         both = torch.block_diag(turn, turn)
 
         def quaternion(q: Tensor) -> Tensor:
@@ -260,6 +265,17 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
             if (x := getattr(impacts, name)) is not None
         }
         return impacts.replace(r=impacts.r @ turn.T, **fields)
+
+    return turned
+
+
+def _turned_spin(*vector: float) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction of the spin alone to axes with z up, by a turn about a vector in rad."""
+    spin = torch.block_diag(torch.eye(3, dtype=torch.float64), _turn(torch.tensor(vector, dtype=torch.float64)))
+
+    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        fields = {name: x @ spin.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
+        return impacts.replace(**fields, **{f"{name}_cov": spin @ x @ spin.T for name, x in _covariances(impacts)})
 
     return turned
 
@@ -377,12 +393,16 @@ _IN_SPACE = {
     "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
     "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
-        name + end: Correction(text + more, _turned_axes(*vector, with_body=with_body))
-        for end, more, with_body in (("", "", False), ("_in_body", ", in the axes of the body too", True))
+        name + end: Correction(text + more, turned)
         for name, text, vector in (
             ("y_up", "y points up, not z", (math.pi / 2, 0.0, 0.0)),
             ("x_up", "x points up, not z", [-2 * math.pi / 3 / math.sqrt(3)] * 3),
             ("z_down", "z points down", (math.pi, 0.0, 0.0)),
+        )
+        for end, more, turned in (
+            ("", "", _turned_axes(*vector, with_body=False)),
+            ("_in_body", ", in the axes of the body too", _turned_axes(*vector, with_body=True)),
+            ("_in_spin", ", in the spin alone", _turned_spin(*vector)),
         )
     },
     **{
