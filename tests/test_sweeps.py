@@ -129,6 +129,7 @@ def test_a_failing_job_stops_no_other(tmp_path):
     assert finished(tmp_path) == before
 
 
+@pytest.mark.nightly
 def test_an_unexpected_failure_stops_no_other(tmp_path):
     """And leaves its place in the program; the next call runs it again."""
     words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
@@ -149,6 +150,7 @@ def test_a_wrong_setting_in_one_job_runs_none(tmp_path):
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.nightly
 def test_killed_at_a_random_moment(undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
 
@@ -161,6 +163,7 @@ def test_killed_at_a_random_moment(undisturbed, tmp_path):
     assert content(tmp_path) == content(undisturbed)
 
 
+@pytest.mark.nightly
 def test_leftovers_of_a_killed_job_are_cleared(undisturbed, tmp_path):
     """Events and tables of two attempts would add up."""
     subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
@@ -282,6 +285,7 @@ def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
     assert read_result(path).trained_on == 10
 
 
+@pytest.mark.nightly
 def test_other_names_of_jobs_overwrite_nothing(tmp_path):
     """Numbers begin at 0 in each sweep."""
     words = ("-m", *SMALL, "train.size=10", "hydra.sweep.subdir=${hydra.job.num}", f"hydra.sweep.dir={tmp_path}")
