@@ -19,6 +19,7 @@ from spatial import tossed
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
+from contactlearn.data.audit.findings import audit
 from contactlearn.data.headers import propose
 from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
@@ -885,6 +886,9 @@ def test_a_spin_that_nobody_measured_is_that_of_the_moments():
     torch.testing.assert_close(found.impacts.v_post[:, 2], omega)
     torch.testing.assert_close(found.impacts.v_post[:, :2], drops.v_post[:, :2])
     assert not found.impacts.v_pre[:, 2].any()
+    (note,) = (one for one in audit(found.impacts) if one.name == "consistent")
+    assert "closes exactly" in note.sentence  # spins that were computed from the balance are no evidence for it
+    assert "no evidence" in note.sentence
     # Columns that may be what is missing are asked for, as is the angle of another body.
     for other in ("spin rate [yd]", "angular"):
         with refused(["missing column", "omega"]):
