@@ -170,6 +170,6 @@ def _round_rim(tracked: Tracked) -> list[str]:
     if second <= len(tracked.impacts) or max(counts, default=0) < _MANY_CORNERS:
         return []
     return [
-        f"  the shape has {max(counts)} corners: of a round rim that is written as corners the next ones are always near "
-        "the floor, too; state the round shape, {kind: disc, radius: R} in a plane, {kind: cylinder, …} in space"
+        f"  the shape has {max(counts)} corners: of a round rim that is written as corners the next ones are near the "
+        "floor, too; state the round shape, {kind: disc, radius: R} in a plane, {kind: cylinder, …} in space"
     ]
