@@ -129,9 +129,11 @@ class Sheet:
         return (bad.nonzero()[0] + 1).tolist()
 
     def _gaps(self, column: str) -> Bool[np.ndarray, " n"]:
-        """Whether each cell of a column lacks a number; text does where most of the others are numbers."""
+        """Whether each cell of a column lacks a number; text that is none does where most of the others are numbers."""
         cells, numeric = self.columns[column], self.is_numeric(column)
-        lacking = (_is_missing(cell) or (numeric and self._is_no_number(cell)) for cell in cells)
+        lacking = (
+            _is_missing(cell) or (numeric and not is_numeral(cell) and self._is_no_number(cell)) for cell in cells
+        )
         return np.fromiter(lacking, bool, len(self))
 
     def without(self, rows: Sequence[int]) -> "Sheet":
