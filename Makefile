@@ -1,7 +1,7 @@
 # make demo       a diagnosis of simulated drops with hidden physics, no download of data
 # make quick      the inner loop: tests of what changed since the last commit
 # make test       style, types, the test suite, and a fresh install without the lock file
-# make test-all   with the tests that take a minute or longer
+# make test-all   with all cases of each test, and with the long tests for which a faster one stands
 # make bench      every benchmark, one after the other
 # make docs       the site, strictly, into site/
 # make versions   the oldest and the newest supported versions, and pre-releases, each in an environment of its own
@@ -42,11 +42,12 @@ STYLE := $(PY) -m ruff check . && $(PY) -m ruff format --check . && $(PY) -m pyr
 style: .venv/ready
 	$(STYLE)
 
+# Of a test with many cases each commit tries a third, three commits that follow each other all; `make test-all` always.
 # What style and a fresh install say comes after the tests, beside which they run: each keeps one core busy for a minute.
 test test-all: .venv/ready browser
 	@said=$$(mktemp -d); { $(STYLE); } >"$$said/style" 2>&1 & style=$$!; \
 	$(PY) tools/versions.py fresh >"$$said/fresh" 2>&1 & fresh=$$!; \
-	$(SUITE) $(if $(filter test-all,$@),-m ""); tested=$$?; \
+	$(SUITE) $(if $(filter test-all,$@),-m "",--third=$$(git rev-list --count HEAD || echo 0)); tested=$$?; \
 	wait $$style; styled=$$?; wait $$fresh; installed=$$?; \
 	cat "$$said"/*; rm -r "$$said"; exit $$((tested + styled + installed))
 

@@ -1,6 +1,7 @@
 """Fixtures that several test files share, and the inner loop `--quick`."""
 
 import gc
+import itertools
 import os
 import signal
 import sys
@@ -31,13 +32,26 @@ hypothesis.settings.load_profile("suite")
 
 def pytest_addoption(parser):
     parser.addoption("--quick", action="store_true", help="tests of what changed since the last commit")
+    parser.addoption("--third", type=int, metavar="K", help="a third of the cases of each test; all in K, K + 1, K + 2")
 
 
 def pytest_collection_modifyitems(config, items):
+    chosen, third = [*items], config.getoption("--third")
     if config.getoption("--quick"):
-        chosen = list(quick.kept(items, quick.changed()))
+        chosen = [*quick.kept(items, quick.changed())]
+    if third is not None:
+        chosen = [*third_of(chosen, third)]
+    if len(chosen) < len(items):
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
+
+
+def third_of(items, k):
+    """Of each test every third case, or one of two, from the k-th on."""
+    for _, cases in itertools.groupby(items, lambda item: item.nodeid.partition("[")[0]):
+        cases = [*cases]
+        step = min(3, len(cases))
+        yield from cases[k % step :: step]
 
 
 def pytest_collection_finish():

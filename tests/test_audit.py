@@ -413,6 +413,7 @@ def test_trials_that_are_sorted_by_their_state():
     assert not [one for one in audit(clean) if one.name == "sorted_trials"]
 
 
+@pytest.mark.nightly
 def test_masses_tell_bodies_apart():
     clean = drops("disc", 1)
     mass = torch.where(torch.arange(len(clean)) % 3 == 0, 0.1, 0.25).double()
@@ -440,6 +441,7 @@ def test_indistinguishable_corrections_are_listed():
     assert finding.alternatives == ()
 
 
+@pytest.mark.nightly
 def test_with_much_noise():
     clean = drops(seed=1, velocity_noise=0.04, spin_noise=2.0)
     for name in CORRUPTIONS.keys() - TURNS:  # of which a symmetric body shows no sense

@@ -67,6 +67,7 @@ MISTAKES = {
     "left-handed axes": (lambda one: turned(one, MIRROR), {"mirrored_spin", "inverse_quaternion"}),
     "y up": (lambda one: turned(one, UP), {"y_up_in_body"}),
     "y up, body axes": (y_up_with_body_spins, {"y_up", "spin_in_body_axes"}),
+    "y up in the spin": (lambda one: spun(one, lambda w: w @ UP.T), {"y_up_in_spin"}),
     "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),
     "millimetres": (lambda one: lengthened(one, 1e3), {"millimetres_velocity"}),
     "before and after": (lambda one: one.replace(v_pre=one.v_post, v_post=one.v_pre), {"swapped_pre_post"}),

@@ -306,6 +306,7 @@ def test_the_page_draws_the_body_of_the_trial(files, printed, browser):
     assert shown.get_log("browser") == []
 
 
+@pytest.mark.nightly
 def test_commands_take_shapes_by_body(files, printed):
     """Diagnose and evaluate a table of two bodies; pages are drawn again from their folders."""
     assert "computed: the inertia from the shape and the mass, at uniform density; contact points from" in printed

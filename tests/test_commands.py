@@ -40,6 +40,7 @@ from contactlearn.inference.learning import curves
 from contactlearn.mechanics.features import Features
 from contactlearn.models import checkpoint
 from contactlearn.report.figures import laws as drawings
+from contactlearn.report.tensorboard import shown_as
 from contactlearn.report.text.names import model_label
 from contactlearn.simulation import synthetic
 
@@ -98,8 +99,8 @@ def test_an_evaluation_prints_and_leaves_results_tables_figures_and_events(evalu
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
         assert (folder / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     events = Events(str(folder)).Reload()
-    assert {f"figures/{name}" for name in FIGURES} <= set(events.Tags()["images"])
-    logged = events.Scalars("mass_error/irb")
+    assert {shown_as(f"figures/{name}") for name in FIGURES} <= set(events.Tags()["images"])
+    logged = events.Scalars(shown_as("mass_error/irb"))
     assert logged[0].step == 20
     assert logged[0].value == pytest.approx(results["errors"]["irb"]["mass_error"]["mean"], rel=1e-6)
     assert len(list(folder.glob("events.*"))) == 1  # hyperparameters make no run of their own
@@ -267,7 +268,7 @@ def test_learning_curves(study):
         for size, entry in zip(curve["sizes"], curve["mass_error"], strict=True):
             assert means[model, size] == pytest.approx(entry["mean"], rel=1e-9)
     events = Events(str(folder)).Reload()
-    steps = [event.step for event in events.Scalars("curve_mass_error/x1_wrench")]
+    steps = [event.step for event in events.Scalars(shown_as("curve_mass_error/x1_wrench"))]
     assert list(dict.fromkeys(steps)) == [10, 20]
     for name in ("learning_curve", "error_densities", "calibration"):
         assert (folder / "figures" / f"{name}.pdf").exists()
@@ -356,6 +357,7 @@ def test_an_output_that_cannot_be_written_is_an_error(words):
     assert (done.returncode, done.stderr) == (2, "error: the output cannot be written: No space left on device\n")
 
 
+@pytest.mark.nightly
 def test_a_report_that_cannot_be_written_is_an_error(tmp_path):
     """As a command's own output, after it has read its data."""
     table.save(synthetic.load(size=40), tmp_path / "drops.csv")
@@ -558,7 +560,7 @@ def test_a_stopped_evaluation_resumes_after_its_finished_trainings(tmp_path, mon
     assert finished.stem == "10"
     curve = {"x1_wrench": [10], "best_post_hoc": [10, 20], "irb": [10, 20]}
     for name, points in curve.items():
-        steps = [event.step for event in shown[0].Scalars(f"curve_mass_error/{name}")]
+        steps = [event.step for event in shown[0].Scalars(shown_as(f"curve_mass_error/{name}"))]
         assert list(dict.fromkeys(steps)) == points
     allowed = 2
     assert "earlier run of the same command: 1\n" in run(*command, cwd=tmp_path)

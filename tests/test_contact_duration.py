@@ -194,6 +194,7 @@ def test_the_plane_is_a_case_of_space(hysteretic):
         assert (there - here).abs().max() < size * change
 
 
+@pytest.mark.nightly
 def test_a_duration_in_space_is_told_from_a_late_frame():
     """A late frame stands for much of it; beside it none is left."""
     tossed = box_tosses(MU, EPS, noise=0, count=150)

@@ -117,6 +117,7 @@ def test_exact_data_are_no_trouble():
     assert found.budget.named.mean < 1e-6
 
 
+@pytest.mark.nightly
 def test_it_computes_on_one_thread():
     """Beside other work it takes seven times as long on two."""
 
@@ -141,6 +142,7 @@ def test_it_computes_on_one_thread():
         torch.set_num_threads(before)
 
 
+@pytest.mark.nightly
 def test_a_law_that_is_given_is_compared_with_the_others():
     drops = synthetic.load(size=120, law="mirtich")
     events = RecordingObserver()
@@ -193,6 +195,7 @@ def test_ones_own_effect_is_a_candidate_like_any_other():
     assert found.effects == ("mine",)
 
 
+@pytest.mark.nightly
 def test_what_is_in_the_model_already_is_not_missing():
     impacts, truth = hidden_effects.draw(3, effects=["spin_damping"], size=150)
     given = {"spin_damping": find_effect("spin_damping")()}
@@ -257,6 +260,7 @@ def test_an_unknown_effect_is_reported_as_unknown(tmp_path):
     assert [line.partition(":")[0] for line in event_lines(recorded[0])] == ["audit"]
 
 
+@pytest.mark.nightly
 def test_a_law_that_was_chosen_without_the_effects_is_chosen_again_with_them():
     """Alone, the law of the complementarity problem fits these drops better than the one that is true."""
     impacts, truth = hidden_effects.draw(31, size=200)

@@ -57,6 +57,7 @@ def test_its_probability_is_stated(found):
     assert not found.formulas
 
 
+@pytest.mark.nightly
 def test_the_few_steps_of_a_law_are_no_unknown_effect():
     """Outcomes without noise of a simulator that follows the slip in fine steps: nothing is missing or scatters."""
     law = find_law("wang_mason").at(0.35, 0.45)
@@ -77,6 +78,7 @@ def test_a_record_in_space_is_read_back(found, tmp_path):
     assert read.outcomes.shape[1:] == (160, 6)
 
 
+@pytest.mark.nightly
 def test_nothing_is_named_where_nothing_is_hidden():
     found = diagnose(
         measured(2), options=DiagnoseOptions(laws=[LAW, find_law("whittaker")], candidates=few(*CANDIDATES))
@@ -84,6 +86,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert (found.verdict, found.missing) == (Verdict.NONE, ())
 
 
+@pytest.mark.nightly
 def test_a_turned_world_changes_no_name_and_no_error(found):
     """A quarter turn about the normal."""
     turn = torch.tensor(((0.0, -1, 0), (1, 0, 0), (0, 0, 1)), dtype=torch.float64)

@@ -118,6 +118,7 @@ def test_drops_from_one_height_do_not_tell_a_late_frame_from_an_offset_of_the_co
     assert all(one.drops_needed <= 60 for one in planned.separations)
 
 
+@pytest.mark.nightly
 def test_many_drops_from_many_heights_do():
     assert find_rivals(having(drops(gravity(0.02), 400), LATE)) == {LATE: ()}
     impacts = drops(gravity(0.004), 60, seed=1, width=0.1)

@@ -88,6 +88,7 @@ def test_gross_outliers_have_little_influence():
     assert (fit.weight[::25] < 0.05).all()
 
 
+@pytest.mark.nightly
 def test_standard_errors_are_those_of_many_repetitions():
     drops, chosen, _ = planted(TRUE, 6000)
     fits = joint.fit(

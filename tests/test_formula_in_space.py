@@ -228,6 +228,7 @@ def test_every_term_is_accepted_and_none_is_found_where_nothing_is_planted(compo
     assert formulas(impacts, fit.model, component, Folds.draw(200, torch.Generator().manual_seed(0))) == ()
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_proposes_a_formula():
     component, axis, planted, term, _ = PLANTED["drag along the slip"]
     impacts = measured(WrenchComponent(component), axis, planted, count=80)

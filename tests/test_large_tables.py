@@ -128,6 +128,7 @@ def test_a_stopped_run_goes_on_behind_its_finished_subsamples(many, tmp_path):
     assert diagnosed == [300, 150]
 
 
+@pytest.mark.nightly
 @patch("contactlearn.inference.identification.scatter.COMPONENTS", TWO_COMPONENTS)
 def test_a_large_table_is_diagnosed_on_samples():
     impacts, _ = hidden_effects.draw(8, effects=["contact_patch"], size=900)

@@ -75,6 +75,7 @@ def test_evaluation_shows_effects_beside_the_laws(tmp_path):
     assert joint in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.nightly
 def test_subsets_of_effects_are_swept(tmp_path):
     run("train.py", "-m", *TRAIN, "effect=[],[side_drag],[side_drag,spin_damping]", f"hydra.sweep.dir={tmp_path}")
     folders = [next(tmp_path.glob(f"effect={name}-*")) for name in ("none", "side_drag", "side_drag+spin_damping")]
@@ -182,6 +183,7 @@ def results(folder, name="results.json"):
     return json.loads((folder / name).read_text())
 
 
+@pytest.mark.nightly
 def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
     curves = ("model=[residual_wrench]", "curves.sizes=[10]", "curves.seeds=2", "workers=1")
     printed = run("evaluate.py", *SMALL[:-1], *curves, *CHOSEN, "effect=[spin_damping]", "figures.surface=bumpy_floor",
@@ -195,6 +197,7 @@ def test_a_law_of_ones_own_takes_part_in_an_evaluation(package, tmp_path):
     assert "Bumpy floor" in (tmp_path / "run" / "report.html").read_text("utf-8")
 
 
+@pytest.mark.nightly
 def test_a_law_of_ones_own_takes_part_in_a_diagnosis(package, tmp_path):
     given = ("fit.noise=[0.01,0.01,0.5]", "+limits.v_y=[-3,-1]")
     printed = run("diagnose.py", "data.size=40", "seconds=1", *CHOSEN, *given, f"hydra.run.dir={tmp_path / 'run'}")

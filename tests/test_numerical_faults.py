@@ -248,6 +248,7 @@ def test_ranges_go_with_the_body():
                 assert abs(math.log10((one.high - one.low) / (p.high - p.low) / unit)) <= 4
 
 
+@pytest.mark.nightly
 def test_the_diagnosis_names_the_same():
     """A planted effect has its name, whatever the units."""
     drops = synthetic.load(size=60, seed=2)

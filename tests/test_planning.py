@@ -270,6 +270,7 @@ def test_a_first_design_keeps_the_limits_and_is_its_seed_s(first):
     assert from_json(Plan, to_json(first)) == first
 
 
+@pytest.mark.nightly
 def test_a_first_design_separates_effects_better_than_random_drops():
     """About a law at (μ, ε) of which the design knows nothing: each effect from the rival that is nearest to it."""
     placed = replace(RIG, limits=RIG.limits | {"x": Limits(low=0.08, high=0.5, settable=False)})
@@ -316,6 +317,7 @@ def test_effects_that_no_drop_shows_are_named():
     assert {"velocity_dependent_restitution", "parameter_drift"}.isdisjoint(still)
 
 
+@pytest.mark.nightly
 def test_in_space_a_plan_turns_the_body():
     settings = {"height": HEIGHT, "theta": Limits(low=0.0, high=1.5), "turn": ANGLE, "w_x": SPIN}
     plan = cl.plan(CUBE, Rig(limits=settings), count=8)
@@ -354,6 +356,7 @@ def test_a_plan_from_a_diagnosis_has_a_forecast(diagnosed):
     assert [one.name for one in forecast.parameters][:2] == ["mu", "eps"]
 
 
+@pytest.mark.nightly
 def test_a_plan_from_a_diagnosis_in_space():
     """Of tosses of a box without any effect: what is in question is whether one is missing."""
     candidates = {kind.id: kind() for kind in (cl.effects.find_effect(name) for name in ("inertia_error", "adhesion"))}
@@ -548,6 +551,7 @@ def test_a_loop_of_commands(tmp_path):
         assert f"drops.csv holds the drops of {name} already, as trials {trials};" in said
 
 
+@pytest.mark.nightly
 def test_a_plan_from_a_run_in_a_laboratory_is_measured_there(tmp_path):
     run("diagnose.py", *MYSTERY, "law=mirtich", "seconds=3", "hydra.run.dir=run", cwd=tmp_path)
     said = run("contactlearn", "plan", "run", *LIMITS, "count=4", "-o", "two", cwd=tmp_path)
@@ -573,6 +577,7 @@ WRONG = {
     "alike": ((BODY, "rig.theta=[-1,1]", "rig.height=[0.2,0.2]"), "every contact within the limits is alike"),
     "order": ((BODY, "rig.height=[0.5,0.1]"), "rig.height must be [low, high] in order"),
     "entries": ((BODY, "rig.height={low: 0.1, hihg: 0.5}"), "rig.height must be [low, high], or {low:"),
+    "misspelt entry": ((BODY, "rig.height={low: 0.1, high: 0.5, presicion: 0.1}"), "did you mean 'precision'"),
     "misspelt": ((BODY, "rig.hight=[0.1,0.5]"), "did you mean 'height'"),
     "setting": ((BODY, "rigg.height=[0.1,0.5]"), "unknown setting 'rigg', did you mean 'rig'"),
     "goal": ((BODY, "goal=name"), "did you mean 'names'"),

@@ -80,6 +80,7 @@ def test_a_cuboid_by_its_corners_is_the_cuboid(box):
     assert every == {tuple(p) for p in same.outline().nan_to_num(9).mul(1e9).round().tolist()}
 
 
+@pytest.mark.nightly
 def test_its_effects_and_roll_outs_are_those_of_the_cuboid():
     count = 40
     q, v = torch.cat((normal(count, 3), quaternions(count)), 1), normal(count, 6, seed=1)
@@ -109,6 +110,7 @@ def test_its_effects_and_roll_outs_are_those_of_the_cuboid():
         torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9, equal_nan=True)  # bounces amplify rounding
 
 
+@pytest.mark.nightly
 def test_its_impacts_and_rig_card_are_those_of_the_cuboid(tmp_path):
     written(tmp_path, 30, 8, centre=(0.003, -0.002, 0.004), corner=0.004)
     one, other = (impacts_in(tmp_path, shape=shape, sense="as_read") for shape in (BOX, by_corners(BOX)))

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import pytest
 import torch
 from diagnoses import few
 from drops import LAW, NOISE, fitted, normal, thrown
@@ -47,6 +48,7 @@ def test_nothing_is_left_out_where_the_state_tells_nothing():
     assert index_without_proxies(drops, fits, FitOptions(), Thresholds()) == 1
 
 
+@pytest.mark.nightly
 def test_a_diagnosis_reports_excluded_candidates():
     found = diagnose(
         hidden(size=180),
@@ -107,6 +109,7 @@ def test_a_name_that_stays_in_another_form_is_no_candidate_as_well():
     ]
 
 
+@pytest.mark.nightly
 def test_a_moment_at_the_contact_is_no_more_than_a_candidate_where_the_shape_is_unknown():
     drops, proxy = thrown(100, 1), "orientation_dependent_moment"
     turned = ContactModel(LAW, effects={"turned": find_effect("orientation_offset")(0.1)}).predict(drops)

@@ -110,6 +110,7 @@ def filmed(world, count, folder):
     return tracks.find_impacts(folder / "throws.parquet", mass=MASS, inertia=1.7e-5, shape=Ellipse(SEMI_AXES))
 
 
+@pytest.mark.nightly
 def test_a_fan_holds_what_a_contact_that_scatters_does(tmp_path):
     """Recordings by a law whose restitution and normal scatter; bands without that hold far fewer positions."""
     components = {"restitution": Restitution(sigma=0.05), "normal": Normal(sigma=0.03)}
@@ -175,6 +176,7 @@ def tossed(tmp_path_factory):
     return tracks.find_impacts(path, shape=CUBE, **BODY)
 
 
+@pytest.mark.nightly
 def test_in_space_the_law_that_made_recordings_follows_them(tossed, tmp_path):
     medians = {}
     for start in STARTS:
@@ -197,6 +199,7 @@ def test_in_space_the_law_that_made_recordings_follows_them(tossed, tmp_path):
         assert nothing_sticks_out(page)
 
 
+@pytest.mark.nightly
 def test_a_mass_centre_on_the_rig_card_is_that_of_an_effect(tossed):
     """Corrected recordings with the law, and recordings as they are with the effect, turn alike."""
     delta = 0.006
@@ -223,6 +226,7 @@ def test_an_angle_in_space_is_that_of_the_turn_between():
     assert one.errors("opposite")[0, 1].item() == pytest.approx(0.5)
 
 
+@pytest.mark.nightly
 def test_the_workbench_writes_and_opens_the_replay_of_a_run(folder, tmp_path, monkeypatch):
     checkpoint.save(MODELS["true"], tmp_path / "run" / "model.pt", provenance={})
     words = shlex.join(["diagnose", "data=tracks", f"data.path={folder}", f"data.mass={MASS}", SHAPE])

@@ -391,7 +391,7 @@ def test_where_the_page_goes(tmp_path, monkeypatch):
 def test_help(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["report", "--help"])
-    printed = capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
     assert "--out FILE" in printed
     assert "examples: contactlearn report" in printed
 

@@ -172,6 +172,7 @@ def test_trials_of_one_covariance_weigh_alike():
     torch.testing.assert_close(white @ root.mT, drops[[3, 5]].v_post)
 
 
+@pytest.mark.nightly
 def test_weights_bring_the_law_nearer_to_the_truth():
     """A normal that scatters makes contacts stick: without its shift, friction is three standard errors off."""
     away, errors = [], []
@@ -460,6 +461,7 @@ def test_pure_scatter_is_no_unknown_effect(tmp_path):
     assert len(read.x) == len(read.order) == len(read.u) == len(read.error) == len(found.record.impacts)
 
 
+@pytest.mark.nightly
 def test_stated_noise_serves_as_covariances():
     noise = replace(FEW, noise=(World().noise, World().noise, World().noise / 0.03))
     found = diagnosed(stated=False, options=noise, trials=250, sigma_normal=math.radians(1.5))
@@ -480,6 +482,7 @@ def test_deviations_that_follow_something_stay_unknown():
     assert any("not scatter" in one for one in grounds(found))
 
 
+@pytest.mark.nightly
 def test_what_deviations_follow_is_no_noise_of_an_estimated_floor():
     """Similar trials differ by it as well, where nobody stated the noise."""
     found = diagnosed(structure="memory", stated=False)
@@ -497,6 +500,7 @@ def with_speed_loss(loss):
     return impacts, contact_scatter(impacts, model, FitOptions(), Thresholds())
 
 
+@pytest.mark.nightly
 def test_the_rest_of_what_follows_something_is_scatter():
     """A restitution that falls with speed and scatters as well: the share that follows, and the floor of the rest."""
     loss = 0.05  # of restitution for each m/s
@@ -508,6 +512,7 @@ def test_the_rest_of_what_follows_something_is_scatter():
     assert found.floor.mean == pytest.approx(with_speed_loss(0.0)[1].floor.mean, rel=0.05)
 
 
+@pytest.mark.nightly
 def test_the_steps_of_a_law_in_space_are_no_scatter():
     impacts = simulated(World(space=True, slip=2.5, noise=0.001), 150)
     exact = less_error_of_steps(impacts, fit(impacts, "wang_mason").model.law)
@@ -520,6 +525,7 @@ def test_nothing_scatters_where_data_are_exact_or_few():
         assert contact_scatter(drops, fit(drops, LAW).model, FitOptions(), Thresholds()) is None
 
 
+@pytest.mark.nightly
 def test_what_alike_drops_leave_open_has_a_finite_error():
     """Falls of one height whose spin follows from the impulse: nothing scatters but ε, and no error is no number."""
     n, generator, sizes = 100, torch.Generator().manual_seed(2), (0.0036, 0.0058, 0.004, 0.005)

@@ -62,6 +62,7 @@ def spec(*effects, law="wang_mason"):
     return Spec(law, frozenset(effects))
 
 
+@pytest.mark.nightly
 def test_a_law_that_is_far_off_alone_gets_the_effect_that_promises_most():
     """A superball with stated noise: the right law fits worst alone, and its linearisation says little."""
     n, generator = 150, torch.Generator().manual_seed(0)
@@ -188,6 +189,7 @@ def test_a_smaller_model_is_named_where_a_larger_one_is_not_worth_its_names(monk
     assert _pruned(pool, folds, whole, Thresholds()).spec.effects == {SPIN}
 
 
+@pytest.mark.nightly
 def test_effects_that_together_stand_for_one_are_not_named():
     """A tangential spring is not quite any form of the catalogue: five effects score better, each with the others."""
     impacts, _ = hidden_effects.draw(103, effects=["tangential_restitution"], size=300)
@@ -240,6 +242,7 @@ def test_law_and_effects_are_found_together():
     assert pool.models[best.spec.with_law(truth["law"])].score < best.score + 2
 
 
+@pytest.mark.nightly
 def test_effects_that_do_as_well_are_named_together():
     """On a disc, whose contact lies below its centre, adhesion and gravity on a late frame take the same from v_y⁺."""
     effects = EffectId("adhesion", "impulse"), EffectId("gravity_impulse")
@@ -288,6 +291,7 @@ def test_a_larger_model_that_is_no_better_is_not_plausible():
     assert inclusion(found, SPIN) == pytest.approx(1)
 
 
+@pytest.mark.nightly
 def test_a_search_without_time_is_reported():
     impacts, _ = hidden_effects.draw(12, effects=["spin_damping"], size=80)
     found = diagnose(
@@ -337,6 +341,7 @@ def test_a_drifting_measurement_is_recognised():
     assert found.verdict == "bad_data"
 
 
+@pytest.mark.nightly
 def test_a_restitution_that_drifts_far_slower_is_named_beside_it():
     drifting = wandering(planted(240, parameter_drift={"c": 0.3}), memory=0.7)
     found = diagnose(
@@ -377,6 +382,7 @@ def test_other_forms_are_tried_where_a_linearisation_has_not_proposed_them():
     assert pool.best() is pool.models[spec(slip)]
 
 
+@pytest.mark.nightly
 def test_a_threshold_is_found_about_a_law_that_it_misleads():
     """As engines do, no rebound below 1 m/s: without it the law has a μ about which no threshold looks better."""
     generator = torch.Generator().manual_seed(0)
@@ -409,22 +415,22 @@ def test_held_out_blocks_distinguish_drift_from_correlated_noise(c):
     assert lasts_beside(drift, pool, whole, alone, level, generator) == (c > 0)
 
 
-SURE = {"share": 0.99, "removed": 0.8, "left": 0.0, "trials": 200, "unknown": False}
+SURE = {"share": 0.99, "removed": 0.8, "reducible": 0.0, "trials": 200, "unknown": False}
 
 
 def test_a_calibrated_confidence_is_a_probability():
     for share in (0.01, 0.5, 1.0):
         for removed in (-0.1, 0.0, 1.0, math.inf):
-            for left in (0.0, 0.9):
-                assert 0 < calibrated(share, removed, left, 50, unknown=left > 0) < 1
+            for reducible in (0.0, 0.9):
+                assert 0 < calibrated(share, removed, reducible, 50, unknown=reducible > 0) < 1
     assert calibrated(**SURE) > 0.9
-    assert calibrated(share=0.9, removed=0.06, left=0.5, trials=200, unknown=False) < 0.5
-    surest = calibrated(share=1.0, removed=math.inf, left=0.0, trials=10**6, unknown=False)
+    assert calibrated(share=0.9, removed=0.06, reducible=0.5, trials=200, unknown=False) < 0.5
+    surest = calibrated(share=1.0, removed=math.inf, reducible=0.0, trials=10**6, unknown=False)
     assert surest <= 0.99  # nothing that was judged is surer
 
 
 @pytest.mark.parametrize(("name", "less", "more"), [
-    ("share", 0.4, 0.99), ("removed", 0.04, 1.0), ("left", 0.4, 0.0), ("trials", 40, 1000),
+    ("share", 0.4, 0.99), ("removed", 0.04, 1.0), ("reducible", 0.4, 0.0), ("trials", 40, 1000),
     ("unknown", True, False),
 ])  # fmt: skip
 def test_more_evidence_means_more_confidence(name, less, more):

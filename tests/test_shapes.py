@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 import shapecheck
 from commands import run_alone
 
@@ -34,6 +35,7 @@ COMMAND = (
 )  # fmt: skip
 
 
+@pytest.mark.nightly
 def test_a_wrong_shape_is_found_and_commands_have_none(tmp_path):
     words = (*COMMAND, f"hydra.run.dir={tmp_path / 'evaluate'}")
     printed = run_alone("-c", CALLS.format([arguments for arguments, _ in CASES.values()], words), cwd=TESTS)

@@ -59,6 +59,7 @@ def corrections(impacts):
     return tuple(made)
 
 
+@pytest.mark.nightly
 def test_scatter_is_no_effect():
     found = diagnose(alike(0, 100), LAW, options=DiagnoseOptions(laws=[LAW]))
     assert found.effects == ()
@@ -67,6 +68,7 @@ def test_scatter_is_no_effect():
     assert found.record.impacts.v_pre[:, 1].std() < 1e-12
 
 
+@pytest.mark.nightly
 def test_what_varies_is_measured():
     """Five times the noise is variation, and mystery drops vary."""
     for drops in (alike(0, spread=5.0), hidden_effects.draw(3, effects=[], size=120)[0]):

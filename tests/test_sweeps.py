@@ -14,7 +14,6 @@ from unittest.mock import DEFAULT, patch
 import pytest
 from commands import TRAIN, run
 from forked_sweeps import ForkedSweep
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import OmegaConf
 
 from contactlearn.cli import hydra_main, job as job_module
@@ -130,6 +129,7 @@ def test_a_failing_job_stops_no_other(tmp_path):
     assert finished(tmp_path) == before
 
 
+@pytest.mark.nightly
 def test_an_unexpected_failure_stops_no_other(tmp_path):
     """And leaves its place in the program; the next call runs it again."""
     words = ("-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
@@ -150,6 +150,7 @@ def test_a_wrong_setting_in_one_job_runs_none(tmp_path):
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.nightly
 def test_killed_at_a_random_moment(undisturbed, tmp_path):
     """Nothing finished is lost, nothing half-written is read, and the results are those of an undisturbed sweep.
 
@@ -162,6 +163,7 @@ def test_killed_at_a_random_moment(undisturbed, tmp_path):
     assert content(tmp_path) == content(undisturbed)
 
 
+@pytest.mark.nightly
 def test_leftovers_of_a_killed_job_are_cleared(undisturbed, tmp_path):
     """Events and tables of two attempts would add up."""
     subprocess.run(["cp", "-a", f"{undisturbed}/.", str(tmp_path)], check=True)
@@ -200,20 +202,29 @@ def test_ctrl_c_is_one_line(tmp_path):
 
 
 def test_interrupted_while_a_configuration_is_composed(tmp_path):
-    """Where OmegaConf would answer with an error of its own, which a sweep would take for a broken launcher."""
-    compose, stops = ConfigLoaderImpl._compose_config_from_defaults_list, []
+    """Where OmegaConf answers with an error of its own, which a sweep would take for a broken launcher."""
+    stops = []
 
-    def interrupted(*arguments, **options):
+    def folder():
         if finished(tmp_path) and not stops:
             stops.append(signal.SIGINT)
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt as stop:
                 raise TypeError("half of a configuration") from stop
-        return compose(*arguments, **options)
+        return "job"
 
-    with patch.object(ConfigLoaderImpl, "_compose_config_from_defaults_list", interrupted):
-        printed = run("train.py", "-m", *SMALL, "train.size=10,20", f"hydra.sweep.dir={tmp_path}", status=130)
+    OmegaConf.register_new_resolver("stopping", folder, replace=True)
+    words = (
+        *SMALL,
+        "train.size=10,20",
+        f"hydra.sweep.dir={tmp_path}",
+        "hydra.sweep.subdir='${stopping:}-${hydra.job.num}'",
+    )
+    try:
+        printed = run("train.py", "-m", *words, status=130)
+    finally:
+        OmegaConf.clear_resolver("stopping")
     assert printed.splitlines()[-1].startswith("stopped")
     assert len(finished(tmp_path)) == 1
 
@@ -238,14 +249,12 @@ def test_one_folder_has_one_holder(tmp_path):
     assert not is_locked(tmp_path / "nowhere")
 
 
-def test_runs_of_one_second_have_a_folder_each(tmp_path):
-    same = ("hydra.job.name=train", *SMALL, "train.size=10")
-    with patch("hydra.core.utils.datetime") as clock:
-        clock.now.return_value.strftime.return_value = "2026-01-31_12-00-00"
-        for seed in (0, 1, 1):
-            run("train.py", *same, f"seed={seed}", cwd=tmp_path)
-    found = sorted((tmp_path / "outputs" / "train").iterdir())
-    assert [path.name for path in found] == [f"2026-01-31_12-00-00{end}" for end in ("", "-2", "-3")]
+def test_runs_of_one_time_have_a_folder_each(tmp_path):
+    """Here all times have one name; of the default, those of a second."""
+    for seed in (0, 1, 1):
+        run("train.py", *SMALL, "train.size=10", f"seed={seed}", "hydra.run.dir=a-${now:century}", cwd=tmp_path)
+    found = sorted(tmp_path.iterdir())
+    assert [path.name for path in found] == [f"a-century{end}" for end in ("", "-2", "-3")]
     seeds = [json.loads((path / "results.json").read_text())["provenance"]["config"]["seed"] for path in found]
     assert seeds == [0, 1, 1]
     configurations = [(path / ".hydra" / "config.yaml").read_text().count("\nseed: 1") for path in found]
@@ -276,6 +285,7 @@ def test_a_run_of_an_earlier_version_stays_readable(tmp_path):
     assert read_result(path).trained_on == 10
 
 
+@pytest.mark.nightly
 def test_other_names_of_jobs_overwrite_nothing(tmp_path):
     """Numbers begin at 0 in each sweep."""
     words = ("-m", *SMALL, "train.size=10", "hydra.sweep.subdir=${hydra.job.num}", f"hydra.sweep.dir={tmp_path}")
@@ -286,12 +296,10 @@ def test_other_names_of_jobs_overwrite_nothing(tmp_path):
     assert found == {"0": 0, "1": 1}
 
 
-def test_sweeps_of_one_second_have_a_folder_each(tmp_path):
-    with patch("hydra.core.utils.datetime") as clock:
-        clock.now.return_value.strftime.return_value = "now"
-        for seed in (0, 1):
-            run("train.py", "-m", *SMALL, "train.size=10", f"seed={seed}", cwd=tmp_path)
-    assert sorted(path.parent.parent.name for path in tmp_path.glob("multirun/now/*/*/done.json")) == ["now", "now-2"]
+def test_sweeps_of_one_time_have_a_folder_each(tmp_path):
+    for seed in (0, 1):
+        run("train.py", "-m", *SMALL, "train.size=10", f"seed={seed}", "hydra.sweep.dir=a-${now:day}", cwd=tmp_path)
+    assert sorted(path.parent.parent.name for path in tmp_path.glob("*/*/done.json")) == ["a-day", "a-day-2"]
 
 
 def test_the_parameters_of_a_sweep_stand_in_a_file_or_on_the_line(tmp_path):

@@ -354,6 +354,7 @@ def test_the_quick_audit_looks_at_all_for_the_ends_of_a_part_and_for_speeds():
 SMALL = ("train.size=20", "train.repetitions=4", "bootstrap=50", "model=analytical")
 
 
+@pytest.mark.nightly
 def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):
     path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
     words = ("train.py", "data=table", f"data.path={path}", ELLIPSE, *SMALL)
@@ -368,6 +369,7 @@ def test_training_reports_the_audit_and_continues(tmp_path, monkeypatch):
         assert "audit" not in run(*words, mended, f"hydra.run.dir={tmp_path}/{name}")
 
 
+@pytest.mark.nightly
 def test_evaluation_reports_the_audit(tmp_path):
     path = table.save(corrupt(synthetic.load(size=80), "grams", "mirrored_theta"), tmp_path / "own.csv")
     words = ("evaluate.py", "data=table", f"data.path={path}", "model=[]", "laws=[mirtich]", "figures.repetitions=1")

@@ -255,6 +255,7 @@ def test_the_sources_compose(tmp_path, plain):
     assert impacts.fingerprint() == found.impacts.fingerprint()
 
 
+@pytest.mark.nightly
 def test_a_long_file_is_shared_between_processes(tmp_path, monkeypatch):
     """In the file's order, with its refusals, and with progress by pieces of so many recordings."""
     monkeypatch.setattr(survey, "_CHUNK", 4)

@@ -19,7 +19,7 @@ from contactlearn.core.errors import ContactLearnError, DataError, UnknownNameEr
 from contactlearn.data import table
 from contactlearn.data.cameras import images_of_cameras
 from contactlearn.data.headers import propose, stated_by_header
-from contactlearn.data.recordings.conventions import find_frame, find_gravity
+from contactlearn.data.recordings.conventions import Conventions, find_frame, find_gravity
 from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
@@ -1247,7 +1247,7 @@ def test_arrays_with_a_column_a_frame(tmp_path):
         assert isinstance(found, Recording)
         np.testing.assert_array_equal(found.position, fall[0])
         np.testing.assert_array_equal(found.quaternion, fall[1])
-        clues = find_frame([found], find_gravity([found]), in_space=True).clues
+        clues = find_frame([found], find_gravity([found]), Conventions(order="wxyz"), in_space=True).clues
         assert ("arrays" in {clue.convention for clue in clues}) == turned
     savemat(tmp_path / "fall.mat", {"S": {"position": fall[0][:3], "quaternion": fall[1][:3]}})
     with pytest.raises(DataError, match=r"position is 3 × 3: its frames may be rows or columns"):

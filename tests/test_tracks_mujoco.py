@@ -77,6 +77,7 @@ def test_impacts_agree_with_the_engines_states_within_their_errors(ellipses):
     assert slope.error < 1e-3
 
 
+@pytest.mark.nightly
 def test_the_source_writes_its_recordings_and_finds_their_impacts(tmp_path):
     settings = {"size": 4, "folder": str(tmp_path), "contact_time": CONTACT_TIME, "rate": 500.0, "lost": 0.01}
     found = recordings_mujoco.find(**settings, angle_noise=math.radians(0.05), seed=3)

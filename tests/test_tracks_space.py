@@ -247,6 +247,7 @@ def test_left_handed_axes_are_asked_about(tosses, tmp_path, said):
     assert found.survey.frame.clues[2].value == "right-handed"
 
 
+@pytest.mark.nightly
 def test_exchanged_edges_of_a_box_are_refused(tmp_path, monkeypatch):
     """Not by few contacts: three points lie on a floor with the edges in some order by chance."""
     right, wrong = Cuboid((0.07, 0.045, 0.045)), Cuboid((0.045, 0.07, 0.045))

@@ -162,6 +162,7 @@ def test_impossible_numbers_of_a_script(impossible, rule):
         impossible()
 
 
+@pytest.mark.nightly
 def test_a_finished_sweep_shows_its_runs(tmp_path):
     words = ("-m", *SMALL[:1], *SMALL[2:], "train.size=10,20", f"hydra.sweep.dir={tmp_path}")
     first = run("train.py", *words)

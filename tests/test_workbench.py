@@ -475,6 +475,7 @@ def test_diagnoses_are_cancelled_fail_with_their_error_and_no_more_than_two_run(
     assert ended(second) is RunStatus.CANCELLED
 
 
+@pytest.mark.nightly
 def test_studies_are_cancelled_fail_with_their_error_and_can_be_started_again(session, tmp_path):
     runs = BackgroundRuns(tmp_path)
     first, second = (runs.find(runs.study(kind, session, "")) for kind in ("learned", "curve"))

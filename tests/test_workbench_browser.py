@@ -105,6 +105,7 @@ def _ticked(browser):
     return [one.partition(":")[0] for one in effects]
 
 
+@pytest.mark.nightly
 def test_a_link_shows_the_same_and_a_wrong_one_says_why(browser, served):
     link = f"{served}{MYSTERY}&law=mirtich&effect=sampling_delay&manual.mu=0.3&trial=4"
     summary = text(opened(browser, link), "summary")

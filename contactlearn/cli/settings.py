@@ -36,7 +36,7 @@ from contactlearn.cli.reasons import reason
 from contactlearn.cli.resource_limits import usable_cores
 from contactlearn.core import devices
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
-from contactlearn.core.numerics import finite_number, is_number, is_whole
+from contactlearn.core.numerics import is_number, is_whole
 from contactlearn.data.recordings import SOURCES
 from contactlearn.diagnosis.discrimination.experiment import STATES
 from contactlearn.diagnosis.search.candidates import SEARCHED_LAWS
@@ -72,6 +72,7 @@ Base = TypeVar("Base")
 _PROCESSES = ("kernel", "mean", "likelihood", "optimiser", "prior")  # of a learned model
 _LARGEST = 1e300
 _Whole = Annotated[int, Meta(ge=1, description="a whole number, 1 or more")]
+_Positive = Annotated[float, Meta(gt=0, le=_LARGEST)]
 _Seed = Annotated[int, Meta(ge=0, le=_LARGEST_SEED, description=f"a whole number from 0 to {_LARGEST_SEED}")]
 
 
@@ -247,40 +248,37 @@ def _rig(entry: Any, key: str, _: Any) -> dict[str, Limits]:
     for name, given in _entries(entry, key).items():
         place = f"{key}.{name}"
         values = dict(zip(("low", "high"), _ends(given, place, _), strict=True)) if isinstance(given, list) else given
-        try:
-            found[name] = msgspec.convert(values, Limits)
-        except msgspec.ValidationError as error:
-            rule = "[low, high], or {low: …, high: …} with precision, share, settable and cost"
-            raise ContactLearnError(f"{place} must be {rule}, got {given!r} ({error})") from None
-        except ContactLearnError as error:
-            raise ContactLearnError(f"{place}: {error}") from None
+        rule = "be [low, high], or {low: …, high: …} with precision, share, settable and cost"
+        found[name] = _entry(Limits, values, place, rule)
     return found
+
+
+class _Body(Struct):
+    mass: _Positive
+    shape: Any
+    inertia: _Positive | Annotated[tuple[_Positive, ...], Meta(min_length=3, max_length=3)] | None = None
+    name: str = "body"
 
 
 def _body(entry: Any, key: str, _: Any) -> Specimen | None:
     """A body by mass, shape and, if its density is not uniform, inertia."""
     if entry is None:
         return None
-    given = _mapping(entry, key)
-    if unknown := next((name for name in given if name not in ("mass", "shape", "inertia", "name")), None):
-        raise UnknownNameError(f"setting of {key}", unknown, ("mass", "shape", "inertia", "name"))
-    mass, shape = finite_number(f"{key}.mass", given.get("mass"), 0.0, above=True), make_shape(given.get("shape"))
+    rule = "be {mass: 0.05, shape: {kind: disc, radius: 0.02}}, with inertia in kg m² if the density is not uniform"
+    body = _entry(_Body, entry, key, rule)
+    shape, moments = make_shape(body.shape), body.inertia
     if shape is None:
-        raise ContactLearnError(f"{key}.shape must be given, such as {{kind: ellipse, semi_axes: [0.035, 0.025]}}")
-    inertia = given.get("inertia")
-    if inertia is None:
-        inertia = (mass * torch.as_tensor(shape.gyration_squared(), dtype=torch.float64)).tolist()
-    each = [
-        finite_number(f"{key}.inertia", x, 0.0, above=True)
-        for x in (inertia if isinstance(inertia, list) else [inertia])
-    ]
-    moments = each[0] if len(each) == 1 else tuple(each)
-    return Specimen(mass=mass, inertia=moments, shape=shape, name=str(given.get("name", "body")))
+        raise ContactLearnError(f"{key}.shape must be given; {key} must {rule}")
+    if moments is None:
+        uniform = (body.mass * torch.as_tensor(shape.gyration_squared(), dtype=torch.float64)).tolist()
+        moments = tuple(uniform) if isinstance(uniform, list) else uniform
+    return Specimen(mass=body.mass, inertia=moments, shape=shape, name=body.name)
 
 
-def _mapping(entry: Any, key: str) -> dict[str, Any]:
+def _mapping(entry: Any, key: str, rule: str = "") -> dict[str, Any]:
     if not isinstance(entry, dict):
-        raise ContactLearnError(f"{key} must hold settings by name, such as {key}.NAME=…, got {entry!r}")
+        wanted = rule or f"hold settings by name, such as {key}.NAME=…"
+        raise ContactLearnError(f"{key} must {wanted}, got {entry!r}")
     return entry
 
 
@@ -304,14 +302,9 @@ def _law(entry: Any, key: str, known: Mapping[str, Any]) -> Law:
     return law
 
 
-def _named_law(entry: Any, _: str, known: Mapping[str, Any]) -> Law:
-    """The law of a name in the variant of the configuration; `law` has the options that are given to it."""
-    return _laws_of([str(entry)], known["law"], known["variant"])[str(entry)]
-
-
-def _named_law_or_best(entry: Any, key: str, known: Mapping[str, Any]) -> Law | None:
-    """The same, or None for `best`."""
-    return None if entry == BEST else _named_law(entry, key, known)
+def _named_law_or_best(entry: Any, _: str, known: Mapping[str, Any]) -> Law | None:
+    """The law of a name in the variant of the configuration, None for `best`; `law` has the options given to it."""
+    return None if entry == BEST else _laws_of([str(entry)], known["law"], known["variant"])[str(entry)]
 
 
 def _laws_of(names: Iterable[str], law: Law | None, variant: str) -> dict[str, Law]:
@@ -325,6 +318,17 @@ def _named_laws(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Law
     return _laws_of(map(str, (*entry, *own)), known["law"], known["variant"])
 
 
+class _Recipe(Struct):
+    features: str = ""
+    target: str = ""
+    law: Any = None
+    kernel: dict[str, Any] | None = None  # a class by _target_ and its arguments, as the next three
+    mean: dict[str, Any] | None = None
+    likelihood: dict[str, Any] | None = None
+    optimiser: dict[str, Any] | None = None
+    prior: bool | None = None
+
+
 def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe | None]:
     """The learned models by name; None for a law alone."""
     found = dict[str, Recipe | None]()
@@ -335,11 +339,7 @@ def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe
                 f"{place} must hold features, target and law, got {settings!r}; the settings of a model stand under "
                 f"its name, {key}.NAME.{name}=…, for there may be several"
             )
-        for unknown in settings.keys() - {"features", "target", "law", *_PROCESSES}:
-            near = suggest(unknown, ("features", "target", "law", *_PROCESSES))
-            raise ContactLearnError(
-                f"unknown setting '{place}.{unknown}'{near}; {place} must hold features, target and law"
-            )
+        recipe = _entry(_Recipe, settings, place, "hold features, target and law")
         if settings.keys() == {"law"}:
             found[name] = None
             continue
@@ -349,11 +349,10 @@ def _recipes(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, Recipe
                 raise ContactLearnError(f"{why}; take out {place}")
             lacks = f"it lacks {', '.join(sorted(missing))}"
             raise ContactLearnError(f"{place}: {_not_chosen(key, name, lacks)}")
-        base = settings.get("law")
-        law = None if base is None else parse_law(base, known["variant"])
+        law = None if recipe.law is None else parse_law(recipe.law, known["variant"])
         try:
-            processes = _processes({key: settings[key] for key in _PROCESSES if settings.get(key) is not None})
-            found[name] = Recipe(settings["features"], settings["target"], law, processes)
+            processes = _processes({key: x for key in _PROCESSES if (x := getattr(recipe, key)) is not None})
+            found[name] = Recipe(recipe.features, recipe.target, law, processes)
         except ContactLearnError as error:
             raise ContactLearnError(f"{place}: {error}") from error
     return found
@@ -369,13 +368,9 @@ def _not_chosen(group: str, name: str, error: str) -> str:
 
 def _processes(settings: Mapping[str, Any]) -> ProcessOptions:
     """Options of processes; a class of the user's own is imported."""
-    for key, value in settings.items():
-        if not isinstance(value, bool if key == "prior" else dict):
-            wanted = "true or false" if key == "prior" else "a class by _target_ and its arguments"
-            raise ContactLearnError(f"{key} must be {wanted}, got {value!r}")
-        for path, target in leaf_values(value):
-            if path[-1:] == ("_target_",) and not str(target).startswith(("gpytorch.", "torch.")):
-                _subclass(target, torch.nn.Module)
+    for path, target in leaf_values(settings):
+        if path[-1:] == ("_target_",) and not str(target).startswith(("gpytorch.", "torch.")):
+            _subclass(target, torch.nn.Module)
     return ProcessOptions(**settings)
 
 
@@ -443,24 +438,21 @@ def _bodies(entry: Any, key: str, known: Mapping[str, Any]) -> dict[str, SourceS
     return bodies
 
 
-def _published(entry: Any, key: str, _: Any) -> "dict[str, Published]":
-    found = {}
-    for name, values in _entries(entry, key).items():
-        with suppress(msgspec.ValidationError):
-            found[name] = msgspec.convert(values, Published)
-        if name not in found or (found[name].mu is None) != (found[name].eps is None) or not values:
-            raise ContactLearnError(
-                f"{key}.{name} must hold mu: [mean, std] and eps: [mean, std], settled: trials, or all; got {values}"
-            )
-    return found
-
-
-class Published(Struct, frozen=True, forbid_unknown_fields=True):
+class Published(Struct, frozen=True):
     """Published parameters, (mean, standard deviation) each, and the published number of trials to settle."""
 
     mu: tuple[float, float] | None = None
     eps: tuple[float, float] | None = None
     settled: _Whole | None = None
+
+    def __post_init__(self) -> None:
+        if (self.mu is None) != (self.eps is None) or (self.mu is None and self.settled is None):
+            raise ValueError("mu and eps come together")
+
+
+def _published(entry: Any, key: str, _: Any) -> dict[str, Published]:
+    rule = "hold mu: [mean, std] and eps: [mean, std], settled: trials, or all"
+    return {name: _entry(Published, values, f"{key}.{name}", rule) for name, values in _entries(entry, key).items()}
 
 
 # What the commands take
@@ -768,6 +760,21 @@ def _decode(kind: type[Struct], entry: Any, key: str, known: Mapping[str, Any], 
 def _settings_of(kind: type[Struct]) -> Iterator[FieldInfo]:
     """Fields that a configuration holds; the others are made of them."""
     return (one for one in msgspec.structs.fields(kind) if one.required)
+
+
+def _entry(kind: type[Base], entry: Any, key: str, rule: str) -> Base:
+    """An entry of a class by the names and types of its fields."""
+    fields, given = inspect.signature(kind).parameters, _mapping(entry, key, rule)
+    for name in given.keys() - fields.keys():
+        raise ContactLearnError(f"unknown setting '{key}.{name}'{suggest(str(name), fields)}; {key} must {rule}")
+    for name, one in fields.items():
+        if one.default is one.empty and name not in given:
+            raise ContactLearnError(f"{key}.{name} must be given; {key} must {rule}")
+    try:
+        return msgspec.convert(given, kind)
+    except msgspec.ValidationError as error:
+        why = str(error).replace("$", key)
+        raise ContactLearnError(f"{key} must {rule}, got {entry!r} ({why})") from None
 
 
 def _value(kind: Any, value: Any, key: str) -> Any:

@@ -104,7 +104,7 @@ class State:
     @property
     def orientation(self) -> Float[Tensor, "..."]:
         """θ [..., N] in rad, in space the quaternion [..., N, 4] from the body to the axes of the contact."""
-        return self.theta if self.space is PLANE else self.q[..., 3:]
+        return rigid_body.orientation_of(self.q)
 
     @property
     def x(self) -> Float[Tensor, "... n"]:

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError
 from contactlearn.mechanics.impacts import UNIT, Impacts
-from contactlearn.mechanics.rigid_body import swept
+from contactlearn.mechanics.rigid_body import orientation_of, swept
 from contactlearn.mechanics.shapes import Shape, contact_point, require_dimension
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space
 
@@ -117,7 +117,7 @@ class BodyState:
         if r is None:
             if self.shape is None:
                 raise DataError("a body's state needs its contact point r, or its shape, such as shape=Disc(0.02)")
-            r = contact_point(self.shape, self.pose[..., 2] if self.space is PLANE else self.pose[..., 3:])
+            r = contact_point(self.shape, orientation_of(self.pose))
         mass, inertia, r, pose, velocity, order = map(
             self.flat, (self.mass, self.inertia, r, self.pose, self.velocity, self.order)
         )

@@ -54,6 +54,20 @@ def turn_quaternion(
     return torch.cat((c * w - (s * u).sum(-1, keepdim=True), c * u + w * s + torch.linalg.cross(s, u)), -1)
 
 
+def orientation_of(q: Float[Tensor, "*batch pose"]) -> Float[Tensor, "..."]:
+    """θ [...] in rad of poses in the plane, or quaternions [..., 4] of those in space."""
+    return q[..., 2] if q.shape[-1] == 3 else q[..., 3:]
+
+
+def displaced_pose(
+    q: Float[Tensor, "*#batch pose"], moved: Float[Tensor, "*#batch D"]
+) -> Float[Tensor, "*#batch pose"]:
+    """Pose [..., 3 or 7] after a displacement [..., D] in m and rad, in space with a rotation vector in world axes."""
+    if q.shape[-1] == 3:
+        return q + moved
+    return torch.cat((q[..., :3] + moved[..., :3], turn_quaternion(q[..., 3:], moved[..., 3:])), -1)
+
+
 def inertia_in_world(inertia: Float[Tensor, "..."], q: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """Moment of inertia `I` in world axes from that of the body and its pose: R diag(I) Rᵀ in space."""
     if q.shape[-1] == 3:

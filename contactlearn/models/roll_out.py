@@ -32,7 +32,15 @@ from contactlearn.mechanics.bodies import body_code
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.free_rotation import most_spin, turned
 from contactlearn.mechanics.impacts import Impacts, Prediction
-from contactlearn.mechanics.rigid_body import GRAVITY, in_body, in_world, squared_mass_norm, swept, turn_quaternion
+from contactlearn.mechanics.rigid_body import (
+    GRAVITY,
+    displaced_pose,
+    in_body,
+    in_world,
+    orientation_of,
+    squared_mass_norm,
+    swept,
+)
 from contactlearn.mechanics.shapes import Disc, Ellipse, Ellipsoid, Shape, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
@@ -339,10 +347,9 @@ class _Bodies:
         p = (-height.clamp_max(0) / now.W[:, -1, -1]).minimum((lost + moving) / self.gravity)
         slower = (1 - (self.gravity * p - lost).clamp_min(0) / moving.clamp_min(1e-300)).clamp_min(0).sqrt()
         moved = now.as_measured(now.v_after(pad(p[:, None], (d - 1, 2 * d - 3)))) - after
-        place, after = pose[:, :d] + moved[:, :d], slower[:, None] * after
+        lifted, after = displaced_pose(pose, moved), slower[:, None] * after
         if self.space is PLANE:
-            return torch.cat((place, pose[:, d:] + moved[:, d:]), 1), after
-        lifted = torch.cat((place, turn_quaternion(pose[:, d:], moved[:, d:])), 1)
+            return lifted, after
         spin = in_world(in_body(after[:, d:], pose), lifted)  # turned as well: its energy stays
         return lifted, torch.cat((after[:, :d], spin), 1)
 
@@ -356,7 +363,7 @@ class _Bodies:
     def real(self, rows: Tensor, pose: Tensor, velocity: Tensor) -> State:
         """Return the state as it is, by the contact points of the shape."""
         mass, inertia, order = (self.fixed[name][rows] for name in ("mass", "inertia", "order"))
-        r = contact_point(self.shape, pose[:, 2] if self.space is PLANE else pose[:, 3:])
+        r = contact_point(self.shape, orientation_of(pose))
         body = torch.full((len(rows),), body_code(self.name))
         return self.actual(State(mass, inertia, r, pose, velocity, order, self.shape, body=body), rows)
 

@@ -26,6 +26,7 @@ from contactlearn.core.numerics import finite_number, random, whole
 from contactlearn.data.recordings.track import Recording
 from contactlearn.data.tracks import Tracked, find_impacts, track_options
 from contactlearn.effects import Effect
+from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, contact_velocity
 from contactlearn.mechanics.shapes import Ellipse, Shape, contact_point
@@ -155,15 +156,13 @@ def _next_contact(body: Body, q: Tensor, v: Tensor, acceleration: Tensor) -> Ten
 
 
 def _resolved(body: Body, q: Tensor, v: Tensor) -> Tensor:
-    """Velocity after contact."""
-    full = torch.full((len(q),), 1.0, dtype=torch.float64)
-    r = contact_point(body.shape, q[:, 2])
-    closing = contact_velocity(r, v)[:, 1] < 0
-    safe = torch.where(closing[:, None], v, torch.tensor((0.0, -1.0, 0.0), dtype=torch.float64))
-    drops = Impacts(
-        mass=body.mass * full, inertia=body.inertia * full, r=r, q=q, v_pre=safe, v_post=safe, validate=False
-    )
-    return torch.where(closing[:, None], body.model.predict(drops).v_post, v)
+    """Velocity after contact, that before it where the contact does not close."""
+    r, after = contact_point(body.shape, q[:, 2]), v.clone()
+    hits = contact_velocity(r, v)[:, 1] < 0
+    if hits.any():
+        touching = BodyState(pose=q[hits], velocity=v[hits], mass=body.mass, inertia=body.inertia, r=r[hits])
+        after[hits] = body.model.predict(touching.as_impacts(validate=False)).v_post
+    return after
 
 
 __all__ = ["AXES", "MASS", "SEMI_AXES", "find", "load", "simulate", "write_recordings"]

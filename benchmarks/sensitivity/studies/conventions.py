@@ -7,6 +7,7 @@ import torch
 
 from contactlearn.data.audit.conventions import ConventionComparison, compare, impossible_findings
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.rig import simplest_rig
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
@@ -143,6 +144,11 @@ def _scaled(impacts: Impacts, thresholds: Thresholds) -> bool:
 
 _OFF = (*each(8, "little", "noise"), *each(2, "contact_patch", "spin_damping"))
 INERTIA = Study(name="moment of inertia", null=_OFF, planted=each(20, "gross"), prepare=_weighed, alarm=_scaled)
+RIG = Study(
+    name="rig of a table", null=(*each(8, "noise"), *each(4, "contact_patch", "spin_damping")),
+    planted=each(16, "little"), prepare=_weighed,
+    alarm=lambda impacts, thresholds: simplest_rig(impacts, thresholds.audit) is not None,
+)  # fmt: skip
 
 
 def _torn(kind: str, seed: int) -> ConventionComparison:

@@ -81,7 +81,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     sentence += f"gives {fit}"
     if opened and not doubted:
         sentence += "; a wrong inertia, a drag after contact, or a moment at the contact would have this effect"
-        sentence += _proposal(impacts) if impacts.space is PLANE else ""
+        sentence += _proposal(impacts, thresholds) if impacts.space is PLANE else ""
     if contradictory:
         sentence += f"; the contradictions per trial sum to {total:.2f}, mostly {worst} {means[worst]:.2f}"
     evidence = evidence_of(
@@ -102,9 +102,9 @@ def _rigid(impacts: Impacts) -> str:
     return "planar rigid impacts" if impacts.space is PLANE else "rigid impacts"
 
 
-def _proposal(impacts: Impacts) -> str:
+def _proposal(impacts: Impacts, thresholds: AuditThresholds) -> str:
     """Say which rig would close the balance, how well physics would, and what only recordings can tell."""
-    fit = simplest_rig(impacts)
+    fit = simplest_rig(impacts, thresholds)
     if fit is None:
         return ""
     rows = [Row(name=name, estimate=one, **PROPERTIES[name]) for name, one in fit.estimates.items()]

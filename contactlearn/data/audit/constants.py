@@ -11,7 +11,7 @@ import torch
 
 from contactlearn.core.numerics import MAD_SCALE, number
 from contactlearn.data.audit.contradictions import contradictions
-from contactlearn.data.audit.corrections import correct, orientation_of
+from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -19,6 +19,7 @@ from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.data.table.units import UNIT_FACTORS
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import orientation_of
 
 _ROUNDING = 1e-9  # relative change of a column that counts as none
 _COLUMNS = (
@@ -193,7 +194,7 @@ def shape_findings_in_space(impacts: Impacts) -> list[Finding]:
 def _computed(impacts: Impacts) -> bool:
     """Whether contact points are those of the stated shape to within rounding."""
     assert impacts.shape is not None
-    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts.q))
     return bool((impacts.r - expected).norm() <= _ROUNDING * expected.norm())
 
 

@@ -25,7 +25,7 @@ from contactlearn.data.audit.moments import HEAVIEST, Columns, kinetic_energy, m
 from contactlearn.data.audit.trials import FASTEST
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity
+from contactlearn.mechanics.rigid_body import contact_velocity, orientation_of
 from contactlearn.mechanics.space import PLANE
 
 _LIGHTEST = 0.02  # plausible (I/m)/|r|²: a rod on its end has 1/3, a disc 1/2
@@ -54,8 +54,7 @@ def contradictions(impacts: Impacts | Columns) -> dict[str, Float[Tensor, "*batc
         "units": _implausible(impacts)[..., None].expand_as(length),
     }
     if impacts.shape is not None:
-        orientation = impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
-        off = (impacts.r - contact_points(impacts.shape, impacts.body, orientation)).norm(dim=-1)
+        off = (impacts.r - contact_points(impacts.shape, impacts.body, orientation_of(impacts.q))).norm(dim=-1)
         answers["shape"] = (off / (0.5 * length).clamp_min(1e-300)).clamp_max(1)
     return answers
 

@@ -49,10 +49,12 @@ AXES = (
 )
 _MIRRORED_SPINS = ("mirrored_spin", "mirrored_wx", "mirrored_wy", "mirrored_wz")
 _UPWARDS = ("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body")
+_UPWARDS_IN_SPIN = ("y_up_in_spin", "x_up_in_spin", "z_down_in_spin")
 _MIRRORS_IN_SPACE = ("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space")
 AXES_IN_SPACE = (
     "swapped_pre_post",
-    *("scalar_last", "inverse_quaternion", *_MIRRORED_SPINS, "spin_in_body_axes", "contact_point_in_body_axes"),
+    *("scalar_last", "inverse_quaternion", *_MIRRORED_SPINS, *_UPWARDS_IN_SPIN),
+    *("spin_in_body_axes", "contact_point_in_body_axes"),
     *_UPWARDS,
     *_MIRRORS_IN_SPACE,
     "contact_point_sign",
@@ -62,7 +64,7 @@ _INERTIA = ("inertia_xzy", "inertia_yxz", "inertia_yzx", "inertia_zxy", "inertia
 _MEANINGS = ("changes_post", "approach_speed")
 """What velocities mean: few other mistakes come with it, and only where nearly all trials have such numbers."""
 _EXCLUSIVE = (
-    *(("swapped_axes", *_TURNS), _UPWARDS, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA),
+    *(("swapped_axes", *_TURNS), _UPWARDS, _UPWARDS_IN_SPIN, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA),
     ("swapped_pre_post", *_MEANINGS),
     ("approach_speed", "mirrored_y", "z_down", "z_down_in_body", "mirrored_z_in_space"),
 )

@@ -36,7 +36,7 @@ from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, matvec, rotation, turn_quaternion
+from contactlearn.mechanics.rigid_body import in_world, matvec, orientation_of, rotation, turn_quaternion
 from contactlearn.mechanics.shapes import scaled
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
@@ -97,7 +97,9 @@ def correct(
         require_space(f"correction {name}", impacts.space, CORRECTIONS[name].spaces)
         corrected = CORRECTIONS[name].function(corrected, thresholds)
         if computed_contact and corrected.shape is not None:
-            corrected = corrected.replace(r=contact_points(corrected.shape, corrected.body, orientation_of(corrected)))
+            corrected = corrected.replace(
+                r=contact_points(corrected.shape, corrected.body, orientation_of(corrected.q))
+            )
         if corrected.apparatus is not None:
             corrected = corrected.replace(apparatus=CORRECTIONS[name].apparatus(corrected.apparatus))
     return corrected.replace(validate=impacts.validate, source=f"{impacts.source} (corrected: {', '.join(names)})")
@@ -133,11 +135,6 @@ def _multiplied(impacts: Impacts, factors: Sequence[float], names: Sequence[str]
     fields = {name: x * factor for name in names if (x := getattr(impacts, name)) is not None}
     fields |= {f"{name}_cov": x * product for name, x in _covariances(impacts) if name in names}
     return impacts.replace(**fields)
-
-
-def orientation_of(impacts: Impacts | Columns) -> Tensor:
-    """θ, or in space the quaternion, of every trial."""
-    return impacts.q[..., 2] if impacts.space is PLANE else impacts.q[..., 3:]
 
 
 def _written(unit: Miswritten) -> Correction:
@@ -179,7 +176,7 @@ def _resized(impacts: Impacts, factor: float) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated whose unit could be wrong")
     shapes = {name: scaled(shape, factor) for name, shape in shapes_among(impacts.shape).items()}
-    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+    expected = contact_points(impacts.shape, impacts.body, orientation_of(impacts.q))
     uniform = per_body(impacts.shape, impacts.body, lambda one: impacts.mass[:, None] * one.gyration_squared())[:, 0]
     follows = (impacts.r - expected).norm() <= _FOLLOWS * expected.norm()
     computed = (impacts.inertia - uniform).abs().max() <= _FOLLOWS * uniform.max()
@@ -244,12 +241,17 @@ def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
 # --- Space -----------------------------------------------------------------------------------------
 
 
+def _turn(by: Tensor) -> Tensor:
+    """Rotation matrix of quarter turns, by a vector in rad."""
+    return rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+
+
 def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction to axes with z up, by a turn about a vector in rad, of the body's axes too or not."""
 
     def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
         by = torch.tensor(vector, dtype=torch.float64)
-        turn = rotation(turn_quaternion(torch.eye(4, dtype=torch.float64)[0], by)).round()
+        turn = _turn(by)
         both = torch.block_diag(turn, turn)
 
         def quaternion(q: Tensor) -> Tensor:
@@ -263,6 +265,17 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
             if (x := getattr(impacts, name)) is not None
         }
         return impacts.replace(r=impacts.r @ turn.T, **fields)
+
+    return turned
+
+
+def _turned_spin(*vector: float) -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction of the spin alone to axes with z up, by a turn about a vector in rad."""
+    spin = torch.block_diag(torch.eye(3, dtype=torch.float64), _turn(torch.tensor(vector, dtype=torch.float64)))
+
+    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        fields = {name: x @ spin.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
+        return impacts.replace(**fields, **{f"{name}_cov": spin @ x @ spin.T for name, x in _covariances(impacts)})
 
     return turned
 
@@ -325,7 +338,7 @@ def _with_contact(one: Correction) -> Correction:
         shape = impacts.shape
         if shape is None:
             return after
-        before, now = (contact_points(shape, one.body, orientation_of(one)) for one in (impacts, after))
+        before, now = (contact_points(shape, one.body, orientation_of(one.q)) for one in (impacts, after))
         rounding = _FOLLOWS * before.norm(dim=(-2, -1))
         off, moved = ((one - before).norm(dim=(-2, -1)) for one in (impacts.r, now))
         follows, moves = (off <= rounding)[..., None, None], (moved > rounding)[..., None, None]
@@ -380,12 +393,16 @@ _IN_SPACE = {
     "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
     "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
-        name + end: Correction(text + more, _turned_axes(*vector, with_body=with_body))
-        for end, more, with_body in (("", "", False), ("_in_body", ", in the axes of the body too", True))
+        name + end: Correction(text + more, turned)
         for name, text, vector in (
             ("y_up", "y points up, not z", (math.pi / 2, 0.0, 0.0)),
             ("x_up", "x points up, not z", [-2 * math.pi / 3 / math.sqrt(3)] * 3),
             ("z_down", "z points down", (math.pi, 0.0, 0.0)),
+        )
+        for end, more, turned in (
+            ("", "", _turned_axes(*vector, with_body=False)),
+            ("_in_body", ", in the axes of the body too", _turned_axes(*vector, with_body=True)),
+            ("_in_spin", ", in the spin alone", _turned_spin(*vector)),
         )
     },
     **{
@@ -441,7 +458,7 @@ def _moving_floor(impacts: Impacts, _: AuditThresholds) -> Impacts:
 def _contact_from_shape(impacts: Impacts, _: AuditThresholds) -> Impacts:
     if impacts.shape is None:
         raise DataError(f"{impacts.source}: no shape is stated that contact points could be computed from")
-    return impacts.replace(r=contact_points(impacts.shape, impacts.body, orientation_of(impacts)))
+    return impacts.replace(r=contact_points(impacts.shape, impacts.body, orientation_of(impacts.q)))
 
 
 def _ordered_by_time(impacts: Impacts, _: AuditThresholds) -> Impacts:

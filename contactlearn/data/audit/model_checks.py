@@ -25,12 +25,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, mahalanobis
-from contactlearn.data.audit.corrections import CORRECTIONS, correct, orientation_of
+from contactlearn.data.audit.corrections import CORRECTIONS, correct
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.noise_weight import noise_weight
+from contactlearn.mechanics.rigid_body import orientation_of
 from contactlearn.mechanics.space import PLANE, SPACE
 
 _FREEDOM = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)  # of the t distributions that are tried
@@ -188,7 +189,7 @@ _Doubt = tuple[str, str, float, str]  # a correction, the words before a spread,
 def _doubted_contact(impacts: Impacts) -> Iterator[_Doubt]:
     """Measured contact points beside a shape."""
     if impacts.shape is not None:
-        off = impacts.r - contact_points(impacts.shape, impacts.body, orientation_of(impacts))
+        off = impacts.r - contact_points(impacts.shape, impacts.body, orientation_of(impacts.q))
         spread = off.norm(dim=-1).median().item()
         if spread > _COMPUTED * impacts.scales[0]:
             yield "contact_from_shape", "the measured ones are off by a median of", 1e3 * spread, "mm"

@@ -28,23 +28,26 @@ from itertools import combinations
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+from torch.nn.functional import pad
 
 from contactlearn.core.numerics import MAD_SCALE, biweight
 from contactlearn.data.audit.moments import torque
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.apparatus import CHANGES, Apparatus, Estimate
-from contactlearn.mechanics.bodies import AnyShape, contact_points
+from contactlearn.mechanics.bodies import AnyShape, contact_points, shapes_among
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import (
     contact_velocity,
-    matvec,
+    displaced_pose,
+    in_body,
+    in_world,
     moment,
+    orientation_of,
     rotate,
-    rotation,
     spin_momentum,
     swept,
-    turn_quaternion,
 )
-from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Shape, Solid
+from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Shape
 from contactlearn.mechanics.space import SPACE
 
 _STEPS, _ROUNDS = 4, 12  # linearisations, and weights of each
@@ -52,8 +55,6 @@ _INERTIA = 0.5  # standard deviation that is expected of ln I/I₀
 _SHARE = 0.1  # standard deviation that is expected of an angle in rad, and of a length over the distance of contacts
 _COMPARED, _AS_GOOD = 400, 1.1  # impacts on which combinations are compared, and spread over the least that is as good
 _MIN_IMPACTS = 5  # impacts for each change, at least
-# of the spread that the best single physical cause leaves, below which the rig explains the balance
-_EXPLAINED_SHARE = 0.8
 _SLIGHT = 1e-6  # of a difference quotient: rad, relative, of a metre, or of a second
 _LASTING = {"swing": 3e-4, "yield": 5e-4}  # s, standard deviations that are expected
 _SHARES = {"swing": (0.3, 0.06), "yield": (0.5, 0.07)}  # of s_d, and their standard deviations: the force's course
@@ -73,47 +74,43 @@ def changed(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
     """
     if not any(change.values()):
         return impacts.replace(validate=False)
-    if impacts.space is SPACE:
-        return _changed_in_space(impacts, change)
     get = lambda name: change.get(name, 0.0)  # noqa: E731
-    tilt, theta = get("slope"), impacts.q[:, 2]
-    turned = theta - tilt + get("orientation")
-    before, after = impacts.v_pre, impacts.v_post
-    root = root_of_mass(impacts.r, before, after)
-    turned = turned + get("late") * (before + after)[:, 2] / 2 + get("swing") * root * (after - before)[:, 2]
-    middle, centre = (torch.tensor([get(f"{name}_a"), get(f"{name}_b")]).to(theta) for name in ("middle", "centre"))
-    level = torch.full_like(theta, -tilt)
-    r, shape = rotate(impacts.r, level), impacts.shape
+    d, shape, before, after = impacts.space.d, impacts.shape, impacts.v_pre, impacts.v_post
+    flat, vector = d == 2, impacts.r.new_tensor
+    middle, centre = (vector([get(f"{name}_{axis}") for axis in "abc"[:d]]) for name in ("middle", "centre"))
+    tilt = pad(vector((-get("slope"),) if flat else (-get("slope_b"), get("slope"), 0.0)), (d, 0))
+    turn = tilt + vector([0.0] * d + [get("orientation")]) if flat else tilt
+    tilted, turned = displaced_pose(impacts.q, tilt), displaced_pose(impacts.q, turn)
+    root = root_of_mass(impacts.r, before, after)[:, None]
+    swing = get("late") * (before + after) / 2 + get("swing") * (root if flat else 1.0) * (after - before)
+    touching = displaced_pose(turned, pad(swing[:, d:], (d, 0)))
+    placed = touching if flat else turned
+    offset = in_world(centre, placed)
+
+    def level(vectors: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
+        return in_world(in_body(vectors, impacts.q), tilted)
+
+    def velocity(v: Float[Tensor, "n D"]) -> Float[Tensor, "n D"]:
+        spin = v[:, d:] if flat else level(v[:, d:])
+        return torch.cat((level(v[:, :d]) + swept(offset, spin), spin), -1)
+
+    def pose(q: Float[Tensor, "n pose"]) -> Float[Tensor, "n pose"]:
+        return torch.cat((level(q[:, :d]) + offset, displaced_pose(q, turn)[:, d:]), -1)
+
+    r = level(impacts.r) + in_world(middle, placed) - offset
+    r[:, -1] -= get("depth") + get("yield") * root[:, 0] * contact_velocity(impacts.r, before)[:, -1]
     if shape is not None:
-        stated = contact_points(shape, impacts.body, theta)
-        shape = (
-            {name: reshaped(one, change) for name, one in shape.items()}
-            if isinstance(shape, Mapping)
-            else reshaped(shape, change)
-        )
-        r = r + contact_points(shape, impacts.body, turned) - rotate(stated, level)
-    d = rotate(centre.expand(len(theta), 2), turned)
-    nearer = -get("yield") * root * contact_velocity(impacts.r, before)[:, 1] - get("depth")
-    r = (
-        r
-        + rotate((middle - centre).expand(len(theta), 2), turned)
-        + torch.stack((torch.zeros_like(nearer), nearer), -1)
-    )
-
-    def velocity(v: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        across = v[:, 2:] * torch.stack((-d[:, 1], d[:, 0]), -1)
-        return torch.cat((rotate(v[:, :2], level) + across, v[:, 2:]), -1)
-
-    def pose(q: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        return torch.cat((rotate(q[:, :2], level) + d, q[:, 2:] - tilt + get("orientation")), -1)
-
+        stated = contact_points(shape, impacts.body, orientation_of(impacts.q))
+        changes = {name: reshaped(one, change) for name, one in shapes_among(shape).items()}
+        shape = changes if isinstance(shape, Mapping) else changes[""]
+        r = r + contact_points(shape, impacts.body, orientation_of(touching)) - level(stated)
     return impacts.replace(
         shape=shape,
         r=r,
         q=pose(impacts.q),
         q_post=None if impacts.q_post is None else pose(impacts.q_post),
-        v_pre=velocity(impacts.v_pre),
-        v_post=velocity(impacts.v_post),
+        v_pre=velocity(before),
+        v_post=velocity(after),
         inertia=impacts.inertia * math.exp(get("inertia")),
         validate=False,
     )
@@ -195,7 +192,12 @@ def fit_balance(impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[s
     return BalanceFit(estimates=estimates, remaining=remaining, given=given, physical=_physical(impacts, known))
 
 
-def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
+def with_balance(
+    impacts: Impacts,
+    rig: Apparatus,
+    meets_below: Estimate | None = None,
+    thresholds: AuditThresholds = AuditThresholds(),
+) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
     The inertia and the centre of mass are fitted; what wobble says of the latter takes part with its error.  All else
@@ -205,6 +207,7 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
         impacts: as stated.
         rig: card that heights and flights show.
         meets_below: s_d, where it is known.
+        thresholds: that decide.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
     few, length = _MIN_IMPACTS * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
@@ -226,12 +229,12 @@ def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None 
     free = {name: Estimate(value=0.0, error=error) for name, error in expected.items() if name not in known}
     free |= {name: known.pop(name) for name in [*known] if name.startswith("centre")}
     fit = fit_balance(impacts, free, known)
-    if fit.remaining >= _EXPLAINED_SHARE * min(fit.physical, fit.given):
+    if fit.remaining >= thresholds.rig_explains * min(fit.physical, fit.given):
         return rig
     return replace(rig, **{name: one for name, one in fit.estimates.items() if name in CHANGES})
 
 
-def simplest_rig(impacts: Impacts) -> BalanceFit | None:
+def simplest_rig(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> BalanceFit | None:
     """Return the fewest changes of what was stated that close the balance of a table nearly as well as any.
 
     Combinations of inertia, zero of θ, outline and its place are compared; None where none closes it clearly better.
@@ -256,16 +259,13 @@ def simplest_rig(impacts: Impacts) -> BalanceFit | None:
     least = min((fit.remaining for _, fit in fits), default=math.inf)
     near = [(count, fit.remaining, fit) for count, fit in fits if fit.remaining <= least * _AS_GOOD]
     best = min(near, key=lambda one: one[:2])[2] if near else None
-    return best if best and best.remaining < _EXPLAINED_SHARE * best.given else None
+    return best if best and best.remaining < thresholds.rig_explains * best.given else None
 
 
 def _imbalance(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, " n"]:
     """Residual of the balance, in units of the spin that |Δv| makes at the stated radius of gyration; 3 n in space."""
-    if impacts.space is SPACE:
-        rig = changed(impacts, change)
-        return (_open_in_space(rig, rig.v_post - rig.v_pre) / _usual_in_space(rig, impacts)).flatten()
-    terms, scale = torque(changed(impacts, change)), torque(impacts).scale
-    return terms.residual * math.exp(change.get("inertia", 0.0)) / (scale + scale.median())
+    rig = changed(impacts, change)
+    return (_open(rig, rig.v_post - rig.v_pre) / _usual(impacts, rig)).flatten()
 
 
 def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, "..."]:
@@ -273,15 +273,22 @@ def _noise(impacts: Impacts, change: Mapping[str, float]) -> Float[Tensor, "..."
     if impacts.v_pre_cov is None or impacts.v_post_cov is None:
         return torch.zeros((), dtype=torch.float64)
     rig = changed(impacts, change)
-    if impacts.space is SPACE:
-        slope = torch.stack([_open_in_space(rig, one.expand(len(rig), 6)) for one in torch.eye(6).to(rig.r)], -1)
-        variance = torch.einsum("nki,nij,nkj->nk", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
-        return (variance.sqrt() / _usual_in_space(rig, impacts)).flatten()
-    scale = torque(impacts).scale
-    arm = (rig.mass / impacts.inertia)[:, None] * rig.r
-    slope = torch.stack((arm[:, 1], -arm[:, 0], rig.inertia / impacts.inertia), -1)
-    variance = torch.einsum("ni,nij,nj->n", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
-    return variance.sqrt() / (scale + scale.median())
+    slope = torch.stack([_open(rig, one.expand(len(rig), -1)) for one in torch.eye(rig.space.D).to(rig.r)], -1)
+    variance = torch.einsum("nki,nij,nkj->nk", slope, impacts.v_pre_cov + impacts.v_post_cov, slope)
+    return (variance.sqrt() / _usual(impacts, rig)).flatten()
+
+
+def _open(impacts: Impacts, dv: Float[Tensor, "n D"]) -> Float[Tensor, "n s"]:
+    """I Δω − r × m Δv of a change of velocity."""
+    d = impacts.space.d
+    return spin_momentum(impacts.world_inertia, dv[:, d:]) - moment(impacts.r, impacts.mass[:, None] * dv[:, :d])
+
+
+def _usual(impacts: Impacts, rig: Impacts) -> Float[Tensor, "n 1"]:
+    """I times the spin that |Δv| makes at the radius of gyration, in the plane as stated, with its median added."""
+    one, inertia = rig if rig.space is SPACE else impacts, impacts.mass_diagonal[:, -1]
+    scale = (one.v_post - one.v_pre)[:, : one.space.d].norm(dim=-1) * (impacts.mass / inertia).sqrt()
+    return (inertia * (scale + scale.median()))[:, None]
 
 
 def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, "..."]) -> Float[Tensor, " n"]:
@@ -294,51 +301,6 @@ def _sigma(residual: Float[Tensor, " n"], noise: Float[Tensor, "..."]) -> Float[
         more = _spread(residual / (noise**2 + middle**2).sqrt()) > 1
         low, high = (middle, high) if more else (low, middle)
     return (noise**2 + high**2).sqrt()
-
-
-def _changed_in_space(impacts: Impacts, change: Mapping[str, float]) -> Impacts:
-    """Return impacts in space after changes of the rig, and of `swing` and `depth`."""
-    get = lambda name: change.get(name, 0.0)  # noqa: E731
-    q, shape = impacts.q[:, 3:], impacts.shape
-    level = torch.tensor((1.0, -get("slope_b") / 2, get("slope") / 2, 0.0)).to(q)
-    middle, centre = (torch.tensor([get(f"{name}_{axis}") for axis in "abc"]).to(q) for name in ("middle", "centre"))
-    tilt = rotation(level)
-    turned = turn_quaternion(q, torch.tensor((-get("slope_b"), get("slope"), 0.0)).to(q))
-    touching = turn_quaternion(turned, get("swing") * (impacts.v_post - impacts.v_pre)[:, 3:])
-    r, d = matvec(tilt, impacts.r), matvec(rotation(turned), centre.expand(len(q), 3))
-    r = r - r.new_tensor((0.0, 0.0, get("depth")))
-    if isinstance(shape, Solid):
-        now = reshaped(shape, change)
-        r = r + contact_points(now, impacts.body, touching) - matvec(tilt, contact_points(shape, impacts.body, q))
-        shape = now
-    r = r + matvec(rotation(turned), middle.expand(len(q), 3)) - d
-
-    def velocity(v: Float[Tensor, "n 6"]) -> Float[Tensor, "n 6"]:
-        linear, spin = matvec(tilt, v[:, :3]), matvec(tilt, v[:, 3:])
-        return torch.cat((linear + swept(d, spin), spin), -1)
-
-    return impacts.replace(
-        shape=shape,
-        r=r,
-        q=torch.cat((matvec(tilt, impacts.q[:, :3]) + d, turned), -1),
-        q_post=None,
-        v_pre=velocity(impacts.v_pre),
-        v_post=velocity(impacts.v_post),
-        inertia=impacts.inertia * math.exp(get("inertia")),
-        validate=False,
-    )
-
-
-def _open_in_space(impacts: Impacts, dv: Float[Tensor, "n 6"]) -> Float[Tensor, "n 3"]:
-    """I Δω − r × m Δv of a change of velocity."""
-    return spin_momentum(impacts.world_inertia, dv[:, 3:]) - moment(impacts.r, impacts.mass[:, None] * dv[:, :3])
-
-
-def _usual_in_space(impacts: Impacts, stated: Impacts) -> Float[Tensor, "n 1"]:
-    """The stated m |Δv| at the radius of gyration, with the median of that added to it."""
-    speed = (impacts.v_post - impacts.v_pre)[:, :3].norm(dim=-1)
-    scale = (stated.mass_diagonal[:, 3] * stated.mass).sqrt() * speed
-    return (scale + scale.median())[:, None]
 
 
 def _spread(residual: Float[Tensor, " n"]) -> float:

@@ -42,6 +42,9 @@ class AuditThresholds:
     doubted_balance: float = 0.4
     """The same from which on the data are doubted, and not only effects of physics are to be expected: the range of
     `inertia_error` ends there."""
+    rig_explains: float = 0.8
+    """Spread of the moment balance that another rig leaves, of that which the data or the best single cause in physics
+    have, below which the rig explains it: a second cause of the same size would leave 0.7."""
     contact_point_off: float = 0.15
     """Distance of the contact point from the shape's, of |r|, in the median; physical effects stay below a quarter
     of this."""

@@ -280,8 +280,6 @@ def _swept_matrix(spin: Float[Array, " s"]) -> Float[Array, "d d"]:
     return -levers(spin) if len(spin) == 3 else np.array(((0.0, -spin[0]), (spin[0], 0.0)))
 
 
-# range of heights in standard deviations of a frame from which on they differ; 20 to 80 decide alike
-_MIN_HEIGHT_RANGE = 20.0
 _MIN_FLIGHT_FRAMES = 3  # frames of any flight: two are no test of one
 _EDGES = 2  # frames that a flight may be shorter than a window, if it is seen where it ends
 
@@ -293,7 +291,7 @@ def find_contacts(
     limits: TrackThresholds = TrackThresholds(),
 ) -> SearchedTrack:
     """Find the contacts of a track between free flights, and refuse everything else."""
-    track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits.excess)
+    track = restore_skipped_frames(about_centre(track, model.centre), model.air, options, limits)
     search = find_flights(track, model.air, options, limits)
     flights, contacts, refusals = list(search.flights), list[RecordedContact](), list[Refusal]()
     if not flights:
@@ -349,7 +347,7 @@ def _between(
     few = _too_few((before, after), known, search.width - math.ceil(options.contact_time / 2 / track.step))
     jump = 1e3 * float(np.linalg.norm(change[:d]))
     counts = range(1, options.most_missing + 1)  # of frames but for which the two flights are one
-    skipped = next((n for n in counts if same_flight(before, after, contact.time, n * track.step)), 0)
+    skipped = next((n for n in counts if same_flight(before, after, contact.time, limits, n * track.step)), 0)
     reasons = (
         (skipped > 0, Reason.LOST_FRAMES, "frames skipped in flight", skipped, "frames"),
         (lost > options.most_missing, Reason.LOST_FRAMES, "frames lost at contact", lost, "frames"),
@@ -400,7 +398,8 @@ def _refused_gap(track: Track, first: int, last: int, search: Flights, limits: T
     heights = track.height[track.seen]
     above, most = float(track.height[seen].mean() - heights.min()), float(np.ptp(heights))
     few = search.width // 2 if search.flights else search.width
-    if above > limits.hand_height * most and most > _MIN_HEIGHT_RANGE * search.sigma[track.d - 1] and len(seen) >= few:
+    rises = most > limits.height_range * search.sigma[track.d - 1]
+    if above > limits.hand_height * most and rises and len(seen) >= few:
         return refuse(track, first, last, Reason.HAND_OR_WALL, "height above the lowest frame", 1e3 * above, "mm")
     if len(seen) < search.width:
         ends = first == 0 or last == len(track) - 1

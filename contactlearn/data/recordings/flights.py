@@ -433,7 +433,8 @@ def windows(
         y = np.concatenate((y[..., :3], _rotations(when, y[..., 3:], seen, air)), -1)
     residual = np.where(seen[..., None], y, 0.0) - slopes[..., 2] * air.pull()
     columns, sizes = _orthogonal(np.moveaxis(slopes, -1, 0))
-    # place and speed are free; an acceleration beyond that of the air is as small as those of other flights
+    # Orthogonal columns have a factor each.  Place and speed are free; an acceleration beyond that of the air is as
+    # small as those of other flights.
     priors = (0.0, 0.0, (sigma / np.maximum(air.prior[0], _MIN_SUM)) ** 2)
     leverage, line, factor = np.zeros_like(residual), residual, residual
     for column, size, prior in zip(columns, sizes, priors, strict=True):
@@ -483,9 +484,6 @@ _SETTLED = 0.1  # standard errors by which the last round changes it, at most
 _WIDEST = 80  # frames
 # χ² that a body at rest makes in the shortest window of a flight, in plane and space; 300 to 750 decide alike
 _REST_POWER = {2: 300.0, 3: 100.0}
-# standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
-_MAX_SIGMAS_OF_FLIGHT = 3.0
-_MAX_CHI2_SAME_FLIGHT = 60.0  # χ² with six degrees of freedom up to which two flights are one; 5 to 180 decide alike
 _STILL_SHARE = 0.1  # of the way of a fast window
 # noise of a flight's frames over the recording's, at most; in space 5 and 10 decide alike
 _MAX_NOISE_RATIO = {2: 1.0, 3: 5.0}
@@ -552,8 +550,8 @@ def find_flights(
     good &= ~sliding_window_view(touches, width)[:, 1:-1].any(-1)
     pose[touches] = np.nan  # `_extended` decides on them
     firsts = (_first(time, pose, run, sigma, air, width) for run in _runs(good, width))
-    joined = _joined(time, track.pose, [flight for flight in firsts if flight is not None], width)
-    extended = [_extended(track, flight, sigma, width) for flight in joined]
+    joined = _joined(time, track.pose, [flight for flight in firsts if flight is not None], width, limits)
+    extended = [_extended(track, flight, sigma, width, limits) for flight in joined]
     freedom = sum(len(flight.residual) - 2 for flight in extended)
     total = sum(((flight.residual**2).sum(0) for flight in extended), np.zeros(air.k))
     # As if eight frames more had the noise of the windows.
@@ -639,7 +637,7 @@ def own_accelerations(long: Sequence[Flight], k: int = 3) -> AccelerationPrior:
     return tuple(accelerations), tuple(changes)
 
 
-def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, excess: float) -> Track:
+def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, limits: TrackThresholds) -> Track:
     """Return the track with time stamps that show the frames which it skips in flight without a gap in them.
 
     Three frames before a skip and three after it are a flight, if the clock of the latter is late by whole frames.
@@ -654,8 +652,8 @@ def restore_skipped_frames(track: Track, air: Air, options: FlightOptions, exces
             [windows(time, track.pose, 2 * _FRAMES_AT_SKIP, air, sigma, seconds).misfit.sum(1) for seconds in late]
         )
         best = chi_square.argmin(0)
-        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _FRAMES_AT_SKIP - 2 * k), excess)) & (
-            chi_square[0] - chi_square.min(0) > _MAX_CHI2_SAME_FLIGHT
+        sure = (chi_square.min(0) <= _limit(np.array(2 * k * _FRAMES_AT_SKIP - 2 * k), limits.excess)) & (
+            chi_square[0] - chi_square.min(0) > limits.one_flight
         )
         if not sure.any():
             break
@@ -770,20 +768,20 @@ def state_difference(
     return np.concatenate((away(q, p), w - v)), A + B
 
 
-def same_flight(one: Flight, other: Flight, time: float, late: float = 0.0) -> bool:
+def same_flight(one: Flight, other: Flight, time: float, limits: TrackThresholds, late: float = 0.0) -> bool:
     """Whether two flights agree at an instant as one flight does."""
     difference, covariance = state_difference(one, other, time, late)
-    return float(difference @ np.linalg.solve(covariance, difference)) <= _MAX_CHI2_SAME_FLIGHT
+    return float(difference @ np.linalg.solve(covariance, difference)) <= limits.one_flight
 
 
-def _joined(time: Array, pose: Array, flights: Sequence[Flight], width: int) -> list[Flight]:
+def _joined(time: Array, pose: Array, flights: Sequence[Flight], width: int, limits: TrackThresholds) -> list[Flight]:
     """Neighbouring flights that agree, as one: only bad or lost frames were between them."""
     joined: list[Flight] = []
     for flight in flights:
         if joined:
             last = joined[-1]
             middle = (time[last.last] + time[flight.first]) / 2
-            if flight.first - last.last <= 2 * width and same_flight(last, flight, middle):
+            if flight.first - last.last <= 2 * width and same_flight(last, flight, middle, limits):
                 between = np.arange(last.first, flight.last + 1)
                 between = between[finite(pose[between])]
                 joined[-1] = fit(time, pose, between, np.maximum(last.sigma, flight.sigma), flight.air)
@@ -792,7 +790,7 @@ def _joined(time: Array, pose: Array, flights: Sequence[Flight], width: int) -> 
     return joined
 
 
-def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
+def _extended(track: Track, flight: Flight, sigma: Array, reach: int, limits: TrackThresholds) -> Flight:
     """A flight with the frames before and after it that continue it, up to three in a row that do not."""
     frames = flight.frames
     sigma = flight_noise(flight, sigma)
@@ -805,7 +803,7 @@ def _extended(track: Track, flight: Flight, sigma: Array, reach: int) -> Flight:
         end = fit(track.time, track.pose, ends_with, sigma, flight.air)  # of a long one the acceleration may change
         off = away(track.pose[near], end.poses(track.time[near]))
         scaled = np.abs(off) / np.hypot(sigma, end.spread(track.time[near]))
-        continues = scaled.max(1, initial=0.0) <= _MAX_SIGMAS_OF_FLIGHT
+        continues = scaled.max(1, initial=0.0) <= limits.continues
         following = np.append(continues, (False, False))
         ends = np.append(np.flatnonzero(~continues & ~following[1:-1] & ~following[2:]), len(near))
         frames = np.concatenate((frames, near[: ends[0]][continues[: ends[0]]]))

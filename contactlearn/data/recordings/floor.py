@@ -30,13 +30,13 @@ from torch import Tensor
 
 from contactlearn.data.audit.rig import LATE, LONGEST, one_point, reshaped, root_of_mass
 from contactlearn.data.recordings.flights import Indices
-from contactlearn.data.recordings.poses import Array, away, displaced, orientation, rotated, turn
+from contactlearn.data.recordings.poses import Array, away, displaced, orientation, turn
 from contactlearn.data.recordings.result import Reason, RecordedContact, Refusal, Rest
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
-from contactlearn.mechanics.rigid_body import contact_velocity, rotate, rotation
+from contactlearn.mechanics.rigid_body import contact_jacobian, contact_velocity, in_world, rotation
 from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
@@ -216,66 +216,29 @@ def find_floor(
         lean: angle in rad of gravity from straight down to the right.
         limits: that decide.
     """
-    if isinstance(shape, Solid):
-        return _under_solid(contacts, shape, rests, limits)
-    lying = RestPoses.of(shape)
-    sided = [r for r in rests if not len(lying.angles) or abs(lying.angle_to_rest(float(r.pose[2]))) <= limits.leaning]
+    lying, solid = RestPoses.of(shape), isinstance(shape, Solid)
+
+    def leaning(rest: Rest) -> float:
+        if isinstance(shape, Polytope):
+            return _face_below(shape, rest)[0]
+        return abs(lying.angle_to_rest(float(rest.pose[2]))) if len(lying.angles) else 0.0
+
+    used = [rest for rest in rests if leaning(rest) <= limits.leaning]
     while True:
-        problem = _Problem(
-            contacts=contacts,
-            rests=sided,
-            shape=shape,
-            lying=lying,
-            lean=lean,
-            limits=limits,
-        )
+        problem = _Problem(contacts=contacts, rests=used, shape=shape, lying=lying, lean=lean, limits=limits)
         floor, good = problem.solved(0.0, {})
-        for _ in range(_TURNS):
-            if floor.orientation is not None:
-                floor, good = problem.solved(floor.orientation.value, floor.outline)
-        if good.all():
+        for _ in range(_TURNS):  # each about the body that the one before has found
+            if solid or floor.orientation is not None:
+                floor, good = problem.solved(floor.orientation.value if floor.orientation else 0.0, floor.outline)
+        if solid or good.all():
             return floor
-        sided = [rest for rest, holds in zip(sided, good, strict=True) if holds]
+        used = [rest for rest, holds in zip(used, good, strict=True) if holds]
 
 
-def _under_solid(
-    contacts: Sequence[RecordedContact], shape: Solid, rests: Sequence[Rest], limits: TrackThresholds
-) -> Floor:
-    """The floor under a body in space, robustly: its height and slopes, and round corners and the outline's place."""
-    lying, down = _lying(shape, rests, limits)
-    within = math.sqrt(np.mean([rest.error[2] ** 2 for rest in lying])) if lying else 0.0
-    used, changes, floor = np.ones(len(contacts), dtype=np.bool_), dict[str, float](), None
-    for _ in range(_TURNS + 1):  # each about the outline that the one before has found
-        design = _solid_design(contacts, lying, down, shape, changes, limits)
-        estimates, scatter, above, (_, on, *_) = design.solved(used, (within, 0.0))
-        estimates = {name: replace(one, value=one.value + changes.get(name, 0.0)) for name, one in estimates.items()}
-        if isinstance(shape, Cornered) and "corner" in estimates:  # no radius is less than 0
-            estimates["corner"] = replace(estimates["corner"], value=max(estimates["corner"].value, -shape.corner))
-        changes = {name: estimates[name].value for name in _changes(shape) if name in estimates}
-        floor = Floor(
-            height=estimates["height"],
-            slope=estimates.get("slope"),
-            slope_b=estimates.get("slope_b"),
-            orientation=None,
-            outline={name: estimates[name] for name in _OUTLINE if name in estimates},
-            sinking=estimates.get("sinking"),
-            scatter=scatter,
-            rests=int(on.sum()),
-            above=above,
-        )
-    assert floor is not None
-    return floor
-
-
-def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tuple[list[Rest], Float[Array, " r"]]:
-    """Bodies in space at rest, and the height of the floor below each; a body that leans on no face is left out."""
-    q = torch.from_numpy(np.reshape([rest.pose[3:] for rest in rests], (-1, 4)))
-    if not isinstance(shape, Polytope):
-        return [*rests], contact_point(shape, q)[:, 2].numpy()
-    upright, face = (-rotation(q)[:, 2] @ shape.hull.normals.mT).max(-1)
-    flat = upright > math.cos(limits.leaning)
-    down = -shape.hull.heights[face[flat]].numpy()
-    return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
+def _face_below(shape: Polytope, rest: Rest) -> tuple[float, float]:
+    """Angle in rad by which a body in space at rest leans from the face below it, and how far below it is in m."""
+    upright, face = (-rotation(torch.from_numpy(rest.pose[3:]))[2] @ shape.hull.normals.mT).max(-1)
+    return math.acos(min(upright.item(), 1.0)), shape.hull.heights[face].item()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -335,38 +298,6 @@ class _Design:
         return estimates, scatter, (value - matrix @ fit)[contacts], [good[rows] for rows in kinds]
 
 
-def _solid_design(
-    contacts: Sequence[RecordedContact],
-    lying: Sequence[Rest],
-    down: Float[Array, " r"],
-    shape: Solid,
-    changes: Mapping[str, float],
-    limits: TrackThresholds,
-) -> _Design:
-    """Heights in space of a body of an outline that is changed."""
-    changed, hits, none = reshaped(shape, changes), np.stack([hit.pose for hit in contacts]), np.zeros(len(lying))
-    size, still = float(shape.outline().norm(dim=-1).nanmean()), np.reshape([rest.pose for rest in lying], (-1, 7))
-    points, pose = _lowest(contacts, changed), np.concatenate((hits, still))
-    x, y, _ = np.concatenate((points, still[:, :3])).T
-    design = _Design(heights=np.concatenate((points[:, 2], still[:, 2] + down)), angles=np.zeros(0))
-    heights = {"height": np.ones(len(x))}
-    if len(contacts) > NEEDED.heights_of_slope:
-        heights |= {"slope": x, "slope_b": y}
-    if lying:  # bodies at rest do not sink in as contacts do
-        heights["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(lying)))
-        design.expect(limits.off_least, "raised")
-    if len(contacts) >= 2 * limits.contacts_of_a_slope:
-        up = rotation(torch.from_numpy(pose[:, 3:]))[:, 2].numpy()
-        heights |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
-        speeds, *_ = _speeds(contacts, points)
-        heights["sinking"] = np.append(speeds, none)
-        heights |= {name: np.append(-_raised(changed, name, hits[:, 3:]), none) for name in _changes(shape)}
-        design.expect(size, "middle_a", "middle_b", "middle_c")
-        design.expect(_CHANGE * size, *_changes(shape), about=changes)
-    design.columns.update({name: (column, 0.0) for name, column in heights.items()})
-    return design
-
-
 def _speeds(contacts: Sequence[RecordedContact], points: Float[Array, "n d"]) -> tuple[Array, Tensor, Tensor]:
     """v_n √(m_c/m) of contacts, by which they sink in, and the velocities before and after them."""
     v, w = (torch.from_numpy(np.stack([getattr(hit, name) for hit in contacts])) for name in _SIDES)
@@ -376,7 +307,7 @@ def _speeds(contacts: Sequence[RecordedContact], points: Float[Array, "n d"]) ->
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Problem:
-    """The floor in the plane, from contacts and bodies at rest."""
+    """The floor, from contacts and bodies at rest."""
 
     contacts: Sequence[RecordedContact]
     rests: Sequence[Rest]
@@ -388,14 +319,22 @@ class _Problem:
     def solved(self, turned: float, outline: Mapping[str, Estimate]) -> tuple[Floor, Mask]:
         """The floor, and which rests are on it.
 
-        It is linearised about a body of such an outline that is turned further by an angle in rad.
+        It is linearised about a body of such an outline that is turned further by an angle in rad, 0 in space.
         """
         change = {name: outline[name].value for name in _changes(self.shape) if name in outline}
-        design, rests = self._design(turned, change), self.rests
-        _, lies, turns = np.sqrt(np.mean([r.error**2 for r in rests], axis=0)).tolist() if rests else (0.0,) * 3
-        estimates, scatter, above, (_, on_floor, flat, _) = design.solved(self._single(turned), (lies, turns))
-        slope, zero, sinking = (estimates.get(name) for name in ("slope", "orientation", "sinking"))
-        depth = abs(sinking.value) if sinking else 0.0
+        rests, solid = self.rests, isinstance(self.shape, Solid)
+        design = self._design_in_space(change) if solid else self._design(turned, change)
+        spread = np.sqrt(np.mean([rest.error**2 for rest in rests], axis=0)) if rests else np.zeros(3)
+        within = float(spread[2 if solid else 1]), float(spread[2])  # of heights, and of θ in the plane
+        estimates, scatter, above, (_, on_floor, flat, _) = design.solved(self._single(turned), within)
+        for name, one in estimates.items():
+            estimates[name] = replace(one, value=one.value + change.get(name, 0.0))
+            if name.startswith("slope"):
+                estimates[name] = Estimate(value=math.atan(one.value), error=one.error / (1 + one.value**2))
+        zero, sinking = (estimates.get(name) for name in ("orientation", "sinking"))
+        if solid and isinstance(self.shape, Cornered) and "corner" in estimates:  # no radius is less than 0
+            estimates["corner"] = replace(estimates["corner"], value=max(estimates["corner"].value, -self.shape.corner))
+        depth = abs(sinking.value) if sinking and not solid else 0.0
         for name in _LASTING_SHARES.keys() & estimates.keys():  # what the course of the force in a lasting contact adds
             typical = abs(float(np.median(design.columns["sinking"][0][: len(self.contacts)]))) if depth else 0.0
             speed = 1.0 if name == "late" else typical
@@ -404,16 +343,13 @@ class _Problem:
             )
         floor = Floor(
             height=estimates["height"],
-            slope=slope and Estimate(value=math.atan(slope.value), error=slope.error / (1 + slope.value**2)),
+            slope=estimates.get("slope"),
+            slope_b=estimates.get("slope_b"),
             orientation=zero and replace(zero, value=turned + zero.value),
-            outline={
-                name: replace(estimates[name], value=estimates[name].value + change.get(name, 0.0))
-                for name in _OUTLINE
-                if name in estimates
-            },
+            outline={name: estimates[name] for name in _OUTLINE if name in estimates},
             sinking=sinking,
             scatter=scatter,
-            rests=len(rests),
+            rests=int(on_floor.sum()),
             above=above,
         )
         return floor, on_floor & flat if len(flat) else on_floor
@@ -471,6 +407,42 @@ class _Problem:
             columns |= {"com_offset_major": (0 * x, lying.arms[side]), "lean": (0 * x, 1 - lying.gain)}
             design.expect(size, "com_offset_major")
             design.priors["lean"] = self.lean
+        return design
+
+    def _design_in_space(self, change: Mapping[str, float]) -> _Design:
+        """Heights of a body in space of such an outline."""
+        shape, contacts, limits = self.shape, self.contacts, self.limits
+        changed, hits, none = (
+            reshaped(shape, change),
+            np.stack([hit.pose for hit in contacts]),
+            np.zeros(len(self.rests)),
+        )
+        size, still = (
+            float(shape.outline().norm(dim=-1).nanmean()),
+            np.reshape([one.pose for one in self.rests], (-1, 7)),
+        )
+        if isinstance(shape, Polytope):
+            down = -np.array([_face_below(shape, rest)[1] for rest in self.rests])
+        else:
+            down = contact_point(shape, torch.from_numpy(still[:, 3:]))[:, 2].numpy()
+        points, pose = _lowest(contacts, changed), np.concatenate((hits, still))
+        x, y, _ = np.concatenate((points, still[:, :3])).T
+        design = _Design(heights=np.concatenate((points[:, 2], still[:, 2] + down)), angles=np.zeros(0))
+        heights = {"height": np.ones(len(x))}
+        if len(contacts) > NEEDED.heights_of_slope:
+            heights |= {"slope": x, "slope_b": y}
+        if len(still):  # bodies at rest do not sink in as contacts do
+            heights["raised"] = np.repeat((0.0, 1.0), (len(contacts), len(still)))
+            design.expect(limits.off_least, "raised")
+        if len(contacts) >= 2 * limits.contacts_of_a_slope:
+            up = rotation(torch.from_numpy(pose[:, 3:]))[:, 2].numpy()
+            heights |= {f"middle_{axis}": -up[:, k] for k, axis in enumerate("abc")}
+            speeds, *_ = _speeds(contacts, points)
+            heights["sinking"] = np.append(speeds, none)
+            heights |= {name: np.append(-_raised(changed, name, hits[:, 3:]), none) for name in _changes(shape)}
+            design.expect(size, "middle_a", "middle_b", "middle_c")
+            design.expect(_CHANGE * size, *_changes(shape), about=change)
+        design.columns.update({name: (column, 0.0) for name, column in heights.items()})
         return design
 
 
@@ -592,34 +564,22 @@ def off_the_floor(
 
 
 def _clearance(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
-    """Least height in m of another corner, less three errors and its way down in the longest contact."""
-    pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
-    if isinstance(shape, Polygon):
-        turned = _sure(floor.orientation) - _sure(floor.slope)  # about the floor
-        corners = np.moveaxis(_corners_in_plane(shape, pose[:, 2] + turned), 0, 1)
-        first, others = np.split(np.argsort(corners[..., 1], 1), (1,), 1)
-        lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
-        offsets = corners - lowest
-        error = np.abs(offsets[..., 0]) * np.array([hit.covariance[8, 8] for hit in contacts])[:, None] ** 0.5
-        sinks = -(v[:, 1, None] + v[:, 2, None] * corners[..., 0])
-        return (offsets[..., 1] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
-    if not isinstance(shape, Polytope):
+    """Least height in m of another corner, or its arc, less three errors and its way down in the longest contact."""
+    if not isinstance(shape, Polygon | Polytope):
         return np.full(len(contacts), np.inf)
-    corners = rotated(pose[:, None, 3:], (shape.corners() + shape.corner * shape.arc_centres()).numpy())
-    first, others = np.split(np.argsort(corners[..., 2], 1), (1,), 1)
-    lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
+    names = ("pose", "v_pre", "covariance")
+    pose, v, errors = (torch.from_numpy(np.stack([getattr(hit, name) for hit in contacts])) for name in names)
+    D = v.shape[1]
+    if D == 3:
+        pose[:, 2] += _sure(floor.orientation) - _sure(floor.slope)  # about the floor
+    corners = in_world(shape.corners() + shape.corner * shape.arc_centres(), pose[:, None])
+    order, d = corners[..., -1].argsort(1), corners.shape[-1]
+    lowest, corners = corners.gather(1, order[..., None].expand_as(corners)).tensor_split([1], 1)
     offsets = corners - lowest
-    lean = np.stack((offsets[..., 1], -offsets[..., 0]), -1)
-    errors = np.stack([hit.covariance[15:17, 15:17] for hit in contacts])
-    error = np.sqrt(np.einsum("nci,nij,ncj->nc", lean, errors, lean))
-    sinks = -(v[:, 2, None] + np.cross(v[:, None, 3:], corners)[..., 2])
-    return (offsets[..., 2] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
-
-
-def _corners_in_plane(shape: Polygon, theta: Float[Array, " n"]) -> Float[Array, "v n 2"]:
-    """Corners, or centres of their arcs, about the centre of mass."""
-    corners = (shape.corners() + shape.corner * shape.arc_centres())[:, None]
-    return rotate(corners, torch.from_numpy(theta)).numpy()
+    lean = contact_jacobian(offsets)[..., -1, d:]  # of a height in small turns
+    error = torch.einsum("nci,nij,ncj->nc", lean, errors[:, 2 * D + d : 3 * D, 2 * D + d : 3 * D], lean).sqrt()
+    sinks = -contact_velocity(corners, v[:, None])[..., -1]
+    return (offsets[..., -1] - REACH * error - sinks.clamp_min(0) * longest).amin(1).numpy()
 
 
 def _sure(angle: Estimate | None) -> float:

@@ -25,6 +25,12 @@ class TrackThresholds:
     """Probability of the number of missing frames, at least (row tracks.certainty)."""
     velocity_change: float = 25.0
     """Squared change of velocity in standard deviations: less is no contact (row tracks.velocity_change)."""
+    one_flight: float = 60.0
+    """χ² with twice as many degrees of freedom as a pose has coordinates, up to which two flights agree and are one; 5
+    to 180 decide alike (row tracks.one_flight)."""
+    continues: float = 3.0
+    """Standard deviations up to which a frame continues a flight; less loses contacts, 10 decides alike
+    (row tracks.continues)."""
     rest_speed: float = 0.03
     """Speed in m/s below which a body that is not in flight is at rest, and above which it slides
     (row tracks.rest_speed)."""
@@ -34,6 +40,9 @@ class TrackThresholds:
     hand_height: float = 0.3
     """Height above the lowest frame over the range of heights, from which on a hand or a wall was touched
     (row tracks.hand_height)."""
+    height_range: float = 20.0
+    """Range of the heights of a recording in standard deviations of a frame, below which no hand or wall is named; 20
+    to 80 decide alike (row tracks.height_range)."""
     wrap: float = 0.3
     """Share of the period of an angle: from frame to frame it turns by less, or jumps by a period less that; its range
     exceeds the period by less as well.  A body that turns by more is too fast to follow modulo that period

@@ -37,7 +37,7 @@ from contactlearn.effects import find_effect
 from contactlearn.mechanics.apparatus import REACH, Apparatus
 from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, swept, turn_quaternion
+from contactlearn.mechanics.rigid_body import displaced_pose, in_world, swept
 from contactlearn.mechanics.shapes import Shape, Solid, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.models.roll_out import Until
@@ -382,7 +382,8 @@ class _Take:
             first_pose, first_velocity = _differences(time, track.pose[frames], flight.air.gravity)
             errors = np.zeros(2 * [2 * len(first_velocity)])
         moved, faster = np.split(generator.multivariate_normal(np.zeros(len(errors)), errors, FAN), 2, 1)
-        pose = torch.from_numpy(np.vstack((first_pose, track.pose[frames], _displaced(first_pose, moved))))
+        fan = displaced_pose(torch.from_numpy(first_pose), torch.from_numpy(moved))
+        pose = torch.cat((torch.from_numpy(np.vstack((first_pose, track.pose[frames]))), fan))
         velocity = torch.zeros(len(pose), len(first_velocity), dtype=torch.float64)
         velocity[0], velocity[-FAN:] = torch.from_numpy(first_velocity), torch.from_numpy(first_velocity + faster)
         arm = in_world(torch.tensor(model.centre, dtype=torch.float64).expand(len(pose), -1), pose)
@@ -401,14 +402,6 @@ class _Take:
             sigma=searched.sigma,
             followed=int((bounces <= min(BOUNCES, len(ends) - 1)).sum()),
         )
-
-
-def _displaced(pose: Float[Array, "m"], moved: Float[Array, "s k"]) -> Float[Array, "s m"]:
-    """A pose after displacements, and in space small turns in world axes."""
-    if len(pose) == moved.shape[1]:
-        return pose + moved
-    turned = turn_quaternion(torch.from_numpy(pose[3:]), torch.from_numpy(moved[:, 3:])).numpy()
-    return np.hstack((pose[:3] + moved[:, :3], turned))
 
 
 def _differences(time: Array, pose: Array, gravity: Sequence[float]) -> tuple[Float[Array, "pose"], Float[Array, "D"]]:
