@@ -4,6 +4,7 @@ import json
 import shlex
 from dataclasses import dataclass, replace
 
+import pandas as pd
 import pytest
 import torch
 from commands import run
@@ -16,14 +17,16 @@ from contactlearn.data import table
 from contactlearn.diagnosis.events import CandidatesExcluded
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.diagnosis.result import Diagnosis, Verdict
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.effects import Effect, EffectId, catalogue, find_effect, parameter
 from contactlearn.effects.formula.effect import formula
 from contactlearn.inference.identification.joint import assemble
 from contactlearn.laws import find
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.shapes import Disc
-from contactlearn.mechanics.space import SPACE
+from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.results import folder as run_folder
 from contactlearn.simulation import synthetic
 
@@ -164,3 +167,36 @@ def test_wrong_limits_of_the_experiment_are_refused():
     }
     for word, message in early.items():
         assert message in run("diagnose.py", "data=table", "data.path=nowhere.csv", word, status=2)
+
+
+def test_bounces_along_the_normal_show_restitution_alone():
+    """What would turn a ball or push it sideways is left out: roundings of v_x and ω = 0 would decide about it."""
+    impacts = bounces(24)
+    able = usable(all_candidates(PLANE, impacts.covariates), impacts)
+    assert EffectId("velocity_dependent_restitution", "power") in able
+    assert EffectId("temperature_dependent_restitution", "linear") in able
+    turning = [("contact_patch", "linear"), ("contact_patch", "point"), ("com_offset", "contact")]
+    assert not {EffectId(*one) for one in turning} & able.keys()
+
+
+@pytest.mark.parametrize("power", [0.08, 0.0])
+def test_a_restitution_that_follows_the_speed_is_named_beside_a_temperature(power):
+    """The held-out gain of bounces counts v_y alone; with the degrees of freedom of v_x and ω it was no evidence."""
+    found = diagnose(bounces(96, power), options=DiagnoseOptions(seconds=6))
+    named = {"temperature_dependent_restitution", *(["velocity_dependent_restitution"] if power else [])}
+    assert {one.effect.name for one in found.missing} == named
+    assert found.physics is Verdict.EFFECTS
+    assert not found.candidates
+
+
+def bounces(size: int, power: float = 0.0) -> Impacts:
+    """A ball that falls from six heights at four temperatures, on both of which its restitution depends."""
+    draw = torch.Generator().manual_seed(3)
+    height = torch.tensor([0.4, 0.6, 0.8, 1.0, 1.2, 1.5]).double().repeat(size // 6)
+    temperature = torch.tensor([18.0, 27.0, 36.0, 45.0]).double().repeat_interleave(6).repeat(size // 24)
+    eps = (0.4 + 0.0062 * (temperature - 31)) * ((2 * GRAVITY * height).sqrt() / 4) ** -power
+    rebound = eps.square() * height + 0.003 * torch.randn(size, generator=draw, dtype=torch.float64)
+    columns = {"height": height, "height_post": rebound, "temperature": temperature}
+    frame = pd.DataFrame({name: column.numpy() for name, column in columns.items()})
+    shape = {"kind": "disc", "radius": 0.02}
+    return table.read(frame, shape=shape, mass=0.024, units={"length": "m"}, covariates=["temperature"]).impacts

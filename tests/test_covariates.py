@@ -8,6 +8,7 @@ from refusals import refused
 
 from contactlearn.data import table
 from contactlearn.data.blocks import Blocks
+from contactlearn.data.headers import propose
 from contactlearn.diagnosis.regions import find_regions
 from contactlearn.diagnosis.search.candidates import all_candidates, usable
 from contactlearn.diagnosis.unexplained.deviations import screen_deviations
@@ -201,3 +202,10 @@ def test_the_next_command_names_classes_of_other_packages_alone(tmp_path):
         f"contactlearn evaluate data=mydata {ours} +effect.warm.covariate=temperature {theirs}", tmp_path
     )
     assert printed == f"contactlearn train model={tmp_path} {theirs}"
+
+
+def test_a_temperature_is_proposed(tmp_path):
+    frame = synthetic.load(size=20).to_frame().assign(**{"Température (°C)": [18.0, 27.5] * 10, "index": range(20)})
+    frame.to_csv(tmp_path / "drops.csv", index=False)
+    (found,) = (one.value for one in propose(tmp_path / "drops.csv").settings if one.name == "covariates")
+    assert found == ["Température (°C)"]

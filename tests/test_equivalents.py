@@ -238,6 +238,8 @@ def test_evidence_drop_by_drop_is_that_of_all_of_them_together():
     left = NOISE * torch.randn((2000, 3), generator=seeded(0), dtype=torch.float64)
     left[:40] *= 30
     assert (robust_covariance(left).diagonal().sqrt() / NOISE - 1).abs().max() < 0.08
+    alone = left * torch.tensor([0.0, 1.0, 0.0])  # of bounces along the normal: one degree of freedom, not three
+    assert (robust_covariance(alone)[1, 1].sqrt() / NOISE[1] - 1).abs() < 0.08
 
 
 def test_models_without_uncertainty_need_the_drops_of_a_likelihood_ratio(rivals):

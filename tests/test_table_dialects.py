@@ -19,6 +19,7 @@ from spatial import tossed
 
 from contactlearn.core.errors import DataError
 from contactlearn.data import table
+from contactlearn.data.audit.findings import audit
 from contactlearn.data.headers import propose
 from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
@@ -774,6 +775,10 @@ def test_speed_and_angle(frame):
         pytest.param(("valhoogte [m]", "stuithoogte [m]"), (0.5, 0.5), id="in Dutch"),
         pytest.param(("wysokość spadku [m]", "wysokość odbicia [m]"), (0.5, 0.5), id="in Polish"),
         pytest.param(("altura de caída", "altura de rebote"), (0.5, 0.5), id="in Spanish"),
+        pytest.param(("altura de suelta", "altura de rebote"), (0.5, 0.5), id="released in Spanish"),
+        pytest.param(("Hauteur de lâcher [m]", "Hauteur du rebond [m]"), (0.5, 0.5), id="released in French"),
+        pytest.param(("altezza di rilascio [m]", "altezza di rimbalzo [m]"), (0.5, 0.5), id="released in Italian"),
+        pytest.param(("Loslasshöhe [m]", "Rückprallhöhe [m]"), (0.5, 0.5), id="released in German"),
         pytest.param(("impact speed [m/s]", "rebound speed [m/s]"), (1.0, 1.0), id="of impact"),
         pytest.param(("h", "v_out"), (0.5, 1.0), id="a height and a speed"),
         pytest.param(("v_impact (m/s)", "v_rebound (m/s)", "X_Value"), (1.0, 1.0), id="of LabVIEW"),
@@ -885,6 +890,9 @@ def test_a_spin_that_nobody_measured_is_that_of_the_moments():
     torch.testing.assert_close(found.impacts.v_post[:, 2], omega)
     torch.testing.assert_close(found.impacts.v_post[:, :2], drops.v_post[:, :2])
     assert not found.impacts.v_pre[:, 2].any()
+    (note,) = (one for one in audit(found.impacts) if one.name == "consistent")
+    assert "closes exactly" in note.sentence  # spins that were computed from the balance are no evidence for it
+    assert "no evidence" in note.sentence
     # Columns that may be what is missing are asked for, as is the angle of another body.
     for other in ("spin rate [yd]", "angular"):
         with refused(["missing column", "omega"]):

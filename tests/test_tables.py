@@ -162,6 +162,31 @@ def test_errors_name_the_column_and_the_value_as_written(tmp_path, drops):
         table.load(written(tmp_path / "own.csv", columns | {"vx": [*columns["vx"][:7], "", *columns["vx"][8:]]}))
 
 
+def test_incomplete_rows_of_a_logger_that_crashed(tmp_path, drops):
+    """Cut short, with a separator lost, with control bytes, with an error of a spreadsheet: only whole rows remain."""
+    path = written(tmp_path / "log.csv", {"trial": [*range(1, 41)], **columns_of(drops)})
+    header, *lines = path.read_text("utf-8").splitlines()
+    width = header.count(",")
+    lines[3] = ",".join(lines[3].split(",")[:5])
+    lines[7] = "".join(lines[7].rsplit(",", 1))
+    cells = {10: "\xff\xff\x01?", 20: "#VALUE!", 30: "1.23450.9876"}
+    for row, cell in cells.items():
+        lines[row] = ",".join([*lines[row].split(",")[:-1], cell])
+    path.write_bytes("\n".join([header, *lines, ""]).encode("latin-1"))
+    with pytest.raises(DataError, match=rf"row 4 .* has 5 cells where the header has {width + 1}.*drop_incomplete"):
+        table.read(path)
+    found = table.read(path, drop_incomplete=True).impacts
+    assert found.incomplete == ("4", "8", "11", "21", "31")
+    whole = [k for k in range(40) if str(k + 1) not in found.incomplete]
+    assert_close(found, drops[whole])
+    assert any("5 of 40 trials" in finding.sentence for finding in audit(found))
+    mostly = [line if k % 3 else line.rsplit(",", 1)[0] for k, line in enumerate(lines)]
+    mostly = [line if k % 3 == 1 else line.rsplit(",", 1)[0] for k, line in enumerate(mostly)]
+    path.write_bytes("\n".join([header, *mostly, ""]).encode("latin-1"))
+    with pytest.raises(DataError, match="cells where the header has"):
+        table.read(path, drop_incomplete=True)
+
+
 def test_further_columns_are_not_used_and_named(tmp_path, drops, capsys):
     extra = {"friction": ["?"] * 40, "": [*range(40)], "temperature": [""] * 40}
     path = written(tmp_path / "own.csv", columns_of(drops) | extra)

@@ -18,9 +18,10 @@ from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data import table, tracks
 from contactlearn.data.recordings import survey
 from contactlearn.data.recordings.poses import turn
-from contactlearn.data.recordings.result import Reason
+from contactlearn.data.recordings.result import Reason, Refusal
+from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity
-from contactlearn.mechanics.shapes import Ellipse
+from contactlearn.mechanics.shapes import Ellipse, make_shape
 from contactlearn.report.text.tracks import tracks_facts, tracks_headline, tracks_summary
 from contactlearn.simulation import recordings
 from contactlearn.simulation.camera import Camera
@@ -357,6 +358,21 @@ def test_small_errors_are_no_zero_and_a_star_is_explained(plain):
     assert re.search(
         r"assumed 9\.81.* \*, from[^*]*\n  \* differs from what is assumed or stated by more than three", told
     )
+
+
+def test_a_round_rim_as_a_polygon_is_said(plain):
+    _, found = plain
+    hit = Refusal(recording="a", reason=Reason.SECOND_CORNER, quantity="height", value=-1.0, unit="mm")
+    survey = replace(found.survey, refusals=(hit,) * (len(found.impacts) + 1))
+    rim = [[0.03 * math.cos(math.tau * k / 24), 0.03 * math.sin(math.tau * k / 24)] for k in range(24)]
+    for vertices, said in ((rim, True), (rim[::6], False)):
+        impacts = found.impacts.replace(shape=make_shape({"kind": "polygon", "vertices": vertices}), validate=False)
+        told = "\n".join(tracks_summary(replace(found, impacts=impacts, survey=survey), Path("a.csv"), Path("b.csv")))
+        assert ("has 24 corners: of a round rim" in told) == said
+    assert "corners: of a round rim" not in "\n".join(tracks_summary(found, Path("a.csv"), Path("b.csv")))
+    off = replace(found.impacts.apparatus, centre_a=Estimate(value=0.034, error=1e-5))
+    moved = replace(found, impacts=found.impacts.replace(apparatus=off))
+    assert "from the tracked point, assumed 0 mm" in "\n".join(tracks_summary(moved, Path("a.csv"), Path("b.csv")))
 
 
 def test_each_part_between_flights_is_a_contact_or_refused(plain):

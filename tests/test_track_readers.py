@@ -1067,11 +1067,18 @@ def test_json_without_frames_is_one_line(content, tmp_path):
             use(tmp_path / "a.json")
 
 
+def test_a_time_that_begins_a_comment_is_named_without_it(tmp_path):
+    frames = "\n".join(f"{k / 100},{0.1 * k},0.5" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"%time,x,y\n{frames}\n", "utf-8")
+    with refused(["'%' begins a comment", "data.columns.time=time"]):
+        list(read(tmp_path / "log.csv", Layout(time="%time", position=("x", "y"), angle=None)))
+
+
 @pytest.mark.parametrize("name", ["tosses.pkl", "tosses.pickle", "tosses.joblib"])
 def test_a_pickle_is_never_opened(name, tmp_path):
     (tmp_path / name).write_bytes(b"cos\nsystem\n(S'exit 1'\ntR.")
     for use in (propose, recording_files, lambda file: list(read(file))):
-        with refused(["is a pickle, which runs code when it is opened", "numpy.savez", "CSV"]):
+        with refused(["is a pickle, which runs code when it is opened", "numpy.savez", "CSV", "vx_post"]):
             use(tmp_path / name)
 
 

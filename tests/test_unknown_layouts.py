@@ -17,6 +17,12 @@ from contactlearn.data.table.several import refusal_side_by_side
     ("header", "said"),
     [
         ("n,vx,vy,w,vx after,vy after,w after,,n,vx,vy,w,vx after,vy after,w after", "2 tables stand side by side"),
+        ("shot,vx,vy,vx after,vy after,vx,vy,vx after,vy after", "2 bodies.*between two moving bodies is not covered"),
+        (
+            "shot,red_vx_before,red_vy_before,red_omega_before,red_vx_after,red_vy_after,red_omega_after,"
+            "blue_vx_before,blue_vy_before,blue_omega_before,blue_vx_after,blue_vy_after,blue_omega_after",
+            "2 bodies.*between two moving bodies is not covered",
+        ),
     ],
 )
 def test_tables_side_by_side_are_refused(tmp_path: Path, header: str, said: str) -> None:

@@ -430,7 +430,7 @@ def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> 
             value, source = _unit(quantity, names, known)
             yield Setting(name=f"units.{quantity}", value=value, comment=f"{' or '.join(choices)}; {source}")
     own = f", such as those of {', '.join(map(repr, known.others))}" if known.others else ""
-    groups = [] if cells is None else [name for name in known.others if _is_of_groups(cells, name)]
+    groups = [] if cells is None else [name for name in known.others if _is_covariate(cells, name)]
     yield Setting(name="covariates", value=groups, comment=f"columns that outcomes may depend on{own}")
     measured = [name for column, name in names.items() if column not in table.NAMES]
     bad = [] if cells is None else cells.missing(measured)
@@ -440,13 +440,16 @@ def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> 
 
 
 _MOST_GROUPS, _SHOWN_ROWS = 12, 10
+_OF_SURROUNDINGS = re.compile(r"temp[eé]r|humid|feucht|humedad|umidit", re.I)
 
 
-def _is_of_groups(cells: Sheet, name: str) -> bool:
-    """Whether a column has a few names, each in several rows."""
+def _is_covariate(cells: Sheet, name: str) -> bool:
+    """Whether a column has a few names, each in several rows, or numbers of the air or the material that vary."""
     counts = Counter(cells.names(name))
+    if cells.is_numeric(name):
+        return bool(_OF_SURROUNDINGS.search(name)) and len(counts) > 1
     few = 1 < len(counts) <= _MOST_GROUPS and min(counts.values()) > 1
-    return few and not cells.is_numeric(name) and not any(map(is_missing, counts))
+    return few and not any(map(is_missing, counts))
 
 
 def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[str | None, str]:

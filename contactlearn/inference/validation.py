@@ -21,7 +21,10 @@ RESAMPLES = 1000
 """Resamples of the bootstrap of a mean error."""
 _STARTS = 4  # of a fit to all trials without a start
 _TOLERANCE = 1e-4  # nats a trial, of the fits of the folds, which begin next to their ends
-_CHI_SQUARED_50 = {3: 2.3659739, 6: 5.3481206}  # median, by the degrees of freedom
+_CHI_SQUARED_50 = torch.tensor(  # median, by the degrees of freedom from 1
+    (0.4549364, 1.3862944, 2.3659739, 3.3566940, 4.3514602, 5.3481206), dtype=torch.float64
+)
+_EXACT = 1e-12  # variance, (m/s)² or (rad/s)², below which a component has no residual
 
 
 @dataclass(frozen=True)
@@ -166,13 +169,18 @@ def held_out_interval(error: Float[Tensor, " n"], generator: torch.Generator) ->
 def robust_covariance(residual: Float[Tensor, "*b n D"]) -> Float[Tensor, "*b D D"]:
     """Estimate the covariance of residuals by Student's t with 5 degrees of freedom, scaled to be right for Gaussians.
 
+    Components without any residual, such as v_x and ω of bounces along the normal, are no degrees of freedom.
     Source: Lange, Little & Taylor 1989; Kent, Tyler & Vardi 1994, for the sum of the weights, which needs fewer steps.
     """
     D = residual.shape[-1]
-    scatter = torch.diag_embed(residual.square().median(-2).values + 1e-12)
+    varying = (residual.square().mean(-2) > _EXACT).sum(-1).clamp_min(1)
+    scatter = torch.diag_embed(residual.square().median(-2).values + _EXACT)
     for _ in range(15):
-        weight = (5 + D) / (5 + (residual @ torch.linalg.inv(scatter) * residual).sum(-1, keepdim=True))
+        weight = (5 + varying[..., None, None]) / (
+            5 + (residual @ torch.linalg.inv(scatter) * residual).sum(-1, keepdim=True)
+        )
         scatter = residual.mT @ (weight * residual) / weight.sum(-2, keepdim=True)
-        scatter = scatter + 1e-12 * torch.eye(D, dtype=residual.dtype)
+        scatter = scatter + _EXACT * torch.eye(D, dtype=residual.dtype)
     distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
-    return scatter * (distance.median(-1).values / _CHI_SQUARED_50[D]).clamp_min(1e-6)[..., None, None]  # of exact data
+    typical = distance.median(-1).values / _CHI_SQUARED_50[varying - 1]
+    return scatter * typical.clamp_min(1e-6)[..., None, None]  # of exact data

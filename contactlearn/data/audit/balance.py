@@ -30,6 +30,7 @@ _INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for th
 _INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
 _DRAG = 2.0  # factor on the velocities after contact up to which a drag is the effect `side_drag`
 _BALLS = {"a solid ball (2/5 m R²)": 2 / 5, "a hollow ball (2/3 m R²)": 2 / 3, "a hoop (m R²)": 1.0}  # I/m over R²
+_EXACT = 1e-9  # largest imbalance of any trial that is one of roundings
 _TESTED = 0.1  # half-width of the 95 % interval of the better known coefficient above which the balance is untested
 
 
@@ -140,7 +141,8 @@ def _within_reach(impacts: Impacts, thresholds: AuditThresholds) -> list[Impacts
 def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
     """Note that nothing contradicts rigid impacts, with the moment balance that was measured.
 
-    It closes only where the interval of each coefficient, to two decimals, has 1 in it.
+    It closes only where the interval of each coefficient, to two decimals, has 1 in it.  Measured numbers never close
+    it to the last digit: spins or contact points that were computed from it do, as those of a simulation.
     """
     if not fit.terms:
         closes = "cannot be judged: the moments in these data are negligible, or in one proportion in all trials"
@@ -150,6 +152,11 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
         closes = (
             "is off, within what noise of the velocities, a tilted floor, a wrong inertia or a force after contact can "
             "cause"
+        )
+    elif torque(impacts).imbalance.max() < _EXACT:
+        closes = (
+            "closes exactly, as only a simulation does, or spins or contact points that were computed from it: it is "
+            "no evidence that they are right"
         )
     else:
         closes = "closes"

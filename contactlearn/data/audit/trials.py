@@ -83,7 +83,7 @@ def incomplete_findings(impacts: Impacts) -> list[Finding]:
     names = ", ".join(map(repr, left_out[:_LISTED])) + (", …" if len(left_out) > _LISTED else "")
     sentence = (
         f"{len(left_out)} of {len(impacts) + len(left_out)} trials of the table were left out because a number is "
-        f"missing: {names}"
+        f"missing or none, or the row is cut short: {names}"
     )
     evidence = evidence_of(("trials", float(len(left_out)), "trials"), ("names", ", ".join(left_out)))
     return [Finding(name="incomplete_trials", sentence=sentence, evidence=evidence, mistake=False)]

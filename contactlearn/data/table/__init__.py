@@ -30,6 +30,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -195,7 +196,7 @@ def read(
         covariates: columns of quantities that outcomes may depend on, numbers or names of groups; a unit at the end of
             a column's name may be left out.
         validate: False reads also trials that do not approach the floor, for the audit and for corrections.
-        drop_incomplete: leave out rows with an empty cell, or one that is not a finite number, and name them in
+        drop_incomplete: leave out rows that are cut short, with an empty cell or one that is no finite number; named in
             `Impacts.incomplete`; trials without names or order keep the number of their row.
 
     Raises:
@@ -230,7 +231,7 @@ def read_blocks(
     """
     known_shape, known_units, body = make_shapes(shape), Units(units), _stated(mass, inertia)
     read, left, bodies, numeric = 0, False, dict[str, None](), dict[str, bool]()
-    for cells in _sheets(path, rows):
+    for cells in _sheets(path, rows, gaps=drop_incomplete):
         own = covariate_columns(cells, covariates)
         cells, mapped = with_made_columns(cells, columns, gaps=drop_incomplete)
         cells, mapped = by_settings(cells, {**mapped, **own})
@@ -333,7 +334,7 @@ def preview(path: Path, columns: Mapping[str, Any] | None = None) -> Sheet:
         DataError: see `read`.
         UnknownNameError: a column that does not exist.
     """
-    cells, mapped = by_settings(*with_made_columns(next(_sheets(path, _PREVIEWED)), columns, gaps=True))
+    cells, mapped = by_settings(*with_made_columns(next(_sheets(path, _PREVIEWED, gaps=True)), columns, gaps=True))
     cells = restated(cells, TableOptions(units=Units(STATED), columns=mapped, asked=False, gaps=True))
     names = checked_names(cells, mapped, [*columns_of(PLANE), *columns_of(SPACE)])
     return cells.renamed({name: column for column, name in names.items() if name is not None})
@@ -349,8 +350,11 @@ def _body_names(cells: Sheet, shapes: Mapping[str, Shape]) -> Sequence[str]:
     return cells.names("object")
 
 
-def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Iterator[Sheet]:
-    """The cells of a table, under its own names, `rows` at a time; two rows an impact are never parted."""
+def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None, *, gaps: bool = False) -> Iterator[Sheet]:
+    """The cells of a table, under its own names, `rows` at a time; two rows an impact are never parted.
+
+    With `gaps` rows of text may be cut short, see `read_text`.
+    """
     if not isinstance(path, str | os.PathLike):
         yield _filled(files.sheet_of(path))
         return
@@ -358,6 +362,8 @@ def _sheets(path: "str | os.PathLike[str] | DataFrame", rows: int | None) -> Ite
     if path.is_dir():
         raise DataError(f"{path}: is a directory; give the path of a table, such as a .csv file")
     reader = _READERS[_suffix(path, _READERS)]
+    if reader is files.read_text:
+        reader = partial(files.read_text, gaps=gaps)
     if not exists(path):
         raise DataError(f"{path}: no such file; check the path (relative to {Path.cwd()})")
     try:

@@ -40,12 +40,14 @@ _NUMERALS = 1000  # rows, at most, in which texts show how numbers are written
 _HEAD = 50  # rows of a spreadsheet in which its header is looked for
 
 
-def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
+def read_text(path: Path, rows: int | None, *, gaps: bool = False) -> Iterator[Sheet]:
     """Cells of a text file with a separator; rows that are blank throughout are passed over.
 
     Args:
         path: the file.
         rows: in each sheet; None for one sheet of all of them.
+        gaps: whether up to half of the rows may be cut short or too long; all their cells but the first are then
+            empty, for which of them are whole is not known.
 
     Raises:
         DataError: the file is no table, has no header, or rows of another length than that.
@@ -65,7 +67,13 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
                     block, dialect.header, str(path), aligned=not dialect.separator.strip(" "), numeric=numeric
                 )
                 numeric = kept.numeric
-                cells = [_checked(path, header, first + k, *row) for k, row in enumerate(kept.rows, 1)]
+                mostly = gaps and 2 * sum(_is_whole(row, header) for _, row in kept.rows) >= len(kept.rows)
+                cells = [
+                    [row[0], *[""] * (len(header) - 1)]
+                    if mostly and not _is_whole(row, header)
+                    else _checked(path, header, first + k, line, row)
+                    for k, (line, row) in enumerate(kept.rows, 1)
+                ]
                 columns = ((name, [row[i] for row in cells]) for i, name in enumerate(header))
                 lines = [line for line, _ in kept.rows]
                 sheet = Sheet(path=path, lines=lines, first=first, numerals=dialect.numerals, read_as=read_as)
@@ -82,11 +90,11 @@ def read_text(path: Path, rows: int | None) -> Iterator[Sheet]:
 
 def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list[str]) -> list[str]:
     """The cells of a row, which are as many as the header has; more of them may be empty."""
-    if len(cells) == len(header):
-        return cells
-    if len(cells) > len(header) and not any(map(str.strip, cells[len(header) :])):
+    if _is_whole(cells, header):
         return cells[: len(header)]
-    short = "a missing separator, or a truncated file?"
+    short = (
+        "a missing separator, or a truncated file? (of impacts, data.correct=[drop_incomplete] leaves such rows out)"
+    )
     points = any(re.fullmatch(r"[-+]?\d*\.\d+", cell.strip()) for cell in cells)
     long = (
         "a decimal comma, another separator inside a cell, which wants quotes, or a name too few?"
@@ -100,6 +108,10 @@ def _checked(path: Path, header: Sequence[str], row: int, line: int, cells: list
         hint = f"is {name} a comment? remove it" if text.startswith(COMMENT) else hint
     seen = f"{len(cells)} cell{'s' if len(cells) > 1 else ''} where the header has {len(header)} ({taken!r}); {hint}"
     raise DataError(f"{path}: row {row} (line {line}) has {seen}", row=row)
+
+
+def _is_whole(cells: Sequence[str], header: Sequence[str]) -> bool:
+    return len(cells) >= len(header) and not any(map(str.strip, cells[len(header) :]))
 
 
 def read_parquet(path: Path, rows: int | None) -> Iterator[Sheet]:

@@ -31,6 +31,7 @@ MOMENTA = {"px": "vx", "py": "vy", "pz": "vz", "momentum": "speed", "angular_mom
 _BEFORE = (
     *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release", "minus"),
     *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta", "queda"),
+    *("lâcher", "lacher", "lâchage", "largage", "loslassen", "suelta", "lanzamiento", "rilascio"),
     *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до", "衝突前", "碰撞前", "撞击前"),
 )
 _AFTER = (
@@ -88,7 +89,8 @@ _BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sph
 """Words before or behind the name of a column, where it has one body: ball_vx, v ball."""
 _CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "mittelpunkt", "schwerpunkt")
 """Words beside the coordinates of frames: xc, x_com, centroid x."""
-_FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo")
+_FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo",
+          "lâcher", "lacher", "lâchage", "largage", "suelta", "rilascio")  # fmt: skip
 """Words of the times that say of a length that it is a height: rebound (cm)."""
 _NORMAL = ("perp", "perpendicular", "normal", "norm", "n")
 _ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along")
@@ -126,7 +128,7 @@ _ALIASES = {
        for link in ("", "from", "to", "with", "zum", "zur")},
 }  # fmt: skip
 _OF_HEIGHT = re.compile(
-    r"(?:(?P<before>fall|fald|val|abwurf)|(?:rück|ab|terug)?(?:prall|sprung|studs|stuit))h(?:öhe|öjd|øjde|øyde|oogte)"
+    r"(?:(?P<before>fall|fald|val|abwurf|loslass)|(?:rück|ab|terug)?(?:prall|sprung|studs|stuit))h(?:öhe|öjd|øjde|øyde|oogte)"
 )
 """Words of which one is a height: Fallhöhe, Rückprallhöhe, studshöjd."""
 _WITH_UNIT = {

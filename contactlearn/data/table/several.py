@@ -12,6 +12,7 @@ from contactlearn.mechanics.space import PLANE
 _NEEDED = ("vx", "vy", "vx_post", "vy_post")
 _MIN_BESIDE = 3  # columns of a table that stands beside another
 _RUN = re.compile(r"\s*\b(?:run|trial|take|throw|drop|toss|session|versuch|essai|séance)\W*(\d+)\W*$", re.I)
+_MOVING = "a contact between two moving bodies is not covered, only those of a body with a floor or a wall at rest"
 _BETWEEN = re.compile(r"[\W_]+")
 
 
@@ -27,7 +28,8 @@ def refusal_of_several(header: Sequence[str]) -> str:
     )
     return (
         f"each row has the impacts of {len(bodies)} bodies, {', '.join(bodies)}; choose one, for {first} "
-        f"'data.columns={{{mapped}}}', or write a row for each body, with its name in a column object"
+        f"'data.columns={{{mapped}}}', or write a row for each body, with its name in a column object; if these bodies "
+        f"hit each other, {_MOVING}"
     )
 
 
@@ -70,6 +72,11 @@ def refusal_side_by_side(header: Sequence[str]) -> str:
     whole = any(map(_RUN.search, header)) or bool({"time", "vx_post", "vy_post"} & known)  # not axes of markers
     if len(again) < _MIN_BESIDE or repeated != again * copies or not whole:
         return ""
+    if {"vx_post", "vy_post"} & known and any(bare.count(name) == 1 for name in bare if name):
+        return (
+            f"each row has {copies} bodies, each with {', '.join(map(repr, again))}: {_MOVING}; impacts with "
+            "a floor that share a row are written one below the other, with the name of the body in a column object"
+        )
     return (
         f"{copies} tables stand side by side, each with the columns {', '.join(map(repr, again))}; write them "
         "one below the other under these names, with a column recording (of frames) or trial (of impacts) that says "

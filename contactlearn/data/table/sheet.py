@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.dialect import Numerals, is_missing, is_numeral, is_numeric, with_one_unit, written_in
@@ -87,9 +87,9 @@ class Sheet:
         cells = self.columns[column]
         if (plain := _plain_numbers(cells, self.numerals)) is not None:
             return factor * plain
-        values = list[float]()
+        values, gaps = list[float](), self._gaps(column) if self.gaps else []
         for row, cell in enumerate(cells):
-            if self.gaps and _is_missing(cell):
+            if self.gaps and gaps[row]:
                 values.append(math.nan)
                 continue
             try:
@@ -123,10 +123,18 @@ class Sheet:
     def missing(self, columns: Sequence[str]) -> list[int]:
         """Rows of the sheet, from 1, in which a number of these columns is missing: empty, or no finite number."""
         bad = np.zeros(len(self), bool)
-        for cells in map(self.columns.__getitem__, columns):
-            if _plain_numbers(cells, self.numerals) is None:
-                bad |= np.fromiter(map(_is_missing, cells), bool, len(self))
+        for column in columns:
+            if _plain_numbers(self.columns[column], self.numerals) is None:
+                bad |= self._gaps(column)
         return (bad.nonzero()[0] + 1).tolist()
+
+    def _gaps(self, column: str) -> Bool[np.ndarray, " n"]:
+        """Whether each cell of a column lacks a number; text that is none does where most of the others are numbers."""
+        cells, numeric = self.columns[column], self.is_numeric(column)
+        lacking = (
+            _is_missing(cell) or (numeric and not is_numeral(cell) and self._is_no_number(cell)) for cell in cells
+        )
+        return np.fromiter(lacking, bool, len(self))
 
     def without(self, rows: Sequence[int]) -> "Sheet":
         """Return the sheet without some rows of it, counted from 1."""

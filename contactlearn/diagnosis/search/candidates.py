@@ -76,8 +76,9 @@ def usable(
     """Keep the candidates that these measurements can decide about: a known shape, and enough trials a parameter.
 
     What reads a place, an orientation or a spin that is the same in all trials, or makes a coefficient that is, is left
-    out, and of a disc or ball what reads the lever of a contact point that was seen, which is noise.  What the rig card
-    has corrected is offered within the errors of the card.
+    out, and of a disc or ball what reads the lever of a contact point that was seen, which is noise.  Of bounces along
+    the normal, that is what would turn a body or push it sideways: of that, roundings alone would decide.  What the rig
+    card has corrected is offered within the errors of the card.
 
     Raises:
         ContactLearnError: no candidate is kept, or one takes its constants from the outcomes.
@@ -90,6 +91,13 @@ def usable(
     able = {key: effect for key, effect in able.items() if len(effect.parameters) * share <= len(impacts)}
     varied = _varied(impacts)
     able = {key: effect for key, effect in able.items() if not _unvaried(effect, impacts, varied)}
+    across = [k for k in range(impacts.space.D) if k != impacts.space.d - 1]
+    if (torch.cat((impacts.v_pre, impacts.v_post))[:, across].abs() <= _ROUNDING).all():
+        able = {
+            key: effect
+            for key, effect in able.items()
+            if (_nudged(effect.prepare(impacts), impacts)[:, across].abs() <= _ROUNDING).all()
+        }
     if not able:
         most = max((len(effect.parameters) for effect in candidates.values()), default=0)
         raise ContactLearnError(

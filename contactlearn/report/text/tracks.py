@@ -13,6 +13,8 @@ from contactlearn.data.recordings.result import REASONS, Reason, Refusal
 from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.tracks import Tracked
 from contactlearn.mechanics.apparatus import Row
+from contactlearn.mechanics.bodies import shapes_among
+from contactlearn.mechanics.shapes import Cornered
 from contactlearn.report.text.numbers import percent
 
 _OF_THE_BODY = ("inertia", "corner", "oblong")  # rows beside which stands the user's shape or inertia
@@ -22,6 +24,7 @@ _STAR = (
     "data.correct=[]"
 )
 _LEAST_SHARE = 5e-4  # that is not 0.0 %
+_MANY_CORNERS = 12  # of a polygon or polyhedron, from which on it may stand for a round one
 _SLOW = 60.0  # frames a second, below which the rate limits velocities
 
 
@@ -32,12 +35,15 @@ def tracks_summary(tracked: Tracked, out: Path, refused: Path) -> list[str]:
     card += [f"  {row.quantity:<29} {rig_text(row)}" for row in tracked.rig.rows()]
     if any(row.differs for row in tracked.rig.rows()):
         card.append(_STAR)
-    return [f"{tracks_headline(tracked)}, written to {out}", *facts, *card, *_refused(tracked.survey.refusals, refused)]
+    left_out = [*_refused(tracked.survey.refusals, refused), *_round_rim(tracked)]
+    return [f"{tracks_headline(tracked)}, written to {out}", *facts, *card, *left_out]
 
 
 def rig_text(row: Row) -> str:
     """Write a row of the rig card in a line; a star marks a difference of three errors."""
     word = "stated" if row.name in _OF_THE_BODY else "assumed"
+    if row.name.startswith("centre_"):  # a centre in data.shape places the corners, not the tracked point
+        word = "from the tracked point, assumed"
     return f"{row.measured}{row.said and f', {word} {row.said}'}{' *' if row.differs else ''}, from {row.known_from}"
 
 
@@ -155,3 +161,15 @@ def _refused(refusals: Sequence[Refusal], path: Path) -> list[str]:
     reasons = ", ".join(f"{REASONS[reason]} {count}" for reason, count in refusals_by_reason(refusals))
     lines = [f"{len(refusals)} parts of recordings were refused, see {path}: {reasons}"]
     return lines + [f"  left out {r.message}" for r in refusals if r.reason is Reason.NOT_READ]
+
+
+def _round_rim(tracked: Tracked) -> list[str]:
+    """Warn of a round rim that is stated as a polygon: beside its lowest corner the next ones may always hit, too."""
+    second = Counter(one.reason for one in tracked.survey.refusals)[Reason.SECOND_CORNER]
+    counts = [len(one.corners()) for one in shapes_among(tracked.impacts.shape).values() if isinstance(one, Cornered)]
+    if second <= len(tracked.impacts) or max(counts, default=0) < _MANY_CORNERS:
+        return []
+    return [
+        f"  the shape has {max(counts)} corners: of a round rim that is written as corners the next ones are near the "
+        "floor, too; state the round shape, {kind: disc, radius: R} in a plane, {kind: cylinder, …} in space"
+    ]

@@ -255,8 +255,8 @@ def _check_suffix(path: Path) -> None:
         raise DataError(f"{path}: is compressed; unpack it first, and give the file or folder that comes out")
     if path.suffix.lower() in (".pkl", ".pickle", ".p", ".joblib"):
         raise DataError(
-            f"{path}: is a pickle, which runs code when it is opened; write the frames with numpy.savez("
-            "'tosses.npz', time=…, position=…, quaternion=…), or as CSV"
+            f"{path}: is a pickle, which runs code when it is opened; write impacts as CSV or with numpy.savez("
+            "'impacts.npz', vx=…, vy=…, omega=…, vx_post=…, …), and frames likewise (time=…, position=…, quaternion=…)"
         )
     if path.suffix.lower() not in (*SUFFIXES, *TABLES):
         raise DataError(

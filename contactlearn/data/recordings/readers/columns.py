@@ -541,6 +541,11 @@ def _check_columns(path: Path, table: pd.DataFrame, layout: Layout) -> None:
                 "('data.columns={time: t, position: [px, py], angle: phi}' says which are which; angle: null of a ball)"
             )
     if layout.time not in table.columns and (layout.time is None or not {*FRAME_NUMBERS} & {*table.columns}):
+        if layout.time is not None and (bare := layout.time.lstrip("#%/! ")) in table.columns:
+            raise DataError(
+                f"{path}: {layout.time[: -len(bare)]!r} begins a comment, and is no part of a name: write "
+                f"data.columns.time={bare}"
+            )
         layout.times(0, str(path))
 
 
