@@ -182,7 +182,11 @@ def test_bounces_along_the_normal_show_restitution_alone():
 @pytest.mark.parametrize("power", [0.08, 0.0])
 def test_a_restitution_that_follows_the_speed_is_named_beside_a_temperature(power):
     """The held-out gain of bounces counts v_y alone; with the degrees of freedom of v_x and ω it was no evidence."""
-    found = diagnose(bounces(96, power), options=DiagnoseOptions(seconds=6))
+    impacts = bounces(96, power)
+    tried = ("temperature_dependent_restitution", "velocity_dependent_restitution", "contact_patch", "side_drag")
+    candidates = {key: effect for key, effect in all_candidates(PLANE, impacts.covariates).items() if key.name in tried}
+    options = DiagnoseOptions(candidates=candidates, laws=[find("whittaker"), find("wang_mason")])
+    found = diagnose(impacts, find("whittaker"), options=options)
     named = {"temperature_dependent_restitution", *(["velocity_dependent_restitution"] if power else [])}
     assert {one.effect.name for one in found.missing} == named
     assert found.physics is Verdict.EFFECTS

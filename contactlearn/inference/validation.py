@@ -182,5 +182,5 @@ def robust_covariance(residual: Float[Tensor, "*b n D"]) -> Float[Tensor, "*b D 
         scatter = residual.mT @ (weight * residual) / weight.sum(-2, keepdim=True)
         scatter = scatter + _EXACT * torch.eye(D, dtype=residual.dtype)
     distance = (residual @ torch.linalg.inv(scatter) * residual).sum(-1)
-    typical = distance.median(-1).values / _CHI_SQUARED_50[varying - 1]
+    typical = distance.median(-1).values / _CHI_SQUARED_50.to(residual)[varying - 1]
     return scatter * typical.clamp_min(1e-6)[..., None, None]  # of exact data
