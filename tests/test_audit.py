@@ -323,6 +323,19 @@ def test_places_in_another_unit_without_heights():
     assert "such as x [mm]" in note.sentence
 
 
+def test_a_mass_in_grams_is_noted():
+    """Mass and inertia in g balance as well as in kg."""
+    clean = drops(seed=1)
+    assert "heavy_body" not in [one.name for one in audit(clean)]
+    (note,) = [
+        one
+        for one in audit(clean.replace(mass=1e3 * clean.mass, inertia=1e3 * clean.inertia))
+        if one.name == "heavy_body"
+    ]
+    assert note.value("mass") == pytest.approx(1e3 * clean.mass[0].item())
+    assert "is its mass in g? Write the unit into the name of the column, such as m [g]" in note.sentence
+
+
 def inclined(impacts: Impacts, degrees: float, *, seen: bool) -> Impacts:
     """The impacts in level axes of a floor that is inclined; contact points as seen, or computed on a level floor."""
     angle = torch.full((len(impacts),), math.radians(degrees), dtype=torch.float64)

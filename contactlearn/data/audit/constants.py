@@ -36,6 +36,7 @@ _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant
 _LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
 _ROUND = 0.05  # lever r_x of a round body, relative, on a floor whose slope was corrected
 _LIGHTEST = 0.1  # mass over |r|³ in kg/m³: a balloon has 5 with its air, and a shape in cm a millionth of what it had
+_DENSEST = 22_600.0  # kg/m³, osmium; more in the sphere of the farthest contact is another unit of mass
 _WORSE = 0.01  # sum of contradictions that another unit of the shape may add: none but noise
 
 
@@ -159,6 +160,21 @@ def light_body_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[F
         ("contradictions_after", after[best]),
     )
     return [Finding(name=best, sentence=sentence, evidence=evidence, correction=best)]
+
+
+def heavy_body_notes(impacts: Impacts) -> list[Finding]:
+    """Note a mass that no material has in the sphere about the centre of mass that reaches to the farthest contact."""
+    size, mass = impacts.r.norm(dim=-1).max().item(), impacts.mass.median().item()
+    density = mass / (4 / 3 * math.pi * size**3) if size > 0 else 0.0
+    if density < _DENSEST:
+        return []
+    sentence = (
+        f"a body of {number(mass, 3)} kg that touches at most {number(size, 2)} m from its centre of mass would have "
+        f"{number(density, 2)} kg/m³, and the densest metal has {number(_DENSEST, 3)}: is its mass in g? Write the "
+        "unit into the name of the column, such as m [g]"
+    )
+    evidence = evidence_of(("mass", mass, "kg"), ("size", size, "m"))
+    return [Finding(name="heavy_body", sentence=sentence, evidence=evidence, mistake=False)]
 
 
 def place_notes(impacts: Impacts) -> list[Finding]:

@@ -28,6 +28,7 @@
     exchanged_columns         two columns of velocities are mixed up, and no hypothesis explains it otherwise: fatal
     outcome_not_measured      a velocity after impact that is one number while that before it varies: fatal
     far_apart                 places that are farther apart than any laboratory: a note
+    heavy_body                a mass that no material has in a body of this size: a note
     constant_columns          columns with one value, and what they cannot show: a note
     masses                    trials without names of bodies have a few masses: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
@@ -47,6 +48,7 @@ import torch
 from contactlearn.data.audit.balance import balance_finding, inertia_findings
 from contactlearn.data.audit.constants import (
     constant_notes,
+    heavy_body_notes,
     light_body_findings,
     place_notes,
     shape_findings_in_space,
@@ -117,7 +119,7 @@ def audit(
         findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
-    notes = [*mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
+    notes = [*heavy_body_notes(sound), *mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)
