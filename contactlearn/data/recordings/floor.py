@@ -37,7 +37,7 @@ from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
 from contactlearn.mechanics.rigid_body import contact_velocity, rotate, rotation
-from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
+from contactlearn.mechanics.shapes import Cornered, Cylinder, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
@@ -268,13 +268,14 @@ def _under_solid(
 
 
 def _lying(shape: Solid, rests: Sequence[Rest], limits: TrackThresholds) -> tuple[list[Rest], Float[Array, " r"]]:
-    """Bodies in space at rest, and the height of the floor below each; a body that leans on no face is left out."""
+    """Bodies in space at rest, and the height of the floor below each; one that leans on nothing flat is left out."""
     q = torch.from_numpy(np.reshape([rest.pose[3:] for rest in rests], (-1, 4)))
-    if not isinstance(shape, Polytope):
+    if not isinstance(shape, Polytope | Cylinder):
         return [*rests], contact_point(shape, q)[:, 2].numpy()
-    upright, face = (-rotation(q)[:, 2] @ shape.hull.normals.mT).max(-1)
+    cosines, heights = shape.flats(-rotation(q)[:, 2])
+    upright, face = cosines.max(-1)
     flat = upright > math.cos(limits.leaning)
-    down = -shape.hull.heights[face[flat]].numpy()
+    down = -heights[face[flat]].numpy()
     return [rest for rest, holds in zip(rests, flat.tolist(), strict=True) if holds], down
 
 
@@ -592,7 +593,10 @@ def off_the_floor(
 
 
 def _clearance(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
-    """Least height in m of another corner, less three errors and its way down in the longest contact."""
+    """Least height in m of another corner, less three errors and its way down in the longest contact.
+
+    Those of a cylinder are the lowest points of its rims, and the point of the lower rim opposite to that.
+    """
     pose, v = (np.stack(x) for x in zip(*((hit.pose, hit.v_pre) for hit in contacts), strict=True))
     if isinstance(shape, Polygon):
         turned = _sure(floor.orientation) - _sure(floor.slope)  # about the floor
@@ -603,9 +607,14 @@ def _clearance(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, 
         error = np.abs(offsets[..., 0]) * np.array([hit.covariance[8, 8] for hit in contacts])[:, None] ** 0.5
         sinks = -(v[:, 1, None] + v[:, 2, None] * corners[..., 0])
         return (offsets[..., 1] - REACH * error - np.maximum(sinks, 0) * longest).min(1)
-    if not isinstance(shape, Polytope):
-        return np.full(len(contacts), np.inf)
-    corners = rotated(pose[:, None, 3:], (shape.corners() + shape.corner * shape.arc_centres()).numpy())
+    match shape:
+        case Polytope():
+            places = shape.corners() + shape.corner * shape.arc_centres()
+        case Cylinder():
+            places = shape.touching(-rotation(torch.from_numpy(pose[:, 3:]))[:, 2])
+        case _:
+            return np.full(len(contacts), np.inf)
+    corners = rotated(pose[:, None, 3:], places.numpy())
     first, others = np.split(np.argsort(corners[..., 2], 1), (1,), 1)
     lowest, corners = (np.take_along_axis(corners, which[..., None], 1) for which in (first, others))
     offsets = corners - lowest
