@@ -28,7 +28,7 @@ from contactlearn.mechanics.space import SPACE, Space
 _OFF = 1e-6  # products of inertia over the sum of moments, at most
 _ROUNDED = 1e-3  # distance of the origin from the centroid over the body's size, at most: vertices are rounded
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
-_AXES = "xyz"
+_AXES = ("x", "y", "z")
 _TOUCHING = 1e-6  # of a sphere of radius 1 from the faces of a corner, at most
 
 
@@ -663,7 +663,9 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     if any(isinstance(value, Mapping) for value in entries.values()):
         raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
     if "kind" not in spec:
-        fitting = [name for name, kind in KINDS.items() if entries and {*entries} <= {*signature(kind).parameters}]
+        takes = {name: signature(kind).parameters for name, kind in KINDS.items()}
+        needs = {name: {key for key, one in takes[name].items() if one.default is one.empty} for name in KINDS}
+        fitting = [name for name in KINDS if needs[name] <= {*entries} <= {*takes[name]}]
         kinds, given = fitting or [*KINDS], ", ".join(f"{key}: {value}" for key, value in entries.items())
         raise DataError(
             f"a shape needs its kind: add kind: {' or '.join(kinds)}, as in data.shape.kind={kinds[0]}; "

@@ -4,7 +4,7 @@ Where the contact scatters this function also draws its deviations, anew for eac
 `ranges`, for simulators and domain randomisation that know nothing of impacts.
 
 **The body.** It has a free joint, in the plane two slides and a hinge.  Corners are spheres, sharp ones tiny: each
-touches at one point.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
+touches at one point; a cylinder is MuJoCo's.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
 
 **The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
 spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
