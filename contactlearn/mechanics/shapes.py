@@ -385,8 +385,8 @@ class Cylinder(Solid):
 
     def touching(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
         """Return the farthest point, that of the other rim, and the opposite one of its own rim."""
-        along = 2 * torch.outer(self.along, self.along).to(direction) - torch.eye(3).to(direction)
-        return self.support(torch.stack((direction, -direction @ along, direction @ along), -2))
+        opposite = direction @ (2 * torch.diag(self.along) - torch.eye(3)).to(direction)
+        return self.support(torch.stack((direction, -opposite, opposite), -2))
 
     def flats(self, direction: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "3"]]:
         """Return cosines of a unit direction with the two ends and the side, and their distances in m."""
