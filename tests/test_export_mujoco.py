@@ -17,7 +17,7 @@ from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.rigid_body import GRAVITY, in_world, rotation
-from contactlearn.mechanics.shapes import Cuboid, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Cylinder, Ellipsoid, Polygon, Polyhedron, Solid, Sphere, contact_point
 from contactlearn.mechanics.space import PLANE, SPACE
 from contactlearn.models import checkpoint
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
@@ -77,6 +77,8 @@ PYRAMID = Polyhedron(
     ((0.05, 0.0, -0.02), (-0.05, 0.0, -0.02), (0.0, 0.04, -0.02), (0.0, -0.04, -0.02), (0.0, 0.0, 0.06))
 )
 ON |= {PYRAMID: ["com_offset", "orientation_offset", "corner_radius"]}
+CAN = Cylinder(0.04, 0.05, "y")
+ON |= {CAN: ["com_offset", "surface_tilt", "inertia_error", "orientation_offset"]}
 
 
 def tosses(shape, count=100):
@@ -196,7 +198,9 @@ def test_the_friction_of_slides_is_that_of_slides_and_impacts_have_the_laws(shap
     assert mu < 0.2, "slides have another friction"
 
 
-@pytest.mark.parametrize("shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025), PYRAMID], ids=str)
+@pytest.mark.parametrize(
+    "shape", [SQUARE, BOX, Cuboid(BOX.half, corner=5e-3), Sphere(0.025), PYRAMID, Cylinder(0.03, 0.025)], ids=str
+)
 def test_a_body_at_rest_stays(shape):
     drops = synthetic.load(5, shape=shape) if shape is SQUARE else tosses(shape)
     scene = export(ContactModel(find("mirtich").at(0.15, 0.6)), drops).scene
@@ -218,6 +222,10 @@ def test_what_mujoco_lacks_is_refused_by_name_and_size():
         export(model, drops)
     with pytest.raises(ContactLearnError, match=r"ε of at least 0\.05, and this law has 0\.040"):
         export(ContactModel(find("mirtich").at(0.2, 0.04)), drops)
+    cans = tosses(CAN, 20)
+    stretched = find_effect("shape_error")().prepare(cans).at([0.1, 0.0, 0.1])
+    with pytest.raises(ContactLearnError, match="ends of a cylinder ellipses, which MuJoCo's cylinder has not"):
+        export(ContactModel(find("mirtich").at(0.2, 0.6), effects={"shape_error": stretched}), cans)
     with pytest.raises(DataError, match="needs the one shape"):
         export(ContactModel(find("mirtich").at(0.2, 0.5)), drops.replace(shape=None))
 

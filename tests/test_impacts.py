@@ -305,6 +305,7 @@ BAD_SHAPES = {
     "no such entry": ({"kind": "square", "side": 1, "colour": 3}, ["takes vertices, corner"]),
     "unknown": ({"kind": "elipse", "semi_axes": [1, 2]}, ["'elipse'", "did you mean 'ellipse'", "polygon"]),
     "no kind": ({"radius": 1}, ["add kind: disc or sphere, as in data.shape.kind=disc", "got radius: 1"]),
+    "no kind in space": ({"radius": 1, "half_length": 2}, ["add kind: cylinder, as in data.shape.kind=cylinder"]),
     "nothing": ({}, ["add kind: ellipse or polygon", "got nothing"]),
     "not a mapping": ("ellipse", ["kind: ellipse", "'ellipse'"]),
     "missing entry": ({"kind": "disc"}, ["'disc'", "takes radius", "got nothing"]),

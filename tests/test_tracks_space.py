@@ -27,7 +27,7 @@ from contactlearn.data.tracks import find_impacts, track_options
 from contactlearn.laws import find
 from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.rigid_body import GRAVITY
-from contactlearn.mechanics.shapes import Cuboid, Polygon, contact_point
+from contactlearn.mechanics.shapes import Cuboid, Cylinder, Polygon, contact_point
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.simulation.camera import Camera, record
 from contactlearn.simulation.recordings import Body, throw, write_recordings
@@ -105,10 +105,12 @@ def test_a_body_slides_only_where_its_lowest_point_stays_on_the_floor(rises, rea
 def toss(rng, number, solid=BOX, centre=(0.0, 0.0, 0.0), heavier=1.0, corner=0.0):
     """Rows of frames about one impact, the velocities before and after it of the tracked point, and the instant."""
     gyration = solid.gyration_squared()
-    shape, I = replace(solid, corner=corner), MASS * heavier * torch.diag(gyration)  # noqa: E741
+    shape = replace(solid, corner=corner) if corner else solid
+    I = MASS * heavier * torch.diag(gyration)  # noqa: E741
     while True:
         turn = Rotation.random(random_state=rng)
-        corners = turn.apply(solid.corners())
+        down = torch.tensor(-turn.as_matrix()[2])
+        corners = turn.apply(solid.touching(down) if isinstance(solid, Cylinder) else solid.corners())
         heights = np.sort(corners[:, 2])
         before = np.concatenate((rng.normal(0, 0.7, 2), (-rng.uniform(0.8, 1.5),), rng.normal(0, 6, 3)))
         if heights[1] - heights[0] < 0.02:

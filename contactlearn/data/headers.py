@@ -73,8 +73,8 @@ OPEN = "???"
 
 _SHAPE = (
     "lengths in m: {kind: ellipse, semi_axes: [a, b]}, {kind: disc, radius: R}, {kind: rectangle, sides: [a, b]} or "
-    "{kind: polygon, vertices: [[x, y], …]} about the centre of mass, in space cuboid, ellipsoid, sphere or polyhedron "
-    "(docs/tables.md); of several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
+    "{kind: polygon, vertices: [[x, y], …]} about the centre of mass, in space cuboid, cylinder, ellipsoid, sphere or "
+    "polyhedron (docs/tables.md); of several bodies by name: {oak: {kind: …}, beech: {kind: …}}"
 )
 _MARKER = re.compile(r"(?:m|marker)?(\d*)([xyz])(\d*)")
 _MEANINGS_IN_SPACE = {"x": "of the centre of mass", "y": "of the centre of mass", "z": "of the centre of mass, up"}

@@ -28,6 +28,7 @@ from contactlearn.mechanics.space import SPACE, Space
 _OFF = 1e-6  # products of inertia over the sum of moments, at most
 _ROUNDED = 1e-3  # distance of the origin from the centroid over the body's size, at most: vertices are rounded
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
+_AXES = ("x", "y", "z")
 _TOUCHING = 1e-6  # of a sphere of radius 1 from the faces of a corner, at most
 
 
@@ -342,6 +343,85 @@ class Sphere(Solid):
         return torch.full((3,), 0.4 * self.radius**2, dtype=torch.float64)
 
 
+@dataclass(frozen=True)
+class Cylinder(Solid):
+    """Cylinder of `radius` and `half_length` in m along the body's `axis`, x, y or z; its rims are sharp.
+
+    The mass centre is `centre` in m along the axis from the middle, as that of a cup.  On a flat end a point of the rim
+    is lowest, and on its side the end of positive axis: r jumps there, as it does for the real body.
+    """
+
+    radius: float
+    half_length: float
+    axis: str = "z"
+    centre: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "half_length"):
+            object.__setattr__(self, name, _lengths(name, [getattr(self, name)], 1)[0])
+        if self.axis not in _AXES:
+            raise DataError(f"axis of a cylinder is x, y or z of the body, got {self.axis!r}")
+        object.__setattr__(self, "centre", finite_number("centre", self.centre, -math.inf))
+        if abs(self.centre) >= self.half_length:
+            raise DataError(
+                "the mass centre of a cylinder is inside, less than half_length from the middle, which is "
+                f"{self.half_length:g} m; got centre={self.centre:g}"
+            )
+
+    @property
+    def along(self) -> Float[Tensor, "3"]:
+        """Unit vector of the axis."""
+        return torch.eye(3, dtype=torch.float64)[_AXES.index(self.axis)]
+
+    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """R d_⊥/|d_⊥| on the end of d; where d is along the axis, the point of the rim on the first axis across."""
+        along = self.along.to(direction)
+        height = direction @ along
+        across = direction - height[..., None] * along
+        upright = across.square().sum(-1, keepdim=True) == 0
+        across = torch.where(upright, torch.eye(3).to(direction)[int(self.axis == "x")], across)
+        end = torch.where(height >= 0, 1, -1).to(direction) * self.half_length - self.centre
+        return self.radius * across / across.norm(dim=-1, keepdim=True) + end[..., None] * along
+
+    def touching(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
+        """Return the farthest point, that of the other rim, and the opposite one of its own rim."""
+        opposite = direction @ (2 * torch.diag(self.along) - torch.eye(3)).to(direction)
+        return self.support(torch.stack((direction, -opposite, opposite), -2))
+
+    def flats(self, direction: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "3"]]:
+        """Return cosines of a unit direction with the two ends and the side, and their distances in m."""
+        height = direction @ self.along.to(direction)
+        side = (direction - height[..., None] * self.along.to(direction)).norm(dim=-1)
+        ends = self.half_length - self.centre, self.half_length + self.centre
+        return torch.stack((height, -height, side), -1), direction.new_tensor((*ends, self.radius))
+
+    def gyration_squared(self) -> Float[Tensor, "3"]:
+        """R²/2 about the axis, and (3 R² + L²)/12 across it.
+
+        Raises:
+            DataError: the mass centre is not in the middle, so the density cannot be uniform.
+        """
+        if self.centre:
+            raise DataError(
+                f"a cylinder of uniform density has its mass centre in the middle, and centre={self.centre:g} m says "
+                "otherwise: state its moments of inertia, data.inertia=[Ix,Iy,Iz]"
+            )
+        across, about = self.radius**2 / 4 + self.half_length**2 / 3, self.radius**2 / 2
+        return across + (about - across) * self.along
+
+    def outline(self, points: int = 181) -> Float[Tensor, "lines 3"]:
+        """Return both rims, and four lines from rim to rim, each with a gap (nan) behind."""
+        first, second = (one for one in torch.eye(3, dtype=torch.float64) if not one.equal(self.along))
+        angle = torch.linspace(0, 2 * math.pi, points, dtype=torch.float64)[:, None]
+        about = angle.cos() * first + angle.sin() * second
+        rims = [self.support(about + end * self.along) for end in (1, -1)]
+        quarters = (
+            torch.stack([self.support(q + end * self.along) for end in (1, -1)])
+            for q in (first, second, -first, -second)
+        )
+        return _with_gaps([*rims, *quarters])
+
+
 class Polytope(Cornered, Solid):
     """A convex body with flat faces."""
 
@@ -357,6 +437,10 @@ class Polytope(Cornered, Solid):
     def corners(self) -> Float[Tensor, "v 3"]:
         """The vertices."""
         return _points(self._places())
+
+    def flats(self, direction: Float[Tensor, "*batch 3"]) -> tuple[Float[Tensor, "*batch f"], Float[Tensor, " f"]]:
+        """Return cosines of a unit direction with the normals of faces, and their distances in m."""
+        return direction @ self.hull.normals.mT, self.hull.heights
 
     def edges(self) -> Int[Tensor, "e 2"]:
         """Pairs of corners of two faces."""
@@ -503,9 +587,9 @@ def _principal_turn(second: Float[Tensor, "3 3"]) -> Float[Tensor, "4"]:
     return torch.from_numpy(Rotation.from_matrix(axes.numpy()).as_quat(scalar_first=True))
 
 
-KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cuboid | Polyhedron]] = {
+KINDS: dict[str, type[Ellipse | Polygon | Disc | Ellipsoid | Sphere | Cylinder | Cuboid | Polyhedron]] = {
     **{"ellipse": Ellipse, "polygon": Polygon, "disc": Disc},
-    **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cuboid": Cuboid, "polyhedron": Polyhedron},
+    **{"ellipsoid": Ellipsoid, "sphere": Sphere, "cylinder": Cylinder, "cuboid": Cuboid, "polyhedron": Polyhedron},
 }
 
 
@@ -513,6 +597,7 @@ _SAME_KIND = {"circle": "disc", "ball": "sphere", "box": "cuboid", "cube": "cubo
 """Other words for a kind."""
 _SIDES = ("sides", "side", "size", "edges", "edge")
 _EDGES = ("width", "height", "depth")
+_HALVES = {"diameter": "radius", "length": "half_length", "height": "half_length"}
 
 
 def _spelled(kind: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -523,8 +608,10 @@ def _spelled(kind: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]
     """
     own, regular = dict(entries), kind in ("square", "cube")
     kind = _SAME_KIND.get(kind, kind)
-    if kind in ("disc", "sphere") and "diameter" in own and "radius" not in own:
-        own["radius"] = finite_number("diameter", own.pop("diameter"), 0, above=True) / 2
+    takes = signature(KINDS[kind]).parameters if kind in KINDS else ()
+    for whole, half in _HALVES.items():
+        if half in takes and whole in own and half not in own:
+            own[half] = finite_number(whole, own.pop(whole), 0, above=True) / 2
     if kind not in ("cuboid", "rectangle") or (kind == "cuboid" and "half" in own):
         return kind, own
     name = next((name for name in ("half", *_SIDES) if name in own), "sides")
@@ -554,7 +641,8 @@ def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
             )
         rule = f"{source}: a body in {'space' if space is SPACE else 'a plane'} has the shape of one"
         raise DataError(
-            f"{rule}, got {shape}; cuboid, ellipsoid, polyhedron, sphere are of space, other kinds of the plane"
+            f"{rule}, got {shape}; cuboid, cylinder, ellipsoid, polyhedron, sphere are of space, other kinds of the "
+            "plane"
         )
 
 
@@ -575,7 +663,9 @@ def make_shape(spec: Mapping[str, Any] | Shape | None) -> Shape | None:
     if any(isinstance(value, Mapping) for value in entries.values()):
         raise DataError(f"one shape is needed here, {{kind: …}}, for all; got one for each of {', '.join(spec)}")
     if "kind" not in spec:
-        fitting = [name for name, kind in KINDS.items() if entries and {*entries} <= {*signature(kind).parameters}]
+        takes = {name: signature(kind).parameters for name, kind in KINDS.items()}
+        needs = {name: {key for key, one in takes[name].items() if one.default is one.empty} for name in KINDS}
+        fitting = [name for name in KINDS if needs[name] <= {*entries} <= {*takes[name]}]
         kinds, given = fitting or [*KINDS], ", ".join(f"{key}: {value}" for key, value in entries.items())
         raise DataError(
             f"a shape needs its kind: add kind: {' or '.join(kinds)}, as in data.shape.kind={kinds[0]}; "
@@ -605,7 +695,10 @@ def shape_entries(shape: Shape | None) -> dict[str, Any] | None:
 def scaled(shape: Shape, factor: float) -> Shape:
     """Return the shape with every length multiplied by a factor."""
     entries = {key: value for key, value in (shape_entries(shape) or {}).items() if key != "kind"}
-    lengths = {key: (factor * torch.tensor(value, dtype=torch.float64)).tolist() for key, value in entries.items()}
+    lengths = {
+        key: value if isinstance(value, str) else (factor * torch.tensor(value, dtype=torch.float64)).tolist()
+        for key, value in entries.items()
+    }
     return type(shape)(**{key: _plain(value) for key, value in lengths.items()})
 
 

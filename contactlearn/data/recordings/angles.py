@@ -36,7 +36,17 @@ from contactlearn.data.recordings.sufficiency import NEEDED
 from contactlearn.data.recordings.survey import Searched, TrackOptions, search_sample
 from contactlearn.data.recordings.track import Recording
 from contactlearn.mechanics.rigid_body import matvec, moment, rotation
-from contactlearn.mechanics.shapes import Cuboid, Disc, Ellipsoid, Polygon, Shape, Solid, Sphere, contact_point
+from contactlearn.mechanics.shapes import (
+    Cuboid,
+    Cylinder,
+    Disc,
+    Ellipsoid,
+    Polygon,
+    Shape,
+    Solid,
+    Sphere,
+    contact_point,
+)
 
 _Reading = tuple[str | None, str]  # unit, None for quaternions, and sense
 # residual of a stated reading, above which others are compared with it; right ones leave 0.01 to 0.06
@@ -157,19 +167,12 @@ def _check_edges(
                 reading_residual(searched, shape, gyration, SENSES[sense], about=about)
                 for (_, sense), searched in readings.items()
             )
-    box = shape if isinstance(shape, Cuboid | Ellipsoid) else None
-    name = "half" if isinstance(box, Cuboid) else "semi_axes"
-    lengths = tuple(getattr(box, name, ()))
-    orders = {tuple(lengths[k] for k in order): order for order in permutations(range(len(lengths)))}
-    for edges, order in orders.items():
-        if box is None or edges == lengths:
-            continue
-        other, moments = replace(box, **{name: edges}), gyration[[*order]]
+    for said, (other, order) in _along_other_axes(shape).items():
+        moments = gyration[[*order]]
         changed = replace(options, solid=other, moments=tuple(moments.tolist()))
         units = dict.fromkeys(unit for unit, _ in readings)
         conventions = [replace(options.conventions, order=unit, sense="as_read") for unit in units]
         again = dict(zip(units, (search_reading(recordings, gravity, c, changed)[2] for c in conventions), strict=True))
-        said = f"as {name}: [{', '.join(f'{edge:g}' for edge in edges)}]"
         fits[said] = min(reading_residual(again[unit], other, moments, SENSES[sense]) for unit, sense in readings)
         counts[said] = max(sum(len(one.contacts) for one in found.values()) for found in again.values())
     most = max(counts.values(), default=_MIN_CONTACTS_OF_EDGES)
@@ -180,6 +183,26 @@ def _check_edges(
             f"{recordings[0].source}: the impacts contradict data.shape: {_evidence(shape)} is {least:.2g} with it, "
             f"and {fits[best]:.2g} with it {best}; are its edges of other lengths, or along other axes of the body?"
         )
+
+
+def _along_other_axes(shape: Shape) -> dict[str, tuple[Solid, tuple[int, ...]]]:
+    """The body with its lengths along other axes, and the order of its moments, by what would state it."""
+    others = dict[Solid, tuple[str, tuple[int, ...]]]()
+    for order in permutations(range(3)):
+        match shape:
+            case Cuboid(half=lengths) | Ellipsoid(semi_axes=lengths):
+                name = "half" if isinstance(shape, Cuboid) else "semi_axes"
+                lengths = tuple(lengths[k] for k in order)
+                other = replace(shape, **{name: lengths})
+                said = f"as {name}: [{', '.join(f'{x:g}' for x in lengths)}]"
+            case Cylinder():
+                other = replace(shape, axis="xyz"[order.index("xyz".index(shape.axis))])
+                said = f"as axis: {other.axis}"
+            case _:
+                return {}
+        if other != shape:
+            others.setdefault(other, (said, order))
+    return {said: (other, order) for other, (said, order) in others.items()}
 
 
 def without_angles(

@@ -37,7 +37,7 @@ from contactlearn.data.recordings.thresholds import TrackThresholds
 from contactlearn.data.recordings.track import Mask, Track
 from contactlearn.mechanics.apparatus import REACH, Estimate
 from contactlearn.mechanics.rigid_body import contact_jacobian, contact_velocity, in_world, rotation
-from contactlearn.mechanics.shapes import Cornered, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
+from contactlearn.mechanics.shapes import Cornered, Cylinder, Ellipse, Polygon, Polytope, Shape, Solid, contact_point
 
 _BLOCK = 0.1  # s
 _MOVES = 1.5  # change of a block's mean in standard deviations of a frame, of a body at rest; 1 to 15 decide alike
@@ -219,8 +219,8 @@ def find_floor(
     lying, solid = RestPoses.of(shape), isinstance(shape, Solid)
 
     def leaning(rest: Rest) -> float:
-        if isinstance(shape, Polytope):
-            return _face_below(shape, rest)[0]
+        if isinstance(shape, Polytope | Cylinder):
+            return _flat_below(shape, rest)[0]
         return abs(lying.angle_to_rest(float(rest.pose[2]))) if len(lying.angles) else 0.0
 
     used = [rest for rest in rests if leaning(rest) <= limits.leaning]
@@ -235,10 +235,11 @@ def find_floor(
         used = [rest for rest, holds in zip(used, good, strict=True) if holds]
 
 
-def _face_below(shape: Polytope, rest: Rest) -> tuple[float, float]:
-    """Angle in rad by which a body in space at rest leans from the face below it, and how far below it is in m."""
-    upright, face = (-rotation(torch.from_numpy(rest.pose[3:]))[2] @ shape.hull.normals.mT).max(-1)
-    return math.acos(min(upright.item(), 1.0)), shape.hull.heights[face].item()
+def _flat_below(shape: Polytope | Cylinder, rest: Rest) -> tuple[float, float]:
+    """Angle in rad by which a body in space at rest leans from what is flat below it, and how far below it is in m."""
+    cosines, heights = shape.flats(-rotation(torch.from_numpy(rest.pose[3:]))[2])
+    upright, flat = cosines.max(-1)
+    return math.acos(min(upright.item(), 1.0)), heights[flat].item()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -421,8 +422,8 @@ class _Problem:
             float(shape.outline().norm(dim=-1).nanmean()),
             np.reshape([one.pose for one in self.rests], (-1, 7)),
         )
-        if isinstance(shape, Polytope):
-            down = -np.array([_face_below(shape, rest)[1] for rest in self.rests])
+        if isinstance(shape, Polytope | Cylinder):
+            down = -np.array([_flat_below(shape, rest)[1] for rest in self.rests])
         else:
             down = contact_point(shape, torch.from_numpy(still[:, 3:]))[:, 2].numpy()
         points, pose = _lowest(contacts, changed), np.concatenate((hits, still))
@@ -564,15 +565,22 @@ def off_the_floor(
 
 
 def _clearance(contacts: Sequence[RecordedContact], shape: Shape, floor: Floor, longest: float) -> Float[Array, " n"]:
-    """Least height in m of another corner, or its arc, less three errors and its way down in the longest contact."""
-    if not isinstance(shape, Polygon | Polytope):
+    """Least height in m of another corner, or its arc, less three errors and its way down in the longest contact.
+
+    Those of a cylinder are the lowest points of its rims, and the point of the lower rim opposite to that.
+    """
+    if not isinstance(shape, Polygon | Polytope | Cylinder):
         return np.full(len(contacts), np.inf)
     names = ("pose", "v_pre", "covariance")
     pose, v, errors = (torch.from_numpy(np.stack([getattr(hit, name) for hit in contacts])) for name in names)
     D = v.shape[1]
     if D == 3:
         pose[:, 2] += _sure(floor.orientation) - _sure(floor.slope)  # about the floor
-    corners = in_world(shape.corners() + shape.corner * shape.arc_centres(), pose[:, None])
+    if isinstance(shape, Cylinder):
+        places = shape.touching(-rotation(pose[:, 3:])[:, 2])
+    else:
+        places = shape.corners() + shape.corner * shape.arc_centres()
+    corners = in_world(places, pose[:, None])
     order, d = corners[..., -1].argsort(1), corners.shape[-1]
     lowest, corners = corners.gather(1, order[..., None].expand_as(corners)).tensor_split([1], 1)
     offsets = corners - lowest

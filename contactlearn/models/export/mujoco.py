@@ -4,7 +4,7 @@ Where the contact scatters this function also draws its deviations, anew for eac
 `ranges`, for simulators and domain randomisation that know nothing of impacts.
 
 **The body.** It has a free joint, in the plane two slides and a hinge.  Corners are spheres, sharp ones tiny: each
-touches at one point.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
+touches at one point; a cylinder is MuJoCo's.  Planar vectors (x, y) are (x, 0, y), and planar angles turn about −y.
 
 **The contact.** MuJoCo gives its penetration r < 0 the acceleration −k r − c ṙ, as long as that pushes: a
 spring and dashpot, scaled to the effective mass.  With ζ = c / (2 √k) = cos β the restitution is
@@ -37,7 +37,17 @@ from contactlearn.mechanics import rigid_body
 from contactlearn.mechanics.apparatus import Estimate
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
-from contactlearn.mechanics.shapes import Cornered, Disc, Ellipse, Ellipsoid, Polygon, Polyhedron, Shape, Sphere
+from contactlearn.mechanics.shapes import (
+    Cornered,
+    Cylinder,
+    Disc,
+    Ellipse,
+    Ellipsoid,
+    Polygon,
+    Polyhedron,
+    Shape,
+    Sphere,
+)
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 from contactlearn.models.contact_model import ContactModel, actual_coefficients, actual_state
 from contactlearn.models.export import source
@@ -61,7 +71,7 @@ _SET_BY = {
 }  # fmt: skip
 _GEOMETRY = ("surface_tilt", "com_offset", "inertia_error", "orientation_offset", "shape_error", "corner_radius")
 
-Body = Ellipse | Disc | Ellipsoid | Sphere | Cornered
+Body = Ellipse | Disc | Ellipsoid | Sphere | Cylinder | Cornered
 """Shapes that a scene can have."""
 Vector = tuple[float, ...]
 """(x, y, z) in axes of MuJoCo, z up."""
@@ -120,11 +130,15 @@ class Scene:
         return SPACE if isinstance(self.inertia, tuple) else PLANE
 
     def geoms(self) -> list[str]:
-        """Return what touches the floor: an ellipsoid, or a sphere for each corner."""
+        """Return what touches the floor: an ellipsoid, a cylinder, or a sphere for each corner."""
         if isinstance(self.shape, Cornered):
             radius = self.shape.corner or _SHARP
             corners = self.shape.corners() + radius * self.shape.arc_centres()
             return [f'type="sphere" size="{radius}" pos="{_text(_embedded(one))}"' for one in corners.tolist()]
+        if isinstance(self.shape, Cylinder):
+            size, along = f"{self.shape.radius} {self.shape.half_length}", self.shape.along
+            middle = _text((-self.shape.centre * along).tolist())
+            return [f'type="cylinder" size="{size}" zaxis="{_text(along.tolist())}" pos="{middle}"']
         axes = (self.shape.radius,) * 3 if isinstance(self.shape, Disc | Sphere) else self.shape.semi_axes
         return [f'type="ellipsoid" size="{_text(_embedded(axes, axes[-1]))}"']
 
@@ -302,6 +316,13 @@ def _changed(shape: Body, stretch: list[float], corner: float) -> Body:
     if isinstance(shape, Cornered):
         stretched = tuple(map(tuple, (shape.corners() * torch.tensor(by, dtype=torch.float64)).tolist()))
         return (Polygon if len(by) == 2 else Polyhedron)(stretched, corner=shape.corner + corner)
+    if isinstance(shape, Cylinder):
+        if any(stretch):
+            raise ContactLearnError(
+                "shape_error makes the ends of a cylinder ellipses, which MuJoCo's cylinder has not; use --to c or "
+                "numpy, or fit a model without it"
+            )
+        return shape
     axes = (shape.radius,) * len(by) if isinstance(shape, Disc | Sphere) else shape.semi_axes
     a, b, c = (*(k * x for k, x in zip(by, axes, strict=True)), 0.0)[:3]
     return Ellipsoid((a, b, c)) if len(by) == 3 else Ellipse((a, b))
