@@ -184,14 +184,15 @@ def test_rows_with_empty_cells_are_left_out_on_request(tmp_path, named):
     assert "2 of 40 trials" in note.sentence
 
 
-def test_a_mistake_in_a_cell_is_no_missing_number(tmp_path):
+def test_a_cell_that_is_no_number_is_an_error_or_left_out(tmp_path):
     path = table.save(synthetic.load(size=12), tmp_path / "drops.csv")
     header, *lines = path.read_text().splitlines()
     words = lines[0].split(",")
     words[header.split(",").index("mass")] = "heavy"
     path.write_text("\n".join([header, ",".join(words), *lines[1:]]))
     with pytest.raises(DataError, match="column mass: must be a finite number in kg; got 'heavy'"):
-        load_data(config(path, correct=["drop_incomplete"]))
+        load_data(config(path))
+    assert len(load_data(config(path, correct=["drop_incomplete"])).impacts) == 11
     path.write_text("\n".join([header, "x" + "," * header.count(","), "y" + "," * header.count(",")]))
     with pytest.raises(DataError, match="each of 2 rows has an empty cell"):
         load_data(config(path, correct=["drop_incomplete"]))

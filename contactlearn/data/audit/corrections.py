@@ -515,7 +515,9 @@ CORRECTIONS = {
         spaces=(PLANE,),
     ),
     "drop_incomplete": Correction(
-        "trials of a table in which a number is missing: they are left out as it is read", lambda impacts, _: impacts
+        "trials of a table in which a number is missing or unreadable, or whose row is cut short: they are left out as "
+        "it is read",
+        lambda impacts, _: impacts,
     ),
     "drop_duplicates": Correction(
         "trials occur more than once: only the first remains",

@@ -119,7 +119,7 @@ def audit(
         findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
-    notes = [*heavy_body_notes(sound), *mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
+    notes = [*mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)
@@ -151,9 +151,9 @@ def audit(
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]
     found = [*first, *corrected, closing, *findings, *of_trials]
-    outlines = outline_notes(sound) if plane else []
-    shown = (one for one in found if one.name != "consistent" or not Audit(found).mistakes)
-    return Audit((*shown, *outlines, *notes))
+    outlines, mistaken = outline_notes(sound) if plane else [], bool(Audit(found).mistakes)
+    shown = (one for one in found if one.name != "consistent" or not mistaken)
+    return Audit((*shown, *([] if mistaken else heavy_body_notes(sound)), *outlines, *notes))
 
 
 def _few_note(impacts: Impacts) -> Finding:
