@@ -407,6 +407,16 @@ def test_of_two_bodies_in_a_row_one_is_to_be_chosen(tmp_path, form):
     assert chosen.v_post.tolist() == drops.v_post.tolist()
 
 
+def test_two_tracks_of_a_video_may_be_two_bodies(tmp_path):
+    """Tracker writes the times of each track: only a person knows whether both are points of one body."""
+    rows = "\n".join(f"{k / 30}\t1.0\t{2 - k}\t{k / 30}\t3.0\t{4 - k}" for k in range(9))
+    path = tmp_path / "drop.txt"
+    path.write_text(f"mass_A\t\t\tmass_B\t\t\nt\tx\ty\tt\tx\ty\n{rows}\n")
+    (body,) = (one for one in propose(path).settings if one.name == "body")
+    assert body.value is None
+    assert body.comment == "mass_A or mass_B, if each is one; null: points of one"
+
+
 def test_a_trial_without_its_row_after_contact_is_left_out_as_its_message_says(tmp_path, monkeypatch):
     """Numbers of trials begin again in each session, and one row of the second is lost."""
     monkeypatch.chdir(tmp_path)

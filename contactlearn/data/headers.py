@@ -355,6 +355,10 @@ def _of_export(path: Path, export: Export) -> Iterator[Setting]:
     of_one = [name for name in export.points if not export.subjects or name.startswith(f"{export.subjects[0]}:")]
     where = "in column 'track'" if export.tracks else "in names of columns"
     yield from _body(path, [export.points[name] for name in of_one], bodies if len(bodies) > 1 else (), where)
+    if len(bodies) < 2 and any(f"{name} t" in export.names for name in export.points):  # of tracks with their own times
+        yield Setting(
+            name="body", value=None, comment=f"{' or '.join(export.points)}, if each is one; null: points of one"
+        )
     if export.rate is None and export.clock not in export.names:
         yield Setting(name="rate", value=OPEN, comment="frames a second, for no column is a time in s")
     if export.unit is None:
