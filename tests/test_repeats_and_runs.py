@@ -97,6 +97,14 @@ def test_the_club_of_a_ball_at_rest_is_asked_about(tmp_path: Path) -> None:
     assert velocities(path, columns=columns) == [(-40.0, 15.0), (-41.0, 16.0)]
 
 
+def test_a_racket_is_taken_off_columns_that_settings_name_in_their_units(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "pitch (mph),bat speed (mph),exit (mph)\n0,70,90\n50,70,100\n")
+    columns = {"vy": {"column": "pitch (mph)", "factor": -1}, "vy_post": "exit (mph)", "racket_vy": "bat speed (mph)"}
+    mph = 0.44704
+    expected = [(-70 * mph, 20 * mph), (-120 * mph, 30 * mph)]
+    assert velocities(path, columns=columns) == [tuple(map(pytest.approx, pair)) for pair in expected]
+
+
 def test_names_of_rows_stand_in_any_order(tmp_path: Path) -> None:
     path = written(tmp_path / "a.txt", '"vy.pre" "vy.post"\n"5" -1.5 1.2\n"14" -2.5 2.0\n"1" -1.1 0.9\n')
     assert velocities(path) == [(-1.5, 1.2), (-2.5, 2.0), (-1.1, 0.9)]

@@ -1070,6 +1070,17 @@ def test_changes_of_velocities(tmp_path, frame, names):
     np.testing.assert_allclose(numbers(table.read(backwards, **BODY).impacts), frame, rtol=0, atol=1e-9)
 
 
+def test_changes_beside_velocities_that_settings_name(tmp_path, frame):
+    changes = frame.drop(columns=["vx_post", "vy_post", "omega_post", "vy"])
+    changes["drop [mm/s]"] = 1e3 * frame["vy"]
+    for column in ("vx", "vy", "omega"):
+        changes[f"delta {column}"] = frame[f"{column}_post"] - frame[column]
+    path = tmp_path / "drops.csv"
+    changes.to_csv(path, index=False)
+    found = table.read(path, **BODY, columns={"vy": "drop [mm/s]"}, units={"length": "m"})
+    np.testing.assert_allclose(numbers(found.impacts), frame, rtol=0, atol=1e-9)
+
+
 def test_units_written_as_one_word():
     known = recognise(["vx_ms", "w_rads", "I_kgm2", "vy_mms", "m_kg"], impact_vocabulary(PLANE))
     assert {*known.names} == {"vx", "omega", "inertia", "vy", "mass"}

@@ -299,7 +299,7 @@ def _without_momenta(cells: Sheet, options: TableOptions) -> Sheet:
     }
     if not momenta:
         return cells
-    units = Units(options.units.stated, known.units)
+    units = options.units_of(known)
 
     def of_body(column: str) -> np.ndarray | None:
         if name := own.get(column):
@@ -341,7 +341,7 @@ def _with_changes(cells: Sheet, options: TableOptions) -> Sheet:
     outcomes = [column for column in space.components["v_post"] if column in names]
     if outcomes and any(column in names for column in space.components["v_pre"]):
         return cells  # they may be errors of the velocities
-    known, of_change = (Units(options.units.stated, one.units) for one in (own, changes))
+    known, of_change = options.units_of(own), Units(options.units.stated, changes.units)
     changes_of = dict[str, dict[str, Cells]]()
     for column, name in changed.items():
         given, made, sign = (f"{column}_post", column, -1) if outcomes else (column, f"{column}_post", 1)
@@ -349,7 +349,8 @@ def _with_changes(cells: Sheet, options: TableOptions) -> Sheet:
             continue
         there = cells.numbers(names[given], known.text(given))
         change = cells.numbers(name, of_change.text(column), of_change.factor(column) / known.factor(given))
-        made += f" [{known.text(given)}]" if given in own.units else ""
+        unit = known.text(given)
+        made += f" [{unit}]" if given in own.units or unit != Units(options.units.stated).text(given) else ""
         changes_of[name] = {made: there + sign * change}
     if not changes_of:
         return cells
@@ -484,7 +485,7 @@ def _relative_to_surface(cells: Sheet, options: TableOptions) -> Sheet:
             if source not in surface.names or f"{column}{end}" not in names or column not in with_speeds:
                 continue
             name, moved = names[f"{column}{end}"], by_bare[surface.names[source]]
-            ours, theirs = (Units(options.units.stated, known.units) for known in (own, surface))
+            ours, theirs = options.units_of(own), Units(options.units.stated, surface.units)
             factor = theirs.factor(source) / ours.factor(f"{column}{end}")
             velocity = cells.numbers(moved, theirs.text(source), factor)
             changes[name] = {name: cells.numbers(name, ours.text(f"{column}{end}")) - velocity}

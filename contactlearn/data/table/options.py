@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-from contactlearn.data.table.names import Recognised
+from contactlearn.data.table.names import Recognised, impact_vocabulary, unit_in
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.data.table.units import Units
 from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.shapes import Disc, Sphere
+from contactlearn.mechanics.space import PLANE, SPACE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,3 +49,11 @@ class TableOptions:
         """Return the table's columns by ours, as settings say and otherwise their names."""
         stated = {ours: name for ours, name in self.columns.items() if name is not None and name in cells.columns}
         return {**known.names, **stated}
+
+    def units_of(self, known: Recognised) -> Units:
+        """Return the units that settings state, and those in the names of columns that are known or that they name."""
+        vocabulary = impact_vocabulary(PLANE) | impact_vocabulary(SPACE)
+        named = {
+            ours: unit for ours, name in self.columns.items() if name and (unit := unit_in(name, ours, vocabulary))
+        }
+        return Units(self.units.stated, {**known.units, **named})
