@@ -407,6 +407,13 @@ def test_of_two_bodies_in_a_row_one_is_to_be_chosen(tmp_path, form):
     assert chosen.v_post.tolist() == drops.v_post.tolist()
 
 
+def test_names_that_stand_twice_are_no_lack_of_velocities(tmp_path):
+    path = tmp_path / "drops.csv"
+    path.write_text("vx,vy,omega,vx,vy,omega\n0.1,-2,3,0.1,1,2\n0.2,-2,3,0.1,1,2\n")
+    with pytest.raises(DataError, match=r"must be unique; repeated: 'vx', .*call those after contact vx_post, vy_post"):
+        propose(path)
+
+
 def test_two_tracks_of_a_video_may_be_two_bodies(tmp_path):
     """Tracker writes the times of each track: only a person knows whether both are points of one body."""
     rows = "\n".join(f"{k / 30}\t1.0\t{2 - k}\t{k / 30}\t3.0\t{4 - k}" for k in range(9))

@@ -46,6 +46,7 @@ from contactlearn.data.table.columns import (
     computed_fields,
     recognised_columns,
     refusal_of_unmeasured,
+    refuse_repeated,
     required_in,
     setting_text,
     trial_column,
@@ -185,6 +186,7 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
     if why := refusal_side_by_side(cells.repeated or header):
         raise DataError(f"{first}: {why}")
     space, impacts = recognised_columns(header)
+    refuse_repeated(cells, [*impacts.names.values()])
     absent = [ours for ours, name in (columns or {}).items() if name is None]
     impacts = impacts.without(absent)
     frames, markers = recognise(header, _frame_units()), _markers(header)

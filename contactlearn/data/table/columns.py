@@ -233,7 +233,7 @@ def name_columns(cells: Sheet, options: TableOptions) -> NamedColumns:
     ours |= {column: name for column, name in names.items() if name is not None}
     if "trial" not in {**ours, **names} and (trial := trial_column(cells, {*cells.header} - {*ours.values()})):
         ours["trial"] = trial
-    _refuse_repeated(cells, [*ours.values()])
+    refuse_repeated(cells, [*ours.values()])
     of_all_axes: tuple[str, ...] = ()
     if space is SPACE and ("inertia" in stated or "inertia" in cells.columns):  # one for all axes
         ours |= {"inertia": "inertia"} if "inertia" in cells.columns else {}
@@ -411,10 +411,13 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None], known: Sequenc
     return names
 
 
-def _refuse_repeated(cells: Sheet, names: Sequence[str]) -> None:
+def refuse_repeated(cells: Sheet, names: Sequence[str]) -> None:
     """Refuse a name that stands twice in the header, or fills two of our columns."""
     if twice := [name for name, count in Counter(cells.repeated).items() if count > 1 and name in names]:
-        raise DataError(f"{cells.path}: column names must be unique; repeated: {', '.join(map(repr, twice))}")
+        raise DataError(
+            f"{cells.path}: column names must be unique; repeated: {', '.join(map(repr, twice))}; call those after "
+            f"contact {', '.join(f'{name}_post' for name in twice)} in the file, if they are"
+        )
     for name, count in Counter(names).items():
         if count > 1:
             raise DataError(f"{cells.path}: data.columns uses {name!r} {count} times; a column fills one of ours")
