@@ -24,6 +24,7 @@ from contactlearn.data.recordings.frame import matrices, orders_of
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import turn
 from contactlearn.data.recordings.readers import Layout, columns, read, recording_files
+from contactlearn.data.recordings.readers.arrays import recordings_of
 from contactlearn.data.recordings.track import Recording, on_grid
 from contactlearn.data.tracks import track_options
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -1252,6 +1253,19 @@ def test_arrays_with_a_column_a_frame(tmp_path):
     savemat(tmp_path / "fall.mat", {"S": {"position": fall[0][:3], "quaternion": fall[1][:3]}})
     with pytest.raises(DataError, match=r"position is 3 × 3: its frames may be rows or columns"):
         [*read(tmp_path / "fall.mat", Layout(rate=250))]
+
+
+def test_a_group_a_toss_in_groups_of_sessions(tmp_path):
+    """Groups that are called as recordings are no bodies; times are in µs where seconds leave no flight."""
+    time = np.arange(40) / 480
+    fall = {"position": np.column_stack((time, time, 1 - time**2)), "orientation": np.tile((0.0, 0, 0, 1), (40, 1))}
+    content = {day: {f"toss_0{k}": {"stamp": 1e6 * time, **fall} for k in (1, 2)} for day in ("session_a", "session_b")}
+    found = [*recordings_of(tmp_path / "a.h5", content, Layout())]
+    assert [one.name for one in found] == [f"session_{day} toss_0{k}" for day in "ab" for k in (1, 2)]
+    np.testing.assert_allclose(found[0].time, time)
+    bodies = {"toss_01": {"box": fall, "lid": fall}}
+    with pytest.raises(DataError, match="has 2 bodies in 'toss_01'; state data"):
+        [*recordings_of(tmp_path / "a.h5", bodies, Layout(rate=480))]
 
 
 def test_objects_of_arrays_are_refused(tmp_path):

@@ -48,7 +48,22 @@ VECTOR = r"(?:rvec|rot(?:ation)?[\W_]*vec(?:tor)?|axis[\W_]*angle|helical)"
 """Names of a vector of rotation begin so."""
 COMMENT = ("#", "%", "//")
 """Lines that begin so are comments."""
+_SINCE_1970 = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}  # s, of a time in ns, µs and ms that is greater
+_FAR_APART = {500.0: 1e-6, 0.5: 1e-3}  # s, of a time between frames that is greater: no flight lasts several such
 _RATE_TOLERANCE = 0.01  # relative distance of a stated frame rate from that of the time stamps
+
+
+def in_seconds(times: Array) -> Array:
+    """Times of no stated unit in s: since 1970 in ms, µs or ns by their size, or ms and µs where s leave no flight."""
+    if len(times) < 2 or not np.isfinite(times).all():
+        return times
+    for least, factor in _SINCE_1970.items():
+        if times[0] > least:
+            return (times - times[0]) * factor
+    step = float(np.median(np.diff(times)))
+    if step == 1 and (times == np.round(times)).all():
+        return times  # frame numbers
+    return times * next((factor for least, factor in _FAR_APART.items() if step > least), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

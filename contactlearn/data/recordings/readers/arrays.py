@@ -24,10 +24,10 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.array_files import loaded
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array
-from contactlearn.data.recordings.readers import LIKELY, Layout
+from contactlearn.data.recordings.readers import LIKELY, RECORDED, Layout, in_seconds
 from contactlearn.data.recordings.track import Recording
 
-_TIMES = ("time", "times", "t", "timestamp", "timestamps")
+_TIMES = ("time", "times", "t", "timestamp", "timestamps", "stamp", "stamps")
 _POSITIONS = ("position", "positions", "pos", "translation", "translations", "xpos")
 _QUATERNIONS = (
     *("quaternion", "quaternions", "quat", "quats", "xquat", "orientation", "orientations", "orn", "ori"),
@@ -67,6 +67,7 @@ def recordings_of(path: Path, content: Any, layout: Layout) -> Iterator[Recordin
             f"{path}: holds no position with angle or quaternion; it has {seen or 'nothing'} "
             "('data.columns={time: t, position: pos, quaternion: quat}' says which are which)"
         )
+    found = [(_in_recording(names), one) for names, one in found]
     together = [names[:1] for names, _ in found if len(names) > 1]
     if len({*together}) < len(together):
         first = [names for names, _ in found if names[:1] == together[0]]
@@ -75,6 +76,13 @@ def recordings_of(path: Path, content: Any, layout: Layout) -> Iterator[Recordin
         raise DataError(f"{path}: has {len(first)} bodies in {together[0][0]!r}; state {choices}")
     for names, arrays in found:
         yield _recording(path, names[0] if names else path.stem, arrays, layout)
+
+
+def _in_recording(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of groups of which the first is the recording: session_a/toss_01/box is "session_a toss_01", box."""
+    recorded = [k for k, name in enumerate(names) if re.sub(r"[\W\d_]+", "", name).lower() in RECORDED]
+    last = recorded[-1] + 1 if recorded else 1
+    return (" ".join(names[:last]), *names[last:]) if names else names
 
 
 _Leaf = tuple[tuple[str, ...], dict[str, Any]]
@@ -242,7 +250,8 @@ def _recording(path: Path, name: str, arrays: Mapping[str, Any], layout: Layout)
     time = None if rate is not None and time is not None and len(time) != len(position) else time
     if rate is not None and time is None:
         time = np.arange(len(position)) / rate
-    time = layout.times(len(position), source) if time is None else layout.checked(time, f"{path}: {name}")
+    stamps = None if time is None else layout.checked(in_seconds(time), f"{path}: {name}")
+    time = layout.times(len(position), source) if stamps is None else stamps
     unit = arrays.get("unit")
     if "markers" in arrays and position.shape[1:] == (1, 2):
         none = np.zeros(len(position))

@@ -24,7 +24,7 @@ from contactlearn.core.errors import DataError, suggest
 from contactlearn.data.packed import for_library, opened_text
 from contactlearn.data.recordings.markers import pose_of_markers
 from contactlearn.data.recordings.poses import Array, turn
-from contactlearn.data.recordings.readers import JSON, RECORDED, TABLES, VECTOR, Layout
+from contactlearn.data.recordings.readers import JSON, RECORDED, TABLES, VECTOR, Layout, in_seconds
 from contactlearn.data.recordings.readers.exports import Export, export_of, padded
 from contactlearn.data.recordings.readers.nested import frame_of, is_folded, json_table, titled, unfolded
 from contactlearn.data.recordings.track import Recording
@@ -442,14 +442,14 @@ def _stamps(place: str, table: pd.DataFrame, name: str) -> Array:
         times = _column(place, table, name)
         if stated:
             return (times - times[0]) * _SECONDS[stated[1]]
-        in_seconds = _in_seconds(times)
-        if _IN_SECONDS.search(name) and (in_seconds[1:] - in_seconds[:-1] < times[1:] - times[:-1]).any():
+        seconds = in_seconds(times)
+        if _IN_SECONDS.search(name) and (seconds[1:] - seconds[:-1] < times[1:] - times[:-1]).any():
             step = float(np.median(np.diff(times)))
             raise DataError(
                 f"{place}: frames are {step:.4g} s apart by the column {name!r}, and no flight is seen at such a rate; "
                 f"are they in ms? Then call it 'time [ms]' in the file"
             )
-        return in_seconds
+        return seconds
     if (clock := _of_clock(place, table[name])) is not None:
         return clock
     stamps = pd.to_datetime(table[name], errors="coerce", format="ISO8601")
@@ -492,23 +492,8 @@ def _of_clock(place: str, cells: pd.Series) -> Array | None:
     return seconds - seconds[0] + period * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -period / 2)
 
 
-def _in_seconds(times: Array) -> Array:
-    """Times of no stated unit in s: since 1970 in ms, µs or ns by their size, or ms and µs where s leave no flight."""
-    if len(times) < 2 or not np.isfinite(times).all():
-        return times
-    for least, factor in _SINCE_1970.items():
-        if times[0] > least:
-            return (times - times[0]) * factor
-    step = float(np.median(np.diff(times)))
-    if step == 1 and (times == np.round(times)).all():
-        return times  # frame numbers
-    return times * next((factor for least, factor in _FAR_APART.items() if step > least), 1.0)
-
-
 _IN_SECONDS = re.compile(r"[\[(]\s*s(?:ec|econds)?\s*[\])]\s*$")
 _NANOSECONDS = ("nanosec", "nanosecs", "nsec", "nsecs")
-_SINCE_1970 = {1e17: 1e-9, 1e14: 1e-6, 1e11: 1e-3}  # s, of a time in ns, µs and ms that is greater
-_FAR_APART = {500.0: 1e-6, 0.5: 1e-3}  # s, of a time between frames that is greater: no flight lasts several such
 
 
 def _with_dropped(stamps: Array, number: Array) -> Array:
