@@ -1268,6 +1268,18 @@ def test_a_group_a_toss_in_groups_of_sessions(tmp_path):
         [*recordings_of(tmp_path / "a.h5", bodies, Layout(rate=480))]
 
 
+def test_transforms_of_several_frames_have_stamps_of_their_own(tmp_path):
+    """As of /tf in ROS: the stamps of all rows together grow, too."""
+    rows = pd.DataFrame({"stamp": np.arange(80) / 200, "child_frame_id": ["cube", "gripper"] * 40})
+    rows = rows.assign(x=np.where(rows.child_frame_id == "cube", 1.0, 5.0), y=1 - rows.stamp**2, theta=0.0)
+    rows.to_csv(tmp_path / "tf.csv", index=False)
+    with pytest.raises(DataError, match="has 2 bodies in column 'child_frame_id'; state data"):
+        [*read(tmp_path / "tf.csv", Layout(time="stamp"))]
+    (found,) = [*read(tmp_path / "tf.csv", Layout(time="stamp", body="cube"))]
+    assert len(found.time) == 40
+    assert (found.position[:, 0] == 1).all()
+
+
 def test_objects_of_arrays_are_refused(tmp_path):
     np.save(tmp_path / "bad.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     torch.save({"a": Path("x")}, tmp_path / "bad.pt")

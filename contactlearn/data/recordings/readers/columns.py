@@ -35,6 +35,7 @@ from contactlearn.data.table.names import unit_as_written
 from contactlearn.data.table.several import runs_in
 from contactlearn.data.table.units import Units
 
+_OF_TRANSFORMS = "child_frame_id"
 FRAME_NUMBERS = ("frame", "Frame", "frame_number", "frame_index", "frame_idx", "frames", "seq")
 """Columns that count frames; a frame that they leave out was dropped."""
 _ROWS = 200_000  # that are read at once
@@ -354,12 +355,17 @@ def bodies_in_rows(
 ) -> tuple[str, list[str]]:
     """Return the column that names the bodies of which rows alternate, and their names; none of a single body.
 
+    The frames of transforms of ROS are bodies; other columns are where times grow for each body, and not for all.
+
     Args:
         place: of the table, for errors.
         table: frames of a recording.
         time: name of the column of times; None if frames are counted.
         used: other columns that are known.
     """
+    for column in (name for name in table.columns if str(name).endswith(_OF_TRANSFORMS)):
+        if len(bodies := [*pd.unique(table[column].astype(str))]) > 1:
+            return column, bodies
     clock = next((name for name in (time, *FRAME_NUMBERS) if name in table.columns), None)
     if clock is None:
         return "", []
