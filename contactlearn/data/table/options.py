@@ -52,7 +52,7 @@ class TableOptions:
 
     def units_of(self, known: Recognised) -> Units:
         """Return the units that settings state, and those in the names of columns that are known or that they name."""
-        vocabulary = impact_vocabulary(PLANE) | impact_vocabulary(SPACE)
+        vocabulary = {**impact_vocabulary(PLANE), **impact_vocabulary(SPACE)}
         named = {
             ours: unit for ours, name in self.columns.items() if name and (unit := unit_in(name, ours, vocabulary))
         }
