@@ -1,7 +1,6 @@
 """Fixtures that several test files share, and the inner loop `--quick`."""
 
 import gc
-import itertools
 import os
 import signal
 import sys
@@ -40,18 +39,10 @@ def pytest_collection_modifyitems(config, items):
     if config.getoption("--quick"):
         chosen = [*quick.kept(items, quick.changed())]
     if third is not None:
-        chosen = [*third_of(chosen, third)]
+        chosen = [*quick.third_of(chosen, third)]
     if len(chosen) < len(items):
         config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
         items[:] = chosen
-
-
-def third_of(items, k):
-    """Of each test every third case, or one of two, from the k-th on."""
-    for _, cases in itertools.groupby(items, lambda item: item.nodeid.partition("[")[0]):
-        cases = [*cases]
-        step = min(3, len(cases))
-        yield from cases[k % step :: step]
 
 
 def pytest_collection_finish():

@@ -1,8 +1,10 @@
-"""The inner loop, `pytest --quick`: tests of what changed since the last commit.
+"""Which tests run: of `pytest --quick` those of what changed since the last commit, of `--third` a third of the cases.
 
-They are those of the test files that changed, and the first of the files that import a changed module by its own name.
+Of the first they are those of the test files that changed, and the first of the files that import a changed module
+by its own name.
 """
 
+import itertools
 import re
 import subprocess
 from collections import defaultdict
@@ -42,3 +44,11 @@ def kept(items, paths):
             yield from tests
         elif _imported(path, modules):
             yield from tests[:FIRST]
+
+
+def third_of(items, k):
+    """Of each test every third case, or one of two, from the k-th on."""
+    for _, cases in itertools.groupby(items, lambda item: item.nodeid.partition("[")[0]):
+        cases = [*cases]
+        step = min(3, len(cases))
+        yield from cases[k % step :: step]

@@ -11,9 +11,11 @@ from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from importlinter.cli import lint_imports
+from quick import third_of
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "contactlearn"
@@ -152,3 +154,17 @@ def test_public_names_exist():
     assert seen == made | {name: f"contactlearn:{name}" for name in contactlearn._ROOMS}
     assert {*contactlearn.__all__} <= {*made, *contactlearn._ROOMS, "__version__"}
     assert (PACKAGE / "py.typed").exists()
+
+
+def test_three_commits_that_follow_each_other_try_every_case():
+    """And each of them at least one of each test."""
+    names = [
+        f"{test}{case}"
+        for test, count in (("a", 0), ("b", 1), ("c", 2), ("d", 4), ("e", 9))
+        for case in ([f"[{k}]" for k in range(count)] or [""])
+    ]
+    tried = [[one.nodeid for one in third_of([SimpleNamespace(nodeid=name) for name in names], k)] for k in (7, 8, 9)]
+    assert {name for some in tried for name in some} == {*names}
+    for some in tried:
+        assert {name[0] for name in some} == {*"abcde"}
+    assert [sum(name[0] == "e" for name in some) for some in tried] == [3, 3, 3]

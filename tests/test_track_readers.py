@@ -1278,6 +1278,8 @@ def test_transforms_of_several_frames_have_stamps_of_their_own(tmp_path):
     (found,) = [*read(tmp_path / "tf.csv", Layout(time="stamp", body="cube"))]
     assert len(found.time) == 40
     assert (found.position[:, 0] == 1).all()
+    both = [*read(tmp_path / "tf.csv", Layout(time="stamp", recording="child_frame_id"))]
+    assert [one.name for one in both] == ["cube", "gripper"]  # where a recording a frame is stated
 
 
 def test_objects_of_arrays_are_refused(tmp_path):

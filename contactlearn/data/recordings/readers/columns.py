@@ -363,7 +363,7 @@ def bodies_in_rows(
         time: name of the column of times; None if frames are counted.
         used: other columns that are known.
     """
-    for column in (name for name in table.columns if str(name).endswith(_OF_TRANSFORMS)):
+    for column in (name for name in table.columns if str(name).endswith(_OF_TRANSFORMS) and name not in used):
         if len(bodies := [*pd.unique(table[column].astype(str))]) > 1:
             return column, bodies
     clock = next((name for name in (time, *FRAME_NUMBERS) if name in table.columns), None)
