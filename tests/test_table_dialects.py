@@ -340,6 +340,7 @@ NAMES = {
     "Polish": {"vx": "prędkość vx przed zderzeniem", "vx_post": "prędkość vx po zderzeniu", "theta": "kąt"},
     "Russian": {"vx": "скорость vx до удара", "vx_post": "скорость vx после удара", "theta": "угол θ"},
     "Japanese": {"vx": "速度 vx 衝突前", "vx_post": "速度 vx 衝突後", "theta": "角度"},
+    "Chinese": {"vx": "碰前vx", "vy": "碰前速度y", "vx_post": "碰后vx", "vy_post": "碰后速度y", "omega": "碰前角速度"},
     "words": {"vx": "speed x before", "omega": "Spin", "theta": "Angle", "vy_post": "Vy after impact"},
 }
 

@@ -32,12 +32,14 @@ _BEFORE = (
     *("pre", "before", "initial", "incoming", "incident", "inbound", "approach", "fall", "release", "minus"),
     *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta", "queda"),
     *("lâcher", "lacher", "lâchage", "largage", "loslassen", "suelta", "lanzamiento", "rilascio"),
-    *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до", "衝突前", "碰撞前", "撞击前"),
+    *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до"),
+    *("衝突前", "碰撞前", "撞击前", "碰前", "撞前"),
 )
 _AFTER = (
     *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected", "plus"),
     *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo", "depois"),
-    *("efter", "etter", "na", "jälkeen", "po", "odbicia", "после", "ressalto", "衝突後", "碰撞后", "碰撞後", "撞击后"),
+    *("efter", "etter", "na", "jälkeen", "po", "odbicia", "после", "ressalto"),
+    *("衝突後", "碰撞后", "碰撞後", "撞击后", "碰后", "撞后"),
 )
 _IMPACT = (
     *("impact", "contact", "collision", "bounce", "aufprall", "stoß", "stoss", "kontakt"),
@@ -169,7 +171,7 @@ _SPELLED = {
     "in": "incoming",  # only [in] and inch are inches
     "grad": "deg", "degré": "deg", "degrés": "deg", "grados": "deg", "gradi": "deg", "fps": "ft.s", "dps": "deg.s",
     "mps": "m.s", "mmps": "mm.s", "cmps": "cm.s", "μm": "um", "μs": "us", "minute": "min", "hr": "h", "hour": "h",
-    "feet": "ft",
+    "degps": "deg.s", "radps": "rad.s", "feet": "ft",
 }  # fmt: skip
 _REVOLUTIONS: dict[str, str] = dict.fromkeys(
     ("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min"
@@ -241,10 +243,16 @@ def impact_vocabulary(space: Space) -> Vocabulary:
     return units
 
 
+_UNSPACED = re.compile(
+    "|".join(sorted((w for w in (*_BEFORE, *_AFTER, *_WORDS) if w > "\u3000"), key=len, reverse=True))
+)
+"""Words of scripts that have no spaces between them."""
+
+
 @lru_cache(10_000)  # every reader of a table asks for the same names
 def name_words(name: str) -> tuple[str, ...]:
     """Return the words, numbers and signs of degree in a name, in small letters."""
-    text = normalize("NFKC", name)
+    text = _UNSPACED.sub(r" \g<0> ", normalize("NFKC", name))
     for mark, word in _MARKS:
         text = re.sub(mark, word, text)
     parts = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
