@@ -1,18 +1,22 @@
 """The audit in space: mistakes of units, axes and quaternions are found, and what nothing repairs is refused."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from spatial import BOX, box_tosses
 from torch import Tensor
 
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.data.audit.balance import balance_finding
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_body, turn_quaternion
+from contactlearn.mechanics.rigid_body import contact_velocity, in_body, in_world, turn_quaternion
 from contactlearn.simulation import synthetic
 
 MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
@@ -57,17 +61,51 @@ def lengthened(impacts: Impacts, factor: float) -> Impacts:
     return impacts.replace(v_pre=by * impacts.v_pre, v_post=by * impacts.v_post)
 
 
+def after(impacts: Impacts, change: Callable[[Impacts], Impacts]) -> Impacts:
+    """A mistake of the velocities after impact alone."""
+    return impacts.replace(v_post=change(impacts).v_post)
+
+
+def rates_of_angles(impacts: Impacts) -> Impacts:
+    """Spins as rates of roll, pitch and yaw, by small steps of each angle."""
+    angles = torch.from_numpy(Rotation.from_quat(impacts.q[:, [4, 5, 6, 3]]).as_euler("xyz"))
+    axes = []
+    for step in 1e-6 * torch.eye(3, dtype=torch.float64):
+        turn = Rotation.from_euler("xyz", angles + step) * Rotation.from_euler("xyz", angles).inv()
+        axes.append(torch.from_numpy(turn.as_rotvec()) / 1e-6)
+    return spun(impacts, lambda w: torch.linalg.solve(torch.stack(axes, -1), w))
+
+
+def of_markers(impacts: Impacts) -> Impacts:
+    """Velocities of the origin of a cluster of markers, beside the centre of mass."""
+    arm = in_world(torch.tensor((0.012, -0.009, 0.031), dtype=torch.float64).expand(len(impacts), 3), impacts.q)
+    moved = {
+        name: torch.cat((contact_velocity(arm, v), v[:, 3:]), -1)
+        for name in ("v_pre", "v_post")
+        for v in (getattr(impacts, name),)
+    }
+    return impacts.replace(**moved)
+
+
+def in_body_axes(one: Impacts) -> Impacts:
+    return spun(one, lambda w: in_body(w, one.q))
+
+
 MISTAKES = {
     "none": (lambda one: one, set()),
     "scalar last": (lambda one: with_quaternion(one, one.q[:, 3:].roll(-1, -1)), {"scalar_last"}),
     "world to body": (lambda one: with_quaternion(one, one.q[:, 3:] * CONJUGATE), {"inverse_quaternion"}),
-    "body axes": (lambda one: spun(one, lambda w: in_body(w, one.q)), {"spin_in_body_axes"}),
+    "body axes": (in_body_axes, {"spin_in_body_axes"}),
     "left-handed spins": (lambda one: spun(one, lambda w: -w), {"mirrored_spin"}),
     "one spin": (lambda one: spun(one, lambda w: w * torch.tensor((1.0, -1.0, 1.0))), {"mirrored_wy"}),
     "left-handed axes": (lambda one: turned(one, MIRROR), {"mirrored_spin", "inverse_quaternion"}),
     "y up": (lambda one: turned(one, UP), {"y_up_in_body"}),
     "y up, body axes": (y_up_with_body_spins, {"y_up", "spin_in_body_axes"}),
     "y up in the spin": (lambda one: spun(one, lambda w: w @ UP.T), {"y_up_in_spin"}),
+    "y up after": (lambda one: after(one, lambda x: spun(x, lambda w: w @ UP.T)), {"y_up_in_spin_post"}),
+    "body axes after": (lambda one: after(one, in_body_axes), {"spin_in_body_axes_post"}),
+    "rates of angles": (rates_of_angles, {"spin_of_angles"}),
+    "markers": (of_markers, {"velocity_of_point"}),
     "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),
     "millimetres": (lambda one: lengthened(one, 1e3), {"millimetres_velocity"}),
     "before and after": (lambda one: one.replace(v_pre=one.v_post, v_post=one.v_pre), {"swapped_pre_post"}),
@@ -99,7 +137,7 @@ def test_moments_tell_a_mistake_without_a_shape(tosses, name):
 def test_computed_contact_points_follow_the_correction(tosses, name):
     change, names = MISTAKES[name]
     wrong = change(tosses)
-    wrong = wrong.replace(r=contact_points(BOX, None, wrong.q[:, 3:]))
+    wrong = wrong.replace(r=contact_points(BOX, None, wrong.q[:, 3:]).float().double())  # as a file has them
     corrections = [one.correction for one in audit(wrong) if one.correction]
     assert set(corrections) == names
     right = correct(wrong, corrections)
@@ -110,6 +148,31 @@ def test_what_no_hypothesis_repairs_is_refused(tosses):
     (fatal, *_) = audit(tosses.replace(v_post=tosses.v_post.roll(7, 0)))
     assert fatal.fatal
     assert "no impact of a rigid body can have produced these data" in fatal.sentence
+
+
+def test_rows_of_other_trials_after_impact_are_said_to_be_that(tosses):
+    (fatal, *_) = audit(tosses.replace(v_post=tosses.v_post.roll(1, 0)))
+    assert fatal.fatal
+    assert "velocities after impact stand one row too low" in fatal.sentence
+
+
+def test_spins_that_end_at_the_range_of_a_gyroscope_are_refused(tosses):
+    def limited(w):
+        return in_world(in_body(w, tosses.q).clamp(-4.36, 4.36), tosses.q)
+
+    assert not [one.name for one in audit(tosses) if "gyroscope" in one.name]
+    noise = 0.01 * torch.randn(len(tosses), 3, generator=torch.Generator().manual_seed(0)).double()
+    (fatal, *_) = audit(spun(tosses, lambda w: limited(w) + noise).replace(shape=None))
+    assert fatal.name == "saturated_gyroscope"
+    assert "end at ±4.36 rad/s (250 °/s)" in fatal.sentence
+
+
+def test_a_balance_that_explains_little_is_said_to_be_that(tosses):
+    noise = 30.0 * torch.randn(len(tosses), 3, generator=torch.Generator().manual_seed(0)).double()
+    noisy = after(tosses, lambda one: spun(one, lambda w: w + noise))
+    note = balance_finding(noisy, 1, AuditThresholds(), explained=True)
+    assert "of the change of the spin: the rest is noise of the spins" in note.sentence
+    assert "the moment balance is off" in balance_finding(tosses, 1, AuditThresholds(), explained=True).sentence
 
 
 def test_corrections_of_space_are_refused_in_a_plane():

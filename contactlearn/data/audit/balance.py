@@ -27,7 +27,8 @@ from contactlearn.mechanics.space import PLANE
 
 _INERTIA_ERROR = 0.1  # relative standard error of a term of the balance that estimates the inertia
 _INERTIA_AGREEMENT = 0.2  # relative difference up to which the terms ask for the same factor
-_INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same
+_INERTIA_R_SQUARED = 0.8  # share of Δω that the fitted balance explains for the same, and for any cause in physics
+_UNTOLD_R_SQUARED = 0.5  # the same below which the note says how little it is
 _DRAG = 2.0  # factor on the velocities after contact up to which a drag is the effect `side_drag`
 _BALLS = {"a solid ball (2/5 m R²)": 2 / 5, "a hollow ball (2/3 m R²)": 2 / 3, "a hoop (m R²)": 1.0}  # I/m over R²
 _EXACT = 1e-9  # largest imbalance of any trial that is one of roundings
@@ -75,7 +76,8 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
     contradictory = total > thresholds.consistent and not explained
     if not opened and not contradictory:
         return _consistent_note(impacts, fit)
-    doubted = contradictory or balance(balanced).judged.imbalance > thresholds.doubted_balance
+    blurred = fit.imbalance > thresholds.doubted_balance and fit.r_squared < _INERTIA_R_SQUARED
+    doubted = contradictory or blurred or balance(balanced).judged.imbalance > thresholds.doubted_balance
     rule = "the moment balance does not close" if opened else f"the trials contradict {_rigid(impacts)}"
     sentence = f"{rule}, and no mistake of units or axes explains it ({tried} hypotheses compared): {_must(impacts)} "
     sentence += f"gives {fit}"
@@ -142,7 +144,8 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
     """Note that nothing contradicts rigid impacts, with the moment balance that was measured.
 
     It closes only where the interval of each coefficient, to two decimals, has 1 in it.  Measured numbers never close
-    it to the last digit: spins or contact points that were computed from it do, as those of a simulation.
+    it to the last digit: spins or contact points that were computed from it do, as those of a simulation.  Noise of
+    the moments may shrink the coefficients to R², so of a small one nothing follows.
     """
     if not fit.terms:
         closes = "cannot be judged: the moments in these data are negligible, or in one proportion in all trials"
@@ -160,10 +163,13 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
         )
     else:
         closes = "closes"
-    sentence = (
-        f"the measurements are consistent with {_rigid(impacts)}: columns, units, axes, order, energy and contact "
-        f"points; the moment balance {closes}"
-    )
+    agree = f"the measurements are consistent with {_rigid(impacts)}"
+    sentence = f"{agree}: columns, units, axes, order, energy and contact points; the moment balance {closes}"
+    if fit.terms and fit.r_squared < _UNTOLD_R_SQUARED:
+        sentence = (
+            f"{agree}, but the moments explain only {max(fit.r_squared, 0):.0%} of the change of the spin: the rest is "
+            "noise of the spins, or they are not what their columns say"
+        )
     sentence += f": {BALANCE[impacts.space.name]} gives {fit}" if fit.terms else ""
     evidence = evidence_of(*fit.coefficients("measured").items())
     return Finding(name="consistent", sentence=sentence, evidence=evidence, mistake=False)

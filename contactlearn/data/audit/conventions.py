@@ -26,7 +26,16 @@ from contactlearn.core.errors import DataError
 from contactlearn.data.audit.contradictions import contradictions
 from contactlearn.data.audit.corrections import CORRECTIONS, correct, units_and_axes
 from contactlearn.data.audit.incline import incline_text
-from contactlearn.data.audit.moments import BALANCE, Balance, Columns, balance, inertia_text, needed_inertia, torque
+from contactlearn.data.audit.moments import (
+    BALANCE,
+    Balance,
+    Columns,
+    balance,
+    inertia_text,
+    needed_inertia,
+    point_text,
+    torque,
+)
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
@@ -50,11 +59,16 @@ AXES = (
 _MIRRORED_SPINS = ("mirrored_spin", "mirrored_wx", "mirrored_wy", "mirrored_wz")
 _UPWARDS = ("y_up", "x_up", "z_down", "y_up_in_body", "x_up_in_body", "z_down_in_body")
 _UPWARDS_IN_SPIN = ("y_up_in_spin", "x_up_in_spin", "z_down_in_spin")
+_SPIN_AT_ONE_TIME = tuple(
+    f"{name}_{time}" for name in (*_UPWARDS_IN_SPIN, "spin_in_body_axes") for time in ("pre", "post")
+)
+"""Axes of the spin before impact or after it alone, beside which nothing else is wrong."""
 _MIRRORS_IN_SPACE = ("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space")
 AXES_IN_SPACE = (
     "swapped_pre_post",
     *("scalar_last", "inverse_quaternion", *_MIRRORED_SPINS, *_UPWARDS_IN_SPIN),
-    *("spin_in_body_axes", "contact_point_in_body_axes"),
+    *_SPIN_AT_ONE_TIME,
+    *("spin_in_body_axes", "spin_of_angles", "contact_point_in_body_axes"),
     *_UPWARDS,
     *_MIRRORS_IN_SPACE,
     "contact_point_sign",
@@ -66,6 +80,7 @@ _MEANINGS = ("changes_post", "approach_speed")
 _EXCLUSIVE = (
     *(("swapped_axes", *_TURNS), _UPWARDS, _UPWARDS_IN_SPIN, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA),
     ("swapped_pre_post", *_MEANINGS),
+    ("spin_in_body_axes", "spin_of_angles"),
     ("approach_speed", "mirrored_y", "z_down", "z_down_in_body", "mirrored_z_in_space"),
 )
 """Of which a hypothesis has one: two are a third, or a floor that is inclined by 90°."""
@@ -75,7 +90,7 @@ DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 _RARE = tuple(name for name, unit in MISWRITTEN.items() if name not in UNITS and "shape" not in unit.columns)
 """Units that occur once in a table, beside few other mistakes; those of one side of the impact alone."""
-BALANCED = {*UNITS, *_RARE, "inclined_floor"} - {"degrees_theta"}
+BALANCED = {*UNITS, *_RARE, "inclined_floor", "velocity_of_point"} - {"degrees_theta"}
 """Corrections that the moment balance depends on."""
 _MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
 """Corrections that an inclined floor may come with; a mirror of y is one of x and a turn."""
@@ -92,11 +107,12 @@ _STEPS = {
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
-FITTED = {"inertia_scaled", "inclined_floor"}  # corrections by a number that is fitted to the moments
+FITTED = {"inertia_scaled", "inclined_floor", "velocity_of_point"}  # corrections by numbers fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
 _MAX_CONTRADICTIONS_OF_UNIT = 0.05  # the same where it is a unit: an inclined floor that looks like one leaves more
+_UNIT_R_SQUARED = 0.8  # share of Δω that the balance explains, with whatever coefficients, under a rare unit
 _SETTLING = 0.04  # fall of contradictions for each correction more than those of an accepted hypothesis
 _SETTLED = 0.25  # of the contradictions that an accepted hypothesis leaves, which a longer one may leave in its place
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
@@ -222,13 +238,13 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
         if accepted:
             chosen = _chosen(given, accepted, tried)
             if doubtful is None and chosen.best.score >= _most_contradictions(chosen.best):
-                chosen = _chosen(given, [*accepted, *_inclined(given)], tried + len(_MIRRORS))
+                chosen = _chosen(given, [*accepted, *_fitted(given)], tried + len(_MIRRORS))
             if chosen.best.score < _MAX_CONTRADICTIONS_OF_UNIT:
                 return chosen
             doubtful = doubtful or chosen
     if doubtful is not None:
         return doubtful
-    accepted = _inclined(given) if given.score > thresholds.sound else []
+    accepted = _fitted(given) if given.score > thresholds.sound else []
     if accepted:
         return _chosen(given, accepted, tried + len(_MIRRORS))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
@@ -279,12 +295,13 @@ def _whole(quantity: str) -> list[str]:
     return [name for name, unit in MISWRITTEN.items() if unit.columns == columns]
 
 
-def _inclined(given: Hypothesis) -> list[Hypothesis]:
-    """The accepted hypotheses of an inclined floor, in the plane.
+def _fitted(given: Hypothesis) -> list[Hypothesis]:
+    """The accepted hypotheses of velocities of another point of the body, and in the plane of an inclined floor.
 
     An incline within the range of `surface_tilt` is left to that effect, unless the data are impossible without it.
     """
-    accepted = list[Hypothesis]()
+    point = _applied(given, ("velocity_of_point",))
+    accepted = [point] if point is not None and point.score <= _MAX_CONTRADICTIONS and _better(point, given) else []
     for mirrors in _MIRRORS if given.impacts.space is PLANE else ():
         level, inclined = _applied(given, mirrors), _applied(given, (*mirrors, "inclined_floor"))
         if level is None or inclined is None or inclined.score > _MAX_CONTRADICTIONS or not _better(inclined, given):
@@ -355,6 +372,8 @@ def _explains(new: Hypothesis) -> bool:
     rare = [MISWRITTEN[name].factor for name in new.names if name in _RARE]
     if rare and not new.balance.judged.terms:  # vertical drops without spin: no moment tells any unit
         return False
+    if rare and new.balance.r_squared < _UNIT_R_SQUARED:  # as of spins that end at a limit
+        return False
     left = abs(torque(new.impacts).inertia_factor.log().item())
     if len(rare) != 1:
         return not rare or new.fits
@@ -419,7 +438,7 @@ def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:
     A rare unit comes with few other mistakes, that of one side of the impact with none.
     """
     names = {*have, name}
-    if name in have or (again and "swapped_axes" not in have):
+    if name in have or (again and "swapped_axes" not in have) or (have and names.intersection(_SPIN_AT_ONE_TIME)):
         return False
     if any(len(names.intersection(some)) > 1 for some in _EXCLUSIVE):
         return False
@@ -485,6 +504,8 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
         text = CORRECTIONS[name].description + ("" if factor is None else f", {inertia_text(factor)}")
         if name == "inclined_floor":
             text = incline_text(correct(given.impacts, best.names[:place]))
+        if name == "velocity_of_point":
+            text += f"; they are {point_text(correct(given.impacts, best.names[:place]))}"
         finding = Finding(
             name=name,
             sentence=f"{text}{others and f', together with {others}'}: {numbers}",
@@ -576,6 +597,11 @@ def _lead(best: Hypothesis) -> str:
             f"Spins follow the impulses (R² = {best.balance.r_squared:.2f}), but not as they should: is the shape that "
             "of this body, with θ about its axes, or are columns after impact something else than velocities?"
         )
+    for rows, where in ((1, "low"), (-1, "high")):
+        moved = best.impacts.replace(v_post=best.impacts.v_post.roll(-rows, 0), validate=False)
+        closed = Hypothesis(names=(), impacts=moved, thresholds=best.thresholds).closed
+        if closed and torque(moved).explained.item() > EXPLAINED:
+            return f"The velocities after impact stand one row too {where}: shifted by one they close the balance"
     return "Do before and after belong to the same trials, and ω to the same body?"
 
 

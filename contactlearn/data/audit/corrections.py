@@ -26,7 +26,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.incline import floor_angle, levelled
-from contactlearn.data.audit.moments import Columns, torque
+from contactlearn.data.audit.moments import Columns, torque, tracked_point
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
@@ -36,12 +36,21 @@ from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, matvec, orientation_of, rotation, turn_quaternion
+from contactlearn.mechanics.rigid_body import (
+    contact_jacobian,
+    in_world,
+    matvec,
+    orientation_of,
+    rotation,
+    turn_quaternion,
+)
 from contactlearn.mechanics.shapes import scaled
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
 _POSES, _VELOCITIES = ("q", "q_post"), ("v_pre", "v_post")
-_FOLLOWS = 1e-6  # relative difference up to which r or I are those of the stated shape, from which they were computed
+_FOLLOWS = 1e-4  # relative difference up to which r or I are those of the stated shape, from which they were computed
+_ONE_TIME = {"": ("v_pre", "v_post"), "_pre": ("v_pre",), "_post": ("v_post",)}
+_WHEN = {"": "", "_pre": " before impact", "_post": " after impact"}
 
 
 @dataclass(frozen=True)
@@ -238,6 +247,13 @@ def _inertia_scaled(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return impacts.replace(inertia=impacts.inertia * factor)
 
 
+def _of_mass_centre(impacts: Impacts, _: AuditThresholds) -> Impacts:
+    d, D = impacts.space.d, impacts.space.D
+    arm = in_world(tracked_point(impacts).expand(len(impacts), d), impacts.q)
+    still = torch.eye(D, dtype=torch.float64).expand(len(impacts), D, D)
+    return _linear(impacts, torch.cat((2 * still[:, :d] - contact_jacobian(arm), still[:, d:]), -2))
+
+
 # --- Space -----------------------------------------------------------------------------------------
 
 
@@ -269,15 +285,37 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
     return turned
 
 
-def _turned_spin(*vector: float) -> Callable[[Impacts, AuditThresholds], Impacts]:
-    """A correction of the spin alone to axes with z up, by a turn about a vector in rad."""
-    spin = torch.block_diag(torch.eye(3, dtype=torch.float64), _turn(torch.tensor(vector, dtype=torch.float64)))
+def _other_spin(axes: Callable[[Tensor], Tensor], time: str = "") -> Callable[[Impacts, AuditThresholds], Impacts]:
+    """A correction of the axes of the spin, at both times or one: the columns of a matrix for each quaternion."""
 
-    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
-        fields = {name: x @ spin.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
-        return impacts.replace(**fields, **{f"{name}_cov": spin @ x @ spin.T for name, x in _covariances(impacts)})
+    def corrected(impacts: Impacts, _: AuditThresholds) -> Impacts:
+        columns = axes(impacts.q[..., 3:])
+        still = torch.eye(3).to(columns).expand_as(columns)
+        both = torch.cat((torch.cat((still, 0 * still), -1), torch.cat((0 * still, columns), -1)), -2)
+        return _linear(impacts, both, _ONE_TIME[time])
 
-    return turned
+    return corrected
+
+
+def _linear(impacts: Impacts, by: Tensor, names: Sequence[str] = _VELOCITIES) -> Impacts:
+    """Impacts with velocities mapped by matrices [..., D, D], and their covariances with them."""
+    fields = {name: matvec(by, getattr(impacts, name)) for name in names}
+    fields |= {f"{name}_cov": by @ x @ by.mT for name, x in _covariances(impacts) if name in names}
+    return impacts.replace(**fields)
+
+
+def _standing(*vector: float) -> Callable[[Tensor], Tensor]:
+    """The axes of the world, turned about a vector in rad."""
+    turn = _turn(torch.tensor(vector, dtype=torch.float64))
+    return lambda q: turn.expand(*q.shape[:-1], 3, 3)
+
+
+def _rates_of_angles(q: Tensor) -> Tensor:
+    """The axes about which a body turns by roll, pitch and yaw, in world axes: those of z, of y and of x in turn."""
+    R = rotation(q)
+    yaw = torch.atan2(R[..., 1, 0], R[..., 0, 0])
+    pitch = torch.stack((-yaw.sin(), yaw.cos(), 0 * yaw), -1)
+    return torch.stack((R[..., 0], pitch, torch.eye(3).to(R)[2].expand_as(pitch)), -1)
 
 
 def _other_quaternion(change: Callable[[Tensor], Tensor]) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -292,13 +330,6 @@ def _other_quaternion(change: Callable[[Tensor], Tensor]) -> Callable[[Impacts, 
         return impacts.replace(**fields)
 
     return corrected
-
-
-def _spin_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
-    R = rotation(impacts.q[..., 3:])
-    both = torch.cat((torch.cat((torch.eye(3).to(R).expand_as(R), 0 * R), -1), torch.cat((0 * R, R), -1)), -2)
-    fields = {name: matvec(both, getattr(impacts, name)) for name in _VELOCITIES}
-    return impacts.replace(**fields, **{f"{name}_cov": both @ x @ both.mT for name, x in _covariances(impacts)})
 
 
 def _contact_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
@@ -390,7 +421,14 @@ _IN_SPACE = {
         "the quaternion turns from the axes of the world to those of the body, or the other way round",
         _other_quaternion(lambda q: q * torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)),
     ),
-    "spin_in_body_axes": Correction("ω is in the axes of the body", _spin_in_body_axes),
+    **{
+        f"spin_in_body_axes{time}": Correction(f"ω{when} is in the axes of the body", _other_spin(rotation, time))
+        for time, when in _WHEN.items()
+    },
+    "spin_of_angles": Correction(
+        "ω is the rates of roll, pitch and yaw, of turns about x, y and z of which that about z comes last",
+        _other_spin(_rates_of_angles),
+    ),
     "contact_point_in_body_axes": Correction("the contact point is in the axes of the body", _contact_in_body_axes),
     **{
         name + end: Correction(text + more, turned)
@@ -402,7 +440,10 @@ _IN_SPACE = {
         for end, more, turned in (
             ("", "", _turned_axes(*vector, with_body=False)),
             ("_in_body", ", in the axes of the body too", _turned_axes(*vector, with_body=True)),
-            ("_in_spin", ", in the spin alone", _turned_spin(*vector)),
+            *(
+                (f"_in_spin{time}", f", in the spin{when} alone", _other_spin(_standing(*vector), time))
+                for time, when in _WHEN.items()
+            ),
         )
     },
     **{
@@ -495,6 +536,12 @@ CORRECTIONS = {
     "inertia_scaled": Correction(
         "the moment of inertia is off by the factor that the moment balance of the data requires",
         _inertia_scaled,
+        needs_all_trials=True,
+    ),
+    "velocity_of_point": Correction(
+        "velocities are those of another point of the body, such as the origin of its markers: those of the centre of "
+        "mass follow from the spin",
+        _of_mass_centre,
         needs_all_trials=True,
     ),
     "inclined_floor": Correction(

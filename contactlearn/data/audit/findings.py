@@ -9,6 +9,7 @@
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     saturated_readings        velocities that stop at a limit in several trials
+    saturated_gyroscope       spins in space that end at one number about the axes of the body
     uneven_covariances        variances of single trials that are far smaller than those of most
     out_of_order              times that contradict the order of the trials
     moving_floor              the floor moves along its normal: a constant in v_n⁺ beside its part ∝ v_n
@@ -72,6 +73,7 @@ from contactlearn.data.audit.trials import (
     copied,
     covariance_findings,
     duplicate_findings,
+    gyroscope_findings,
     incomplete_findings,
     mass_notes,
     order_findings,
@@ -133,7 +135,9 @@ def audit(
     comparison = compare(_subsample(sound), thresholds)
     shaped = Audit(first).corrections
     blocks = (lambda: [sound]) if every is None else (lambda: (correct(one, shaped) for one in every()))
-    fatal = mixed_findings(comparison, blocks) or (exchanged_findings(comparison) if plane else [])
+    fatal = mixed_findings(comparison, blocks) or (
+        exchanged_findings(comparison) if plane else gyroscope_findings(sound)
+    )
     fatal = fatal or impossible_findings(comparison, thresholds)
     if fatal:
         return Audit((*fatal, *findings, *first, *order_findings(sound), *notes))

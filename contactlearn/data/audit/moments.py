@@ -20,7 +20,15 @@ from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.data.audit.units import MISWRITTEN
 from contactlearn.mechanics.bodies import AnyShape, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import contact_velocity, inertia_in_world, moment, spin, squared_mass_norm
+from contactlearn.mechanics.rigid_body import (
+    contact_velocity,
+    in_world,
+    inertia_in_world,
+    moment,
+    spin,
+    squared_mass_norm,
+    swept,
+)
 from contactlearn.mechanics.space import PLANE, SPACE, Space
 
 BALANCE = {
@@ -310,6 +318,30 @@ def needed_inertia(impacts: Impacts | Columns, thresholds: AuditThresholds) -> F
         most = _ROUNDED * farthest**2
     wrong = factor.log().abs() > math.log(thresholds.inertia_factor)
     return torch.where(wrong & (factor * gyration <= most), factor, math.nan)
+
+
+def tracked_point(impacts: Impacts) -> Float[Tensor, " d"]:
+    """Compute the point in m, from the centre of mass in the axes of the body, of which velocities balance the moments.
+
+    Those of a point d are v + ω × d, so Δω = I⁻¹ r × m (Δv − Δω × d) is linear in d; by Tukey's biweight.
+    """
+    d, terms = impacts.space.d, torque(impacts)
+    change, inertia = (impacts.v_post - impacts.v_pre)[:, d:], impacts.world_inertia
+    arms = (in_world(axis.expand(len(impacts), d), impacts.q) for axis in torch.eye(d, dtype=torch.float64))
+    forces = (impacts.mass[:, None] * swept(arm, change) for arm in arms)
+    columns = torch.stack([spin(inertia, moment(impacts.r, force)).flatten() for force in forces], -1)
+    left, weight = -terms.residual.flatten(), torch.ones(len(columns), dtype=torch.float64)
+    for _ in range(_ABSOLUTE_ROUNDS):
+        point = torch.linalg.lstsq(weight[:, None] * columns, weight * left).solution
+        off = (left - columns @ point).abs()
+        weight = biweight(off / (MAD_SCALE * off.median()).clamp_min(1e-300)).sqrt()
+    return point
+
+
+def point_text(impacts: Impacts) -> str:
+    """Write where that point is."""
+    place = ", ".join(f"{1e3 * x:.3g}".replace("-", "−") for x in tracked_point(impacts).tolist())
+    return f"of the point at ({place}) mm from the centre of mass in the axes of the body"
 
 
 def median_gyration(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:
