@@ -209,6 +209,23 @@ def test_effects_that_together_stand_for_one_are_not_named():
     assert _pruned(pool, folds, many, Thresholds()) is simple
 
 
+def test_two_effects_of_fewer_parameters_are_no_larger_than_one_of_many():
+    """The arm of a moment around the body has four parameters, which an offset of θ and a patch of one each make."""
+    impacts, _ = hidden_effects.draw(1, effects=["contact_patch", "orientation_offset"], size=40, strength=(1, 2.5))
+    moment, patch, offset = (
+        EffectId("orientation_dependent_moment", "harmonics"),
+        EffectId("contact_patch", "linear"),
+        EffectId("orientation_offset"),
+    )
+    pool = pooled(impacts, moment, patch, offset, laws=("mirtich",))
+    one, two = (pool.fitted(spec(*some, law="mirtich")) for some in ((moment,), (patch, offset)))
+    assert two.score < one.score - 5
+    folds = Folds.draw(len(impacts), torch.Generator().manual_seed(0))
+    assert _pruned(pool, folds, two, Thresholds()) is two
+    plausible = plausible_models(pool, one, 7.0, torch.Generator().manual_seed(0))
+    assert inclusion(plausible, moment) < 0.2
+
+
 def test_a_spring_and_dashpot_are_tried_where_rigid_laws_do_no_better():
     """Else their rebound, which friction changes, is named restitution that depends on the configuration."""
     lever = EffectId("configuration_dependent_restitution", "linear")

@@ -1,17 +1,18 @@
 """Do planned drops need less work than random ones?  Drop by drop, in worlds of `data=mystery`.
 
-    python benchmarks/accuracy/plan.py [--worlds SEED …] [--nulls SEED …] [--strength 2 5] [--keep looks.jsonl]
+    python benchmarks/accuracy/plan.py [--worlds SEED …] [--nulls SEED …] [--strength 2 5] [--batches 20 10 10 20 20]
+                                      [--keep looks.jsonl]
     python benchmarks/accuracy/plan.py --table [--keep looks.jsonl]
     python benchmarks/accuracy/plan.py --parameters
     python benchmarks/accuracy/plan.py --twins
 
 Each world is measured within the limits of one rig: heights 0.05–0.5 m to 2 mm, spins within 30 rad/s set to 10 %, any
-angle to 2°; the place on the floor comes by chance.  The first look is at 20 drops, the least that is diagnosed, the
-next at 30, 40, 60 and 80.  `planned` drops are those of `plan` from the diagnosis before them, `random` ones are drawn
-evenly within the same limits.  Both are diagnosed with the whole catalogue at every look, and follow the rule of
-`planning.stopping` for names; with random drops no forecast ends them.  The ground truth is read only to judge.
-`--strength` is the range of the size of an effect in units of the noise: 2 to 5 is usual.  Worlds are seeds that
-nothing was tuned to.
+angle to 2°; the place on the floor comes by chance. The first look is at 20 drops, the least that is diagnosed, the
+next at 30, 40, 60 and 80, or as `--batches` says. `planned` drops are those of `plan` from the diagnosis before them,
+`random` ones are drawn evenly within the same limits. Both are diagnosed with the whole catalogue at every look, and
+follow the rule of `planning.stopping` for names; with random drops no forecast ends them. The ground truth is read
+only to judge. `--strength` is the range of the size of an effect in units of the noise: 2 to 5 is usual. Worlds are
+seeds that nothing was tuned to.
 
     drops    until the names found at ≥ 0.9 are those that are hidden, and none beside them is probable
     settled  the names at the end, if the rule settled some: right, part (some of them, nothing false), or false
@@ -64,8 +65,6 @@ RIG = Rig(
         "x": Limits(low=0.08, high=0.5, settable=False),
     }
 )
-BATCHES = (20, 10, 10, 20, 20)
-BUDGET = sum(BATCHES)
 TWINS = (
     ("incidence_dependent_friction", "velocity_dependent_friction"),
     ("slip_dependent_restitution", "incidence_dependent_restitution"),
@@ -84,27 +83,30 @@ def specimen(laboratory: Laboratory) -> Specimen:
     return Specimen(mass=laboratory.mass, inertia=laboratory.inertia, shape=laboratory.shape, name="ellipse")
 
 
-def looks(seed: int, arm: str, effects: tuple[str, ...] | None, strength: tuple[float, float]) -> list[dict]:
+def looks(
+    seed: int, arm: str, effects: tuple[str, ...] | None, strength: tuple[float, float], batches: list[int]
+) -> list[dict]:
     """The looks at a world, one a batch, to the end of its sequence; a null world goes on to the last batch."""
     laboratory = Laboratory.of(seed, effects=effects, strength=strength)
     generator = torch.Generator().manual_seed(seed)
     body = specimen(laboratory)
     rig, chosen, drops, made, found = RIG.completed([body]), None, [], list[Look](), list[dict]()
     truth = {e["name"] for e in draw(seed, effects=effects)[1]["effects"]}
-    for count, following in pairwise((*BATCHES, BATCHES[-1])):
+    budget = sum(batches)
+    for count, following in pairwise((*batches, batches[-1])):
         if arm == "random":
             batch = evenly(rig, generator, count)
         else:
-            chosen = plan(body, RIG, count=count, budget=BUDGET) if chosen is None else chosen
+            chosen = plan(body, RIG, count=count, budget=budget) if chosen is None else chosen
             batch = chosen.drops
         first = 1 + sum(map(len, drops))
         drops.append(carry_out(rig, batch, [body], laboratory, generator=generator, first=first))
         known = diagnose(joined(drops))
         if arm == "random":
             made.append(Look.of(known, gain=1.0))
-            stop = decide(Goal.NAMES, made, BUDGET, following)
+            stop = decide(Goal.NAMES, made, budget, following)
         else:
-            chosen = plan(known, RIG, count=following, budget=BUDGET, looks=made, seed=len(made))
+            chosen = plan(known, RIG, count=following, budget=budget, looks=made, seed=len(made))
             made, stop = list(chosen.looks), chosen.stop
         look = made[-1]
         found.append(
@@ -226,7 +228,7 @@ def interval(count: int, of: int) -> str:
     return f"{count} of {of} ({low:.0%} to {high:.0%})"
 
 
-def table(lines: list[dict]) -> str:
+def table(lines: list[dict], batches: list[int]) -> str:
     """What was measured."""
     worlds = defaultdict(list)
     for one in lines:
@@ -252,7 +254,7 @@ def table(lines: list[dict]) -> str:
         said.append(f"    settled: {'; '.join(kinds)}")
     both = [(one["planned"], one["random"]) for one in drops.values() if len(one) == 2]
     if both:
-        never = BUDGET + BATCHES[-1]
+        never = sum(batches) + batches[-1]
         ratios = sorted((a or never) / (b or never) for a, b in both)
         said.append(
             f"planned over random drops, {never} where never: median {median(ratios):.2f} of "
@@ -271,6 +273,7 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, nargs="*", default=[], help="seeds")
     parser.add_argument("--nulls", type=int, nargs="*", default=[], help="seeds of worlds without effects")
     parser.add_argument("--strength", type=float, nargs=2, default=(2.0, 5.0))
+    parser.add_argument("--batches", type=int, nargs="+", default=[20, 10, 10, 20, 20], help="drops before each look")
     parser.add_argument("--keep", type=Path, default=Path("plan_looks.jsonl"))
     parser.add_argument("--table", action="store_true", help="of finished looks alone")
     parser.add_argument("--parameters", action="store_true", help="errors of parameters alone")
@@ -287,12 +290,12 @@ def main() -> None:
     with threadpool_limits(1):
         for seed, arm, effects in () if options.table else tasks:
             if (seed, arm) not in done:
-                found = looks(seed, arm, effects, tuple(options.strength))
+                found = looks(seed, arm, effects, tuple(options.strength), options.batches)
                 lines += found
                 with options.keep.open("a") as file:
                     file.writelines(json.dumps(one) + "\n" for one in found)
                 print(seed, arm, [(x["trials"], x["found"]) for x in found], found[-1]["stop"], flush=True)
-    print(table(lines))
+    print(table(lines, options.batches))
 
 
 if __name__ == "__main__":

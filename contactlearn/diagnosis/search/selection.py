@@ -62,7 +62,7 @@ def plausible_models(pool: Pool, chosen: ScoredFit, window: float, generator: to
         generator: of the bootstrap.
     """
     near = [model for model in pool.models.values() if model.score < chosen.score + window]
-    near = [model for model in near if len(model.spec.effects) <= len(chosen.spec.effects)]
+    near = [model for model in near if _as_simple(model, chosen)]
     models = [model for model in near if model is chosen or not any(_part(other, model) for other in near)]
     shares = _shares(pool, models, generator)
     plausible = [Plausible(model, share) for model, share in zip(models, shares.tolist(), strict=True)]
@@ -72,6 +72,11 @@ def plausible_models(pool: Pool, chosen: ScoredFit, window: float, generator: to
 def inclusion(models: Sequence[Plausible], effect: EffectId) -> float:
     """Compute the share of the models that contain an effect, in whatever form."""
     return sum(plausible.share for plausible in models if effect.name in plausible.model.spec.families)
+
+
+def _as_simple(model: ScoredFit, other: ScoredFit) -> bool:
+    """Return whether a model has no more effects than another, or no more parameters: two of one do for one of four."""
+    return len(model.spec.effects) <= len(other.spec.effects) or len(model.fit.values) <= len(other.fit.values)
 
 
 def _part(other: ScoredFit, model: ScoredFit) -> bool:
@@ -323,14 +328,20 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
     What is left without one is exchanged for the best model of no more effects, so that the answer is on the frontier.
     In the end all effects that a smaller model of the frontier has not must be worth their names together: several that
     stand for one effect each bring little less than it does.  Where they are not, the smaller models are asked in turn.
+    More effects with no more parameters that fit better need no such proof.
     """
 
     def improves(less: ScoredFit, more: ScoredFit) -> bool:
+        if _as_simple(more, less):
+            return more.score < less.score
         base = pool.fitted(Spec(more.spec.law))
         predict_held_out(pool, folds, (less, more, base))
         without, whole, alone = (validated(pool, folds, fitted) for fitted in (less, more, base))
         effects = len(more.spec.effects) - len(less.spec.effects)
         return _improves_enough(without, whole, alone.mean_error, thresholds, effects)
+
+    def worthy(model: ScoredFit) -> bool:
+        return all(improves(less, model) for less in smaller(pool, model, *sorted(model.spec.effects)))
 
     while model.spec.effects:
         less = pool.best(smaller(pool, model, *sorted(model.spec.effects)))
@@ -339,13 +350,13 @@ def _pruned(pool: Pool, folds: Folds, model: ScoredFit, thresholds: Thresholds) 
         model = pool.best_of_sizes(range(len(less.spec.effects) + 1))
     sizes = sorted({len(spec.effects) for spec in pool.models if len(spec.effects) < len(model.spec.effects)})
     frontier = [pool.best_of_sizes([size]) for size in sizes]
-    if all(improves(less, model) for less in frontier):
-        return model
-    chosen = frontier[0]
-    for more in frontier[1:]:
-        if improves(chosen, more):
-            chosen = more
-    return chosen
+    if not all(improves(less, model) for less in frontier):
+        model = frontier[0]
+        for more in frontier[1:]:
+            if improves(model, more):
+                model = more
+    simple = pool.best(other for other in pool.models.values() if _as_simple(other, model))
+    return simple if simple is not model and worthy(simple) else model
 
 
 def _improves_enough(
