@@ -39,6 +39,7 @@ SUITES = (
     "author_i",
     "author_j",
     "author_k",
+    "author_l",
 )
 
 
