@@ -33,7 +33,7 @@ _GROUPS = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the `contactlearn` command; return the exit status."""
-    words = sys.argv[1:] if arguments is None else arguments
+    words = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if words and words[0] in _CONFIGURED:
         from contactlearn.cli import hydra_main
 
@@ -126,7 +126,7 @@ def _parser() -> tuple[_Parser, dict[str, _Parser]]:
     bench.add_argument("--port", type=int, help="to bind to (default: the first free one from 8765; 0: any free one)")
     bench.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
     bench.set_defaults(run=_run_workbench)
-    lines = ["Learn rigid-body contact from measurements."]
+    lines = ["Learn rigid-body contact from measurements.  First try: contactlearn diagnose data=mystery data.seed=7"]
     for group, names in _GROUPS.items():
         lines += ["", f"{group}:"]
         lines += [fill(summaries[one], 79, initial_indent=f"    {one:11}", subsequent_indent=15 * " ") for one in names]

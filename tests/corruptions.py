@@ -42,6 +42,7 @@ CORRUPTIONS: dict[str, dict[str, Callable]] = {
     "mirrored_y": scaled(-1, "y", "y_post", "vy", "vy_post", "ry"),
     "mirrored_theta": scaled(-1, "theta", "theta_post", "omega", "omega_post"),
     "mirrored_omega": scaled(-1, "omega", "omega_post"),
+    "mirrored_vy": scaled(-1, "vy", "vy_post"),
     "contact_point_sign": scaled(-1, "rx", "ry"),
     "contact_point_mirrored": scaled(-1, "rx"),
     "swapped_axes": exchanged(("x", "y"), ("x_post", "y_post"), ("vx", "vy"), ("vx_post", "vy_post"), ("rx", "ry")),

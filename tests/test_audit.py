@@ -151,8 +151,8 @@ def test_an_orientation_from_another_axis(body, computed):
 
 
 BESIDE = [
-    ("mirrored_y",), ("swapped_axes",), ("mirrored_y", "mirrored_theta"), ("quarter_turn", "degrees_omega"),
-    ("quarter_turn", "mirrored_omega"), ("quarter_turn", "mirrored_theta", "grams"),
+    ("mirrored_y",), ("mirrored_vy",), ("swapped_axes",), ("mirrored_y", "mirrored_theta"),
+    ("quarter_turn", "degrees_omega"), ("quarter_turn", "mirrored_omega"), ("quarter_turn", "mirrored_theta", "grams"),
 ]  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from contactlearn.simulation import synthetic
 
 MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
 CONJUGATE = torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)
+HEADING = torch.from_numpy(Rotation.from_rotvec((0.0, 0.0, 0.65)).as_matrix())
 UP = torch.tensor(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)), dtype=torch.float64)  # y points up
 
 
@@ -87,6 +88,11 @@ def of_markers(impacts: Impacts) -> Impacts:
     return impacts.replace(**moved)
 
 
+def turned_normal(impacts: Impacts) -> Impacts:
+    by = torch.tensor((1.0, 1, -1, 1, 1, 1), dtype=torch.float64)
+    return impacts.replace(v_pre=by * impacts.v_pre, v_post=by * impacts.v_post)
+
+
 def in_body_axes(one: Impacts) -> Impacts:
     return spun(one, lambda w: in_body(w, one.q))
 
@@ -106,6 +112,8 @@ MISTAKES = {
     "body axes after": (lambda one: after(one, in_body_axes), {"spin_in_body_axes_post"}),
     "rates of angles": (rates_of_angles, {"spin_of_angles"}),
     "markers": (of_markers, {"velocity_of_point"}),
+    "heading of a compass": (lambda one: spun(one, lambda w: w @ HEADING.T), {"turned_spin"}),
+    "v_z": (lambda one: turned_normal(one), {"mirrored_vz"}),
     "degrees": (lambda one: spun(one, lambda w: w * 180 / math.pi), {"degrees_omega"}),
     "millimetres": (lambda one: lengthened(one, 1e3), {"millimetres_velocity"}),
     "before and after": (lambda one: one.replace(v_pre=one.v_post, v_post=one.v_pre), {"swapped_pre_post"}),
@@ -165,6 +173,26 @@ def test_spins_that_end_at_the_range_of_a_gyroscope_are_refused(tosses):
     (fatal, *_) = audit(spun(tosses, lambda w: limited(w) + noise).replace(shape=None))
     assert fatal.name == "saturated_gyroscope"
     assert "end at ±4.36 rad/s (250 °/s)" in fatal.sentence
+
+
+def test_rows_that_belong_to_others_from_one_on_are_found():
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    spins = tosses.v_post[:, 3:].clone()
+    spins[120:-1] = spins[121:].clone()
+    (found, *_) = audit(tosses.replace(v_post=torch.cat((tosses.v_post[:, :3], spins), -1)))
+    assert (found.name, found.mistake) == ("two_kinds", True)
+    assert "they are in rows 121 to 199; do all columns belong to the same trial there?" in found.sentence
+
+
+def test_readings_that_were_held_are_found():
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    spins = tosses.v_pre[:, 3:].clone()
+    for row in range(3, 200, 3):
+        spins[row] = spins[row - 1]
+    (found, *_) = audit(tosses.replace(v_pre=torch.cat((tosses.v_pre[:, :3], spins), -1)))
+    assert (found.name, found.mistake) == ("two_kinds", True)
+    assert "repeat the spin before impact of the row before, as readings that were held" in found.sentence
+    assert not [one.name for one in audit(tosses) if one.name == "two_kinds"]
 
 
 def test_a_balance_that_explains_little_is_said_to_be_that(tosses):

@@ -21,6 +21,7 @@ from contactlearn.core.errors import DataError
 from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.headers import propose
+from contactlearn.data.table.dialect import with_one_unit
 from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
 from contactlearn.mechanics.impacts import Impacts
@@ -391,6 +392,11 @@ def test_names_of_rows_under_a_header_without_one(tmp_path, frame):
     (tmp_path / "commas.csv").write_text("nr,vx\n" + "".join(f"{k},0,5\n" for k in range(1, 6)))
     with refused(["row 1 (line 2) has 3 cells", "a decimal comma?"]):
         table.read(tmp_path / "commas.csv", **BODY)
+
+
+def test_an_exponent_is_no_unit():
+    assert with_one_unit(["3.2e-05"] * 3) is None
+    assert with_one_unit(["3.2 g", "4 g"]) == (["3.2", "4"], "g")
 
 
 def test_a_phase_in_dutch_is_no_missing_one():

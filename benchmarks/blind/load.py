@@ -40,6 +40,7 @@ SUITES = (
     "author_j",
     "author_k",
     "author_l",
+    "author_n",
 )
 
 

@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NoReturn
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -176,14 +177,26 @@ def parse_override(word: str) -> Override:
     try:
         return OverridesParser.create().parse_override(word)
     except HydraException as error:
-        if "=" not in word and not word.startswith("~"):
-            raise ContactLearnError(
-                f"{word!r} is no setting; settings are written key=value, and --settings lists them"
-            ) from error
+        key, equals, value = word.partition("=")
+        if not equals and not word.startswith("~"):
+            of_file = re.search(r"[/\\]|\.\w+$", word)
+            how = data_from(word) if of_file else "settings are written key=value, and --settings lists them"
+            raise ContactLearnError(f"{word!r} is no setting; {how}") from error
+        if value.rstrip().endswith(","):
+            raise ContactLearnError(f"{word} ends in a comma: write a list as '{key}=[…,…]', in quotes") from error
+        for opening, closing in ("[]", "{}", "()"):
+            if value.count(opening) != value.count(closing) and not re.search(r"['\"]", value):
+                more, less = (opening, closing) if value.count(opening) > value.count(closing) else (closing, opening)
+                raise ContactLearnError(f"{word} has more {more} than {less}") from error
         seen = " ".join(str(error).partition("See https")[0].split())
         raise ContactLearnError(
             f'{word} cannot be read: {seen}; text with brackets, = or the like stands in double quotes: {{x: "x (mm)"}}'
         ) from error
+
+
+def data_from(path: str | Path) -> str:
+    """How a file becomes the data of a command."""
+    return f"say data=table data.path={path}, or write its settings with `contactlearn init {path} --name NAME`"
 
 
 def _with_quoted_letters(word: str) -> str:

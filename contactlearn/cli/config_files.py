@@ -25,7 +25,7 @@ from typing import Any
 from hydra.core.override_parser.types import Glob
 from omegaconf import DictConfig, OmegaConf
 
-from contactlearn.cli.command_line import parse_override
+from contactlearn.cli.command_line import data_from, parse_override
 from contactlearn.cli.config_security import leaf_values, read_checked
 from contactlearn.core.entry_points import announced
 from contactlearn.core.errors import ContactLearnError, UnknownNameError, suggest
@@ -274,7 +274,7 @@ def _named_data(path: Path) -> str:
     if path.suffix in (".yaml", ".yml"):
         there = "" if path.parent == Path() else f"in the folder {path.parent} "
         return f"it reads NAME.yaml of the folder in which the command runs: {there}say data={path.stem}"
-    return f"say data=table data.path={path}, or write its settings with `contactlearn init {path} --name NAME`"
+    return data_from(path)
 
 
 def without_hydra(cfg: DictConfig, *others: str) -> DictConfig:

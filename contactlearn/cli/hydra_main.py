@@ -129,8 +129,7 @@ def _command(name: str) -> Callable[[], None]:
                     settings = without_hydra(compose(name, words, return_hydra_config=True))
                     write_output(OmegaConf.to_yaml(settings) + "\n")
                     return
-                if name != "diagnose":
-                    _refuse_default_data(words, line)
+                _say_default_data(name, words, line)
                 sys.argv[1:] = [*line.flags, *words]
                 if {"--help", "--hydra-help", "--shell-completion"} & {*line.flags}:
                     run()
@@ -165,10 +164,16 @@ def _sweep(run: Callable[[], None], command: str, words: list[str], line: Comman
         run()
 
 
-def _refuse_default_data(words: list[str], line: CommandLine) -> None:
-    """Refuse a checkpoint without words for the data, which are not those of its training by default."""
-    named = _given(words) & {"data", "experiment"} or any(line.folders) or line.config_name
-    if "checkpoint" in _given(words) and not named:
+def _say_default_data(command: str, words: list[str], line: CommandLine) -> None:
+    """Say where no word names the data that simulated drops stand in, and refuse them beside a checkpoint."""
+    if _given(words) & {"data", "experiment"} or any(line.folders) or line.config_name:
+        return
+    if command == "diagnose":
+        write_output(
+            "no data=… is given, so an example is diagnosed, simulated drops; `contactlearn init FILE --name mydata` "
+            "makes data=mydata of your file\n"
+        )
+    elif "checkpoint" in _given(words):
         raise ContactLearnError(
             "a checkpoint needs data=…: those to judge it on or to go on with, which may be those of its training; "
             "else they would be simulated drops (data=synthetic)"

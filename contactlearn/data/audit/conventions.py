@@ -34,7 +34,9 @@ from contactlearn.data.audit.moments import (
     inertia_text,
     needed_inertia,
     point_text,
+    spin_turn,
     torque,
+    turn_text,
 )
 from contactlearn.data.audit.result import Evidence, Finding, evidence_of
 from contactlearn.data.audit.thresholds import AuditThresholds
@@ -49,6 +51,7 @@ AXES = (
     "swapped_pre_post",
     "mirrored_y",
     "swapped_axes",
+    "mirrored_vy",
     "mirrored_x",
     "mirrored_theta",
     "mirrored_omega",
@@ -62,7 +65,7 @@ _UPWARDS_IN_SPIN = ("y_up_in_spin", "x_up_in_spin", "z_down_in_spin")
 _SPIN_AT_ONE_TIME = tuple(
     f"{name}_{time}" for name in (*_UPWARDS_IN_SPIN, "spin_in_body_axes") for time in ("pre", "post")
 )
-"""Axes of the spin before impact or after it alone, beside which nothing else is wrong."""
+"""Axes of the spin before impact or after it alone, beside which nothing else is wrong but the order of the inertia."""
 _MIRRORS_IN_SPACE = ("mirrored_x_in_space", "mirrored_y_in_space", "mirrored_z_in_space")
 AXES_IN_SPACE = (
     "swapped_pre_post",
@@ -71,6 +74,7 @@ AXES_IN_SPACE = (
     *("spin_in_body_axes", "spin_of_angles", "contact_point_in_body_axes"),
     *_UPWARDS,
     *_MIRRORS_IN_SPACE,
+    "mirrored_vz",
     "contact_point_sign",
 )
 """Arrows in the axes of the body are taken to those of the world by the recorded quaternion, before the world turns."""
@@ -81,16 +85,16 @@ _EXCLUSIVE = (
     *(("swapped_axes", *_TURNS), _UPWARDS, _UPWARDS_IN_SPIN, _MIRRORS_IN_SPACE, _MIRRORED_SPINS, _INERTIA),
     ("swapped_pre_post", *_MEANINGS),
     ("spin_in_body_axes", "spin_of_angles"),
-    ("approach_speed", "mirrored_y", "z_down", "z_down_in_body", "mirrored_z_in_space"),
+    ("approach_speed", "mirrored_y", "mirrored_vy", "z_down", "z_down_in_body", "mirrored_z_in_space", "mirrored_vz"),
 )
 """Of which a hypothesis has one: two are a third, or a floor that is inclined by 90°."""
-_AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", *_INERTIA}
-"""Corrections that the moments alone may show, by the axes of the inertia."""
+_AXES_OF_INERTIA = {"scalar_last", "inverse_quaternion", "turned_spin", *_INERTIA}
+"""Corrections that the moments alone may show, by the axes of the inertia or of the spin."""
 DEGREES = ("degrees_omega", "degrees_theta", "degrees")
 UNITS = (*DEGREES, "millimetres", "millimetres_velocity", "grams", "inertia_scaled")
 _RARE = tuple(name for name, unit in MISWRITTEN.items() if name not in UNITS and "shape" not in unit.columns)
 """Units that occur once in a table, beside few other mistakes; those of one side of the impact alone."""
-BALANCED = {*UNITS, *_RARE, "inclined_floor", "velocity_of_point"} - {"degrees_theta"}
+BALANCED = {*UNITS, *_RARE, "inclined_floor", "velocity_of_point", "turned_spin"} - {"degrees_theta"}
 """Corrections that the moment balance depends on."""
 _MIRRORS = ((), ("mirrored_x",), ("mirrored_theta",), ("mirrored_omega",))
 """Corrections that an inclined floor may come with; a mirror of y is one of x and a turn."""
@@ -107,7 +111,12 @@ _STEPS = {
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
-FITTED = {"inertia_scaled", "inclined_floor", "velocity_of_point"}  # corrections by numbers fitted to the moments
+FITTED = {
+    "inertia_scaled",
+    "inclined_floor",
+    "velocity_of_point",
+    "turned_spin",
+}  # corrections by numbers fitted to the moments
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
@@ -115,6 +124,8 @@ _MAX_CONTRADICTIONS_OF_UNIT = 0.05  # the same where it is a unit: an inclined f
 _UNIT_R_SQUARED = 0.8  # share of Δω that the balance explains, with whatever coefficients, under a rare unit
 _SETTLING = 0.04  # fall of contradictions for each correction more than those of an accepted hypothesis
 _SETTLED = 0.25  # of the contradictions that an accepted hypothesis leaves, which a longer one may leave in its place
+_OPEN_MOMENTS = 0.1  # mean contradiction of the moments from which on fitted corrections are tried
+_LEAST_TURN = 0.1  # rad, of the spins against the world: less is errors
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
@@ -244,7 +255,8 @@ def compare(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -
             doubtful = doubtful or chosen
     if doubtful is not None:
         return doubtful
-    accepted = _fitted(given) if given.score > thresholds.sound else []
+    opened = given.means()["moment"] > _OPEN_MOMENTS
+    accepted = _fitted(given) if given.score > thresholds.sound or opened else []
     if accepted:
         return _chosen(given, accepted, tried + len(_MIRRORS))
     return ConventionComparison(given=given, best=given, equals=(), tried=tried)
@@ -300,8 +312,11 @@ def _fitted(given: Hypothesis) -> list[Hypothesis]:
 
     An incline within the range of `surface_tilt` is left to that effect, unless the data are impossible without it.
     """
-    point = _applied(given, ("velocity_of_point",))
-    accepted = [point] if point is not None and point.score <= _MAX_CONTRADICTIONS and _better(point, given) else []
+    names = ["velocity_of_point"]
+    if given.impacts.space is SPACE and torch.trace(spin_turn(given.impacts)) < 1 + 2 * math.cos(_LEAST_TURN):
+        names += ["turned_spin"]
+    applied = (_applied(given, (name,)) for name in names)
+    accepted = [h for h in applied if h is not None and h.score <= _MAX_CONTRADICTIONS and _better(h, given)]
     for mirrors in _MIRRORS if given.impacts.space is PLANE else ():
         level, inclined = _applied(given, mirrors), _applied(given, (*mirrors, "inclined_floor"))
         if level is None or inclined is None or inclined.score > _MAX_CONTRADICTIONS or not _better(inclined, given):
@@ -328,8 +343,8 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
     return ConventionComparison(given=given, best=best, equals=tuple(equals), tried=tried)
 
 
-def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, list[int]]:
-    """The order among equal hypotheses: without a fitted number, shorter, earlier in the list of corrections.
+def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, bool, list[int]]:
+    """The order among equal hypotheses: without a fitted number, shorter, above zero, earlier in the list.
 
     Of balls, whose topspin is clockwise for one that flies to the right, the sense of the spin goes first.
     """
@@ -337,7 +352,8 @@ def _simplicity(hypothesis: Hypothesis) -> tuple[bool, int, list[int]]:
     balls = shape is not None and all(isinstance(one, Disc) for one in shapes_among(shape).values())
     order = [*CORRECTIONS]
     places = [-1 if balls and name == "mirrored_omega" else order.index(name) for name in names]
-    return bool(FITTED.intersection(names)), len(names), places
+    below = hypothesis.impacts.q[:, hypothesis.impacts.space.d - 1].median().item() < 0  # heights, most often
+    return bool(FITTED.intersection(names)), len(names), below, places
 
 
 def _margin(unit: Hypothesis, least: Hypothesis) -> float:
@@ -355,6 +371,10 @@ def _better(new: Hypothesis, given: Hypothesis) -> bool:
     gain, thresholds = given.total - new.total, new.thresholds
     least = 0.0 if _sharper(new, given) else thresholds.convention_gain * len(new.names)
     if not new.closed or gain.mean().item() < least or _sigmas(gain) < _SIGMAS or not _explains(new):
+        return False
+    judged = new.balance.judged  # three components of Δω that are mostly noise tell no axes
+    left_open = judged.r_squared < EXPLAINED or judged.imbalance > thresholds.doubted_balance
+    if new.impacts.space is SPACE and judged.terms and left_open:
         return False
     return not BALANCED.intersection(new.names) or torque(new.impacts).explained.item() > EXPLAINED
 
@@ -438,7 +458,9 @@ def _sensible(have: tuple[str, ...], name: str, again: bool) -> bool:
     A rare unit comes with few other mistakes, that of one side of the impact with none.
     """
     names = {*have, name}
-    if name in have or (again and "swapped_axes" not in have) or (have and names.intersection(_SPIN_AT_ONE_TIME)):
+    if name in have or (again and "swapped_axes" not in have):
+        return False
+    if names.intersection(_SPIN_AT_ONE_TIME) and len(names.difference(_INERTIA)) > 1:
         return False
     if any(len(names.intersection(some)) > 1 for some in _EXCLUSIVE):
         return False
@@ -504,11 +526,11 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
         text = CORRECTIONS[name].description + ("" if factor is None else f", {inertia_text(factor)}")
         if name == "inclined_floor":
             text = incline_text(correct(given.impacts, best.names[:place]))
-        if name == "velocity_of_point":
-            text += f"; they are {point_text(correct(given.impacts, best.names[:place]))}"
+        if name in (said := {"velocity_of_point": point_text, "turned_spin": turn_text}):
+            text += f"; {said[name](correct(given.impacts, best.names[:place]))}"
         finding = Finding(
             name=name,
-            sentence=f"{text}{others and f', together with {others}'}: {numbers}",
+            sentence=f"{text}, together with {others}" if place else f"{text}{others and f', and {others}'}: {numbers}",
             evidence=evidence if factor is None else (*evidence, *evidence_of(("factor", factor))),
             correction=name,
             hypothesis=best.names,

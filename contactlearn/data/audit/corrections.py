@@ -26,7 +26,7 @@ from torch import Tensor
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.incline import floor_angle, levelled
-from contactlearn.data.audit.moments import Columns, torque, tracked_point
+from contactlearn.data.audit.moments import Columns, spin_turn, torque, tracked_point
 from contactlearn.data.audit.moving_floor import moving_floor, on_still_floor
 from contactlearn.data.audit.outline import with_traced_shape
 from contactlearn.data.audit.rig import as_measured
@@ -254,6 +254,11 @@ def _of_mass_centre(impacts: Impacts, _: AuditThresholds) -> Impacts:
     return _linear(impacts, torch.cat((2 * still[:, :d] - contact_jacobian(arm), still[:, d:]), -2))
 
 
+def _turned_spin(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
+    turn = spin_turn(impacts)
+    return _other_spin(lambda q: turn.expand(*q.shape[:-1], 3, 3))(impacts, thresholds)
+
+
 # --- Space -----------------------------------------------------------------------------------------
 
 
@@ -384,6 +389,7 @@ _IN_PLANE = {
         _scaled(((1, -1, 1), (*_POSES, *_VELOCITIES)), ((1, -1), ("r",))),
         Apparatus.with_y_mirrored,
     ),
+    "mirrored_vy": Correction("v_y has the other sign, before and after impact", _scaled(((1, -1, 1), _VELOCITIES))),
     "swapped_axes": Correction(
         "x and y are exchanged: positions, velocities, contact point",
         _swapped_axes,
@@ -453,6 +459,9 @@ _IN_SPACE = {
         )
         for k, axis in enumerate("xyz")
     },
+    "mirrored_vz": Correction(
+        "v_z has the other sign, before and after impact", _scaled(((1, 1, -1, 1, 1, 1), _VELOCITIES))
+    ),
     "mirrored_spin": Correction(
         "ω turns the other way, as in left-handed axes", _scaled(((1, 1, 1, -1, -1, -1), _VELOCITIES))
     ),
@@ -544,6 +553,12 @@ CORRECTIONS = {
         _of_mass_centre,
         needs_all_trials=True,
     ),
+    "turned_spin": Correction(
+        "ω is in axes that are turned against those of the world, by an angle that follows from the moments",
+        _turned_spin,
+        needs_all_trials=True,
+        spaces=(SPACE,),
+    ),
     "inclined_floor": Correction(
         "the floor is inclined against the axes, which are turned by the angle at which the moments balance",
         _inclined_floor,
@@ -580,7 +595,6 @@ CORRECTIONS = {
         "gross outliers, which cannot be real measurements",
         lambda impacts, limits: _drop(impacts, outliers(impacts, limits)),
         needs_all_trials=True,
-        spaces=(PLANE,),
     ),
     "named_by_mass": Correction(
         "bodies have no names, but a few masses: trials of one mass are of one body",

@@ -9,6 +9,7 @@
     incomplete_trials         rows that were left out as the table was read: a note
     duplicated_trials         rows that repeat an earlier one bit for bit
     saturated_readings        velocities that stop at a limit in several trials
+    two_kinds                 trials in which the moment balance closes, and others in which it does not
     saturated_gyroscope       spins in space that end at one number about the axes of the body
     uneven_covariances        variances of single trials that are far smaller than those of most
     out_of_order              times that contradict the order of the trials
@@ -118,7 +119,7 @@ def audit(
     if unchanged := unchanged_findings(sound):
         return Audit((*unchanged, *findings, *notes))
     if len(sound) < _MIN_TRIALS:
-        findings += trial_findings(sound, thresholds) if plane else order_findings(sound)
+        findings += trial_findings(sound, thresholds)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
     notes = [*mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
@@ -150,7 +151,7 @@ def audit(
         sound, corrected = correct(sound, ["moving_floor"]), [*corrected, *moving]
     else:
         notes = [*moving, *notes]
-    of_trials = trial_findings(sound, thresholds) if plane else order_findings(sound)
+    of_trials = trial_findings(sound, thresholds)
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]

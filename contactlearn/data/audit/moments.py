@@ -331,17 +331,45 @@ def tracked_point(impacts: Impacts) -> Float[Tensor, " d"]:
     forces = (impacts.mass[:, None] * swept(arm, change) for arm in arms)
     columns = torch.stack([spin(inertia, moment(impacts.r, force)).flatten() for force in forces], -1)
     left, weight = -terms.residual.flatten(), torch.ones(len(columns), dtype=torch.float64)
+    point = columns[0]
     for _ in range(_ABSOLUTE_ROUNDS):
         point = torch.linalg.lstsq(weight[:, None] * columns, weight * left).solution
-        off = (left - columns @ point).abs()
-        weight = biweight(off / (MAD_SCALE * off.median()).clamp_min(1e-300)).sqrt()
+        weight = _weight((left - columns @ point).abs()).sqrt()
     return point
+
+
+def spin_turn(impacts: Impacts) -> Float[Tensor, "3 3"]:
+    """Compute the turn of the spins in space, from their axes to those of the world, at which the moments balance best.
+
+    Wahba 1965, by singular values and Tukey's biweight.
+    """
+    terms = torque(impacts)
+    change, needed = terms.spin, terms.normal + terms.tangential
+    weight, turn = torch.ones(len(impacts), dtype=torch.float64), torch.eye(3, dtype=torch.float64)
+    for _ in range(_ABSOLUTE_ROUNDS):
+        U, _, Vh = torch.linalg.svd(needed.T @ (weight[:, None] * change))
+        turn = U @ torch.diag(torch.tensor((1.0, 1.0, torch.linalg.det(U @ Vh)), dtype=torch.float64)) @ Vh
+        weight = _weight((needed - change @ turn.T).norm(dim=-1))
+    return turn
+
+
+def _weight(off: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    return biweight(off / (MAD_SCALE * off.median()).clamp_min(1e-300))
 
 
 def point_text(impacts: Impacts) -> str:
     """Write where that point is."""
     place = ", ".join(f"{1e3 * x:.3g}".replace("-", "−") for x in tracked_point(impacts).tolist())
-    return f"of the point at ({place}) mm from the centre of mass in the axes of the body"
+    return f"they are of the point at ({place}) mm from the centre of mass in the axes of the body"
+
+
+def turn_text(impacts: Impacts) -> str:
+    """Write that turn."""
+    from scipy.spatial.transform import Rotation  # SciPy takes long to load
+
+    vector = torch.from_numpy(Rotation.from_matrix(spin_turn(impacts).numpy()).as_rotvec())
+    axis = ", ".join(f"{round(x, 2) + 0.0:.2f}".replace("-", "−") for x in (vector / vector.norm()).tolist())
+    return f"a turn by {math.degrees(vector.norm().item()):.3g}° about ({axis}) takes it to those of the world"
 
 
 def median_gyration(impacts: Impacts | Columns) -> Float[Tensor, "*batch"]:

@@ -20,6 +20,7 @@ from contactlearn.mechanics.bodies import body_code, contact_points, numbered, p
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY, in_body
 from contactlearn.mechanics.shapes import Polygon, Shape
+from contactlearn.mechanics.space import SPACE
 
 FASTEST = 100.0
 """Plausible speed before impact in m/s."""
@@ -43,6 +44,10 @@ _COMPARED = 10_000  # trials, spread evenly, by which it is seen which component
 _BODIES, _MIN_OF_BODY = 6, 5  # bodies at most, and trials of each at least, that masses tell apart
 _LISTED = 5  # values that a sentence names
 _MIN_SATURATED, _REPEATED = 5, 3  # trials at a limit, and how often their number is that of any other reading
+_CLOSED, _OPEN = 0.3, 0.9  # shares of the trials with the least residual, and without the largest
+_FAR_OFF, _OPEN_BY = 12.0, 0.1  # ratio of these residuals, below 9 in all sets in space; imbalance of the second
+_MIN_OF_KINDS = 40  # trials: of fewer such a ratio is chance
+_TOGETHER = 0.8  # share of a stretch of rows from which on it is one
 _ALL_BUT_FEW = 0.98  # of the spins, which noise of the orientation does not make the largest
 _AT_END = 0.04  # relative distance from the largest spins of those that end there, by noise of the orientation
 _ENDED_SHARE = 0.2  # of the spins about any axis; of 128 sets of five authors without a limit none has more than 0.06
@@ -51,13 +56,47 @@ _SATURATED_SHARE = 0.5  # of the trials at a limit from which on it is a state t
 
 def trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Finding]:
     """Find the mistakes that need no comparison of hypotheses; gross outliers do not count for energy and shape."""
-    by_reason = gross_outliers(impacts, thresholds)
+    by_reason, kinds = gross_outliers(impacts, thresholds), two_kinds_findings(impacts)
     good = ~torch.stack([*by_reason.values()]).any(0)
-    findings = scale_findings(impacts, thresholds) + speed_findings([impacts])
+    if impacts.space is SPACE:
+        return [*kinds, *_outlier_findings(impacts, by_reason, thresholds), *order_findings(impacts)]
+    findings = kinds + scale_findings(impacts, thresholds) + speed_findings([impacts])
     findings += _outlier_findings(impacts, by_reason, thresholds)
     if good.any():
         findings += _energy_findings(impacts[good]) + _shape_findings(impacts[good], thresholds)
     return findings + order_findings(impacts)
+
+
+def two_kinds_findings(impacts: Impacts) -> list[Finding]:
+    """Find that the moment balance closes in many trials and is far off in the others, as no instrument's noise is.
+
+    It is a mistake where these trials follow each other, or repeat the row before them; a second corner that strikes
+    looks alike otherwise.
+    """
+    terms = torque(impacts)
+    left = terms.size(terms.residual)
+    least, most = left.quantile(_CLOSED).item(), left.quantile(_OPEN).item()
+    if len(impacts) < _MIN_OF_KINDS or most < _FAR_OFF * least or terms.imbalance.quantile(_OPEN) < _OPEN_BY:
+        return []
+    off = left > math.sqrt(least * most)
+    rows = off.nonzero()[:, 0]
+    first, last = int(rows[0]) + 1, int(rows[-1]) + 1
+    sentence = (
+        f"the moment balance closes in {1 - off.double().mean().item():.0%} of the trials, and in the others it is off "
+        f"by {most / least:.0f} times as much"
+    )
+    together = len(rows) > _TOGETHER * (last - first + 1) and len(rows) < _TOGETHER * len(impacts)
+    if together:
+        sentence += f": they are in rows {first} to {last}; do all columns belong to the same trial there?"
+    d, held = impacts.space.d, dict[str, int]()
+    for when, velocity in (("before", impacts.v_pre), ("after", impacts.v_post)):
+        same = (velocity[1:, d:] == velocity[:-1, d:]).all(-1) & (velocity[1:, d:] != 0).any(-1) & off[1:]
+        if int(same.sum()) >= _MIN_SATURATED:
+            held[when] = int(same.sum())
+    for when, count in held.items():
+        sentence += f"; {count} of them repeat the spin {when} impact of the row before, as readings that were held"
+    evidence = evidence_of(("trials", float(len(rows)), "trials"), ("ratio", most / least))
+    return [Finding(name="two_kinds", sentence=sentence, evidence=evidence, mistake=together or bool(held))]
 
 
 def rig_notes(impacts: Impacts) -> list[Finding]:
@@ -374,13 +413,14 @@ def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThreshol
     """
     terms, residual = torque(impacts), _least_residual(impacts)
     before, after = kinetic_energy(impacts)
-    spread = MAD_SCALE * terms.residual.abs().median()
+    spread = MAD_SCALE * terms.size(terms.residual).median()
     gross = residual > thresholds.moment_sigmas * spread
-    far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, impacts.inertia))
+    inertia = impacts.inertia.reshape(len(impacts), -1).unbind(-1)
+    far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, *inertia))
     return {
         "moment": gross & (terms.imbalance > _IMBALANCE),
         "energy": after > thresholds.gross_ratio * before,
-        "approach": impacts.v_c[:, 1] >= 0,
+        "approach": impacts.v_c[:, -1] >= 0,
         "mass": torch.stack([*far]).any(0),
     }
 
@@ -395,8 +435,13 @@ def _least_residual(impacts: Impacts) -> Float[Tensor, " n"]:
 
     A body that lands nearly flat may touch with the other corner, for which no measurement is to blame.
     """
-    least, theta = torque(impacts).residual.abs(), impacts.q[:, 2]
-    if impacts.shape is None or not any(isinstance(one, Polygon) for one in shapes_among(impacts.shape).values()):
+    terms, theta = torque(impacts), impacts.q[:, 2]
+    least = terms.size(terms.residual)
+    if (
+        impacts.space is SPACE
+        or impacts.shape is None
+        or not any(isinstance(one, Polygon) for one in shapes_among(impacts.shape).values())
+    ):
         return least
 
     def corners(shape: Shape) -> Float[Tensor, "n 4"]:

@@ -103,7 +103,7 @@ def with_one_unit(cells: Iterable[Any]) -> tuple[list[Any], str] | None:
     numbers, units = list[Any](), set[str]()
     for cell in cells:
         parts = _QUANTITY.fullmatch(cell.strip().translate(_SPACES)) if isinstance(cell, str) else None
-        if parts is None and not is_missing(cell):
+        if (parts is None and not is_missing(cell)) or is_numeral(cell):  # 3.2e-05 is no 3.2 in e-05
             return None
         numbers.append(parts["number"] if parts else None)
         units |= {parts["unit"].strip()} if parts else set()

@@ -44,6 +44,7 @@ _LONGEST_STEP = 0.5  # s between frames, of which no flight has several
 _CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _KNOWN_SHARE = 0.8  # of the numbers of a column, with which it is looked at
 _MOSTLY = 0.9  # share of rows
+_BOTH_TIMES = ("vx", "vy", "omega", "vx_post", "vy_post", "omega_post")  # what is measured before and after, or not
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 _TURNS = {"rad": np.pi, "deg": 180.0}
 
@@ -397,13 +398,14 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
         pairs = [pair for pair in (("vy", "vy_post"), ("speed", "speed_post"), ("height", "height_post"))
                  if {*pair} & {*by_ours}] or [("vy", "vy_post")]  # fmt: skip
         vocabulary = dict.fromkeys((*impact_vocabulary(PLANE), *impact_vocabulary(SPACE)))
-        wanted = [
-            ours for ours in vocabulary if ours in pairs[0] or (ours in by_ours and ours not in ("trial", "time"))
-        ]
+        there = {*by_ours, *pairs[0]} - {"trial", "time"}
+        other = {f"{ours}_post" for ours in there} | {ours.removesuffix("_post") for ours in there}  # of the same time
+        wanted = [ours for ours in vocabulary if ours in there or (ours in other and ours in _BOTH_TIMES)]
         columns = ", ".join(f"{ours}: {by_ours.get(ours, ['?'])[0]}" for ours in wanted)
         verb, after, names, forms, stated = "audit", "", f"our names: {_NAMES}", _FORMS, list[str]()
     body = "sphere" if {"quaternion", "qw"} & {*by_ours} else "disc"
-    words = [f"data.columns={{{columns}}}", "data.mass=?", f"data.shape={{kind: {body}, radius: ?}}"]
+    words = [f"data.columns={{{columns}}}", *([] if "mass" in by_ours else ["data.mass=?"])]
+    words += [] if {"rx", "ry", "inertia"} <= {*by_ours} else [f"data.shape={{kind: {body}, radius: ?}}"]
     words += stated
     words += ["data.units.angle=?"] if "unit: deg" in columns and not of_frames else []  # of the spins
     quoted = " ".join(shlex.quote(word) if re.search(r"[ {]", word) else word for word in words)
