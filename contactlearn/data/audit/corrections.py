@@ -23,6 +23,7 @@ from typing import cast
 import torch
 from jaxtyping import Bool
 from torch import Tensor
+from torch.nn.functional import pad
 
 from contactlearn.core.errors import DataError, UnknownNameError
 from contactlearn.data.audit.incline import floor_angle, levelled
@@ -36,7 +37,7 @@ from contactlearn.data.audit.units import MISWRITTEN, Miswritten
 from contactlearn.mechanics.apparatus import Apparatus
 from contactlearn.mechanics.bodies import contact_points, per_body, shapes_among
 from contactlearn.mechanics.impacts import Impacts
-from contactlearn.mechanics.rigid_body import in_world, matvec, orientation_of, rotation, turn_quaternion
+from contactlearn.mechanics.rigid_body import in_world, orientation_of, rotation, turn_quaternion
 from contactlearn.mechanics.shapes import scaled
 from contactlearn.mechanics.space import BOTH, PLANE, SPACE, Space, require_space
 
@@ -115,6 +116,12 @@ def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
     if isinstance(impacts, Columns):
         return []
     return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
+
+
+def _mapped(impacts: Impacts, A: Tensor) -> Impacts:
+    """Impacts with velocities A v and their covariances A C Aᵀ."""
+    fields = {name: (getattr(impacts, name)[..., None, :] @ A.mT)[..., 0, :] for name in _VELOCITIES}
+    return impacts.replace(**fields, **{f"{name}_cov": A @ x @ A.mT for name, x in _covariances(impacts)})
 
 
 def _scaled(*groups: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -252,19 +259,16 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
     def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
         by = torch.tensor(vector, dtype=torch.float64)
         turn = _turn(by)
-        both = torch.block_diag(turn, turn)
 
         def quaternion(q: Tensor) -> Tensor:
             return torch.cat((q[..., :1], q[..., 1:] @ turn.T), -1) if with_body else turn_quaternion(q, by)
 
-        fields = {name: x @ both.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
-        fields |= {f"{name}_cov": both @ x @ both.T for name, x in _covariances(impacts)}
-        fields |= {
+        fields = {
             name: torch.cat((x[..., :3] @ turn.T, quaternion(x[..., 3:])), -1)
             for name in _POSES
             if (x := getattr(impacts, name)) is not None
         }
-        return impacts.replace(r=impacts.r @ turn.T, **fields)
+        return _mapped(impacts, torch.block_diag(turn, turn)).replace(r=impacts.r @ turn.T, **fields)
 
     return turned
 
@@ -272,12 +276,7 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
 def _turned_spin(*vector: float) -> Callable[[Impacts, AuditThresholds], Impacts]:
     """A correction of the spin alone to axes with z up, by a turn about a vector in rad."""
     spin = torch.block_diag(torch.eye(3, dtype=torch.float64), _turn(torch.tensor(vector, dtype=torch.float64)))
-
-    def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
-        fields = {name: x @ spin.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
-        return impacts.replace(**fields, **{f"{name}_cov": spin @ x @ spin.T for name, x in _covariances(impacts)})
-
-    return turned
+    return lambda impacts, _: _mapped(impacts, spin)
 
 
 def _other_quaternion(change: Callable[[Tensor], Tensor]) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -296,9 +295,7 @@ def _other_quaternion(change: Callable[[Tensor], Tensor]) -> Callable[[Impacts, 
 
 def _spin_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
     R = rotation(impacts.q[..., 3:])
-    both = torch.cat((torch.cat((torch.eye(3).to(R).expand_as(R), 0 * R), -1), torch.cat((0 * R, R), -1)), -2)
-    fields = {name: matvec(both, getattr(impacts, name)) for name in _VELOCITIES}
-    return impacts.replace(**fields, **{f"{name}_cov": both @ x @ both.mT for name, x in _covariances(impacts)})
+    return _mapped(impacts, torch.cat((torch.cat((torch.eye(3).to(R).expand_as(R), 0 * R), -1), pad(R, (3, 0))), -2))
 
 
 def _contact_in_body_axes(impacts: Impacts, _: AuditThresholds) -> Impacts:
@@ -543,24 +540,15 @@ CORRECTIONS = {
         "contact points are known better from the shape than they are measured: those of the shape are used",
         _contact_from_shape,
     ),
-    "averaged_vx": Correction(
-        "v_x before impact varies by no more than its noise: its mean is used",
-        _averaged(0),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
-    "averaged_vy": Correction(
-        "v_y before impact varies by no more than its noise: its mean is used",
-        _averaged(1),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
-    "averaged_omega": Correction(
-        "ω before impact varies by no more than its noise: its mean is used",
-        _averaged(2),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
+    **{
+        f"averaged_{name}": Correction(
+            f"{symbol} before impact varies by no more than its noise: its mean is used",
+            _averaged(column),
+            needs_all_trials=True,
+            spaces=(PLANE,),
+        )
+        for column, (name, symbol) in enumerate((("vx", "v_x"), ("vy", "v_y"), ("omega", "ω")))
+    },
     "moving_floor": Correction(
         "the floor moves along its normal: velocities are taken relative to it", _moving_floor, needs_all_trials=True
     ),
