@@ -172,6 +172,15 @@ class RungKind(StrEnum):
     INSTRUMENT = "instrument"
 
 
+PROCESSES = "Gaussian processes on the residual"
+FLOORS = {
+    RungKind.NOISE: "noise floor",
+    RungKind.SCATTER: "instrument plus scatter of the contact",
+    RungKind.INSTRUMENT: "instrument alone",
+}
+"""Rungs below which no model of the state comes, and what the instrument alone leaves."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rung:
     """A rung of the ladder: its model, the effect that it adds to the rung before, and its error."""
