@@ -238,7 +238,7 @@ class MissingEffect:
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
-        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
+        confidence: probability that the name is right, see `ladder.name_probability`; the share until that is known.
         level: found or probable, by the confidence; either, by the joint confidence.
         alternatives: what plausible models have in its place, the likeliest first; empty where it is probable itself.
         joint_confidence: probability that it or one of the alternatives is right; None without any.
