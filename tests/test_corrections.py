@@ -70,6 +70,7 @@ def test_corrections_are_pure_and_complete(drops):
         "traced_shape",
     }  # test_spread.py, test_rig.py, …
     others |= {"inclined_floor", "moving_floor", "spin_from_moments", "normal_alone"}  # test_audit.py
+    others |= {"velocity_of_point"}  # test_audit_in_space.py
     others |= {f"{unit}_shape" for unit in ("millimetres", "centimetres", "inches", "feet", "doubled")}
     assert planar == {*CORRUPTIONS_AND_UNITS, *MEANINGS} | others
     assert all(correction.description for correction in CORRECTIONS.values())

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
-from test_polyhedron import normal, quaternions
-from test_roll_out import energy
+from test_polyhedron import assert_tosses_are_found, fallen, normal, quaternions
 from test_tracks_space import MASS, impacts_in, written
 
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -20,12 +19,10 @@ from contactlearn.effects import State, find_effect
 from contactlearn.inference.identification import joint
 from contactlearn.laws import find
 from contactlearn.mechanics.bodies import make_shapes, shapes_entries
-from contactlearn.mechanics.body_state import BodyState
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import rotation
 from contactlearn.mechanics.shapes import Cylinder, Polyhedron, contact_point, make_shape, scaled
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.models.roll_out import Until
 
 PUCK, CUP, CAN = Cylinder(0.03, 0.015), Cylinder(0.04, 0.05, "y", -0.012), Cylinder(0.033, 0.06, "x")
 EVERY = pytest.mark.parametrize("shape", [PUCK, CUP, CAN], ids=str)
@@ -164,14 +161,7 @@ def test_tosses_are_found_with_their_velocities(tosses):
     impacts = tracked.impacts
     assert len(impacts) >= 27
     assert set(impacts.object) == {"cylinder"}
-    rows = [int(name) for name in impacts.recording]
-    for side, truth in (("pre", 1), ("post", 2)):
-        error = getattr(impacts, f"v_{side}") - torch.tensor(np.array([made[row][truth] for row in rows]))
-        deviation = getattr(impacts, f"v_{side}_cov").diagonal(dim1=-2, dim2=-1).sqrt()
-        assert 0.9 < (error.abs() < 1.96 * deviation).double().mean() < 0.99
-    mu, eps = joint.fit(impacts, "wang_mason").values
-    assert abs(mu - 0.18) < 0.02
-    assert abs(eps - 0.5) < 0.03
+    assert_tosses_are_found(made, impacts)
 
 
 def test_another_axis_is_refused_with_the_right_one(tmp_path):
@@ -216,16 +206,8 @@ def test_rests_on_an_end_or_the_side_show_the_floor(tosses):
 
 @pytest.mark.parametrize(("shape", "on_side"), [(PUCK, False), (CUP, False), (CAN, True)], ids=["puck", "cup", "can"])
 def test_it_falls_onto_its_end_or_side_and_stays(shape, on_side):
-    inertia = (0.05 * replace(shape, centre=0.0).gyration_squared()).tolist()
-    body = {"mass": 0.05, "inertia": tuple(inertia)}
-    pose = torch.tensor((0.0, 0.0, 0.0, *laid(shape, 0.1, on_side=on_side)), dtype=torch.float64)
-    pose[2] = 0.002 - contact_point(shape, pose[3:])[2]
-    state = BodyState(pose=pose, velocity=torch.zeros(6), **body)
-    model = ContactModel(find("anitescu_potra_poisson").at(0.3, 0.0))
-    found = model.roll_out(state, shape, until=Until(bounces=300, time=0.15))
-    end = found.at(found.end[None])[0]
+    end = fallen(shape, laid(shape, 0.1, on_side=on_side), replace(shape, centre=0.0).gyration_squared(), time=0.15)
     cosines, heights = shape.flats(-rotation(end[3:])[2])
     cosine, face = cosines.max(0)
     assert cosine > 1 - 1e-4
     assert end[2].item() == pytest.approx(heights[face].item(), abs=1e-4)
-    assert energy(body, found.flights.pose, found.flights.velocity).diff().max() < 1e-12

@@ -100,7 +100,7 @@ def test_frame_numbers_and_pixels_have_the_rate_and_size_of_the_comment(tmp_path
     frame = pd.DataFrame({**numbers, "a": take.angle})
     (tmp_path / "take.csv").write_text("# scale 0.5 mm/px, 250 fps\n" + frame.to_csv(index=False))
     contents = propose(tmp_path / "take.csv")
-    command = contents.page.splitlines()[-1]
+    command = contents.column_listing.splitlines()[-1]
     assert 'position: ["u [px]", "w [px]"], angle: a' in command
     assert "data.rate=250 data.unit=0.0005" in command
 

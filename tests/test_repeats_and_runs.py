@@ -197,7 +197,7 @@ def test_a_second_point_shows_the_angle(tmp_path: Path) -> None:
     assert not isinstance(found, DataError)
     assert found.angle is not None
     assert np.allclose(np.unwrap(found.angle), angle)
-    assert 'angle: ["b/X", "b/Y"]' in propose(path).page
+    assert 'angle: ["b/X", "b/Y"]' in propose(path).column_listing
 
 
 def test_the_command_of_an_open_table_names_what_was_found(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from evaluations import evaluation_of, learning_curve
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.options import DiagnoseOptions
 from contactlearn.diagnosis.pipeline import diagnose
-from contactlearn.diagnosis.result import Candidate, Diagnosis, PlausibleModel, Record, Verdict
+from contactlearn.diagnosis.result import Candidate, Diagnosis, ErrorShares, PlausibleModel, Record, Verdict
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.bounds import irb
 from contactlearn.inference.evaluation.metrics import METRICS, euclidean_error, mass_error
@@ -24,7 +24,7 @@ from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.impacts import Prediction
 from contactlearn.mechanics.rigid_body import admissible, energy_ellipse, energy_excess
 from contactlearn.models.contact_model import ContactModel
-from contactlearn.report.page.diagnosis import _parts, of_diagnosis, write_page
+from contactlearn.report.page.diagnosis import of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely, of_outcomes
@@ -314,7 +314,7 @@ def test_the_map_begins_with_variables_that_vary(browser, content, tmp_path):
 
 
 def test_every_part_of_the_error_has_the_colour_of_its_legend(shown, found):
-    kinds = [kind for _, kind, _ in _parts(found.budget.shares)]
+    kinds = [*ErrorShares(noise=0.5, explained=0.2, unnamed=0.1, unexplained=0.2, beyond_rigid=None, scatter=0.1).parts]
     colours = shown.execute_script(
         """const kinds = arguments[0], [shares, note] = document.querySelectorAll("#budget .shares, #budget .note");
         shares.innerHTML = kinds.map(kind => `<i class="${kind}"></i>`).join("");

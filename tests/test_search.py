@@ -15,7 +15,7 @@ from contactlearn.diagnosis.result import Diagnosis, Level, Verdict
 from contactlearn.diagnosis.search import selection
 from contactlearn.diagnosis.search.candidates import all_candidates, follows_order
 from contactlearn.diagnosis.search.frontier import Search
-from contactlearn.diagnosis.search.ladder import calibrated, coefficient_ends
+from contactlearn.diagnosis.search.ladder import coefficient_ends, name_probability
 from contactlearn.diagnosis.search.pool import Pool, Spec, identities
 from contactlearn.diagnosis.search.quadratic import Group
 from contactlearn.diagnosis.search.selection import _pruned, inclusion, plausible_models
@@ -439,10 +439,10 @@ def test_a_calibrated_confidence_is_a_probability():
     for share in (0.01, 0.5, 1.0):
         for removed in (-0.1, 0.0, 1.0, math.inf):
             for reducible in (0.0, 0.9):
-                assert 0 < calibrated(share, removed, reducible, 50, unknown=reducible > 0) < 1
-    assert calibrated(**SURE) > 0.9
-    assert calibrated(share=0.9, removed=0.06, reducible=0.5, trials=200, unknown=False) < 0.5
-    surest = calibrated(share=1.0, removed=math.inf, reducible=0.0, trials=10**6, unknown=False)
+                assert 0 < name_probability(share, removed, reducible, 50, unknown=reducible > 0) < 1
+    assert name_probability(**SURE) > 0.9
+    assert name_probability(share=0.9, removed=0.06, reducible=0.5, trials=200, unknown=False) < 0.5
+    surest = name_probability(share=1.0, removed=math.inf, reducible=0.0, trials=10**6, unknown=False)
     assert surest <= 0.99  # nothing that was judged is surer
 
 
@@ -451,7 +451,7 @@ def test_a_calibrated_confidence_is_a_probability():
     ("unknown", True, False),
 ])  # fmt: skip
 def test_more_evidence_means_more_confidence(name, less, more):
-    assert calibrated(**(SURE | {name: less})) < calibrated(**(SURE | {name: more}))
+    assert name_probability(**(SURE | {name: less})) < name_probability(**(SURE | {name: more}))
 
 
 @pytest.mark.parametrize("laws", [("wang_mason", "anitescu_potra_poisson"), ("anitescu_potra_poisson", "wang_mason")])

@@ -20,6 +20,7 @@ from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from contactlearn.__main__ import main
 from contactlearn.cli.commands import curves
 from contactlearn.data import table
+from contactlearn.diagnosis.result import FLOORS
 from contactlearn.effects import find_effect
 from contactlearn.inference.evaluation.metrics import Interval
 from contactlearn.inference.identification import robust
@@ -31,7 +32,7 @@ from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import quality
 from contactlearn.report.figures.style import save
 from contactlearn.report.tensorboard import SUMMARY, Tracker, ends, shown_as
-from contactlearn.report.text.names import FLOORS, base_label, rung_label
+from contactlearn.report.text.names import base_label, rung_label
 from contactlearn.results import folder as run_folder
 from contactlearn.results.estimates import process_estimates
 from contactlearn.simulation import hidden_effects, synthetic

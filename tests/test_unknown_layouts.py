@@ -136,6 +136,8 @@ def test_a_guess_has_the_unit_of_its_column(tmp_path: Path) -> None:
     settings = {setting.name: setting.value for setting in propose(file).settings}
     assert (settings["columns.speed"], settings["columns.speed_post"]) == ("V1 (m/s)", "V2 (m/s)")
     assert settings["columns.direction_floor"] == OPEN
-    guessed = {line.split("  ")[1]: line for line in propose(file).page.splitlines() if line.startswith("  '")}
+    guessed = {
+        line.split("  ")[1]: line for line in propose(file).column_listing.splitlines() if line.startswith("  '")
+    }
     assert "omega? " in guessed["'side1 (rev/s)'"]
     assert "?" not in guessed["'alpha1 (deg)'"]

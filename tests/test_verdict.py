@@ -26,7 +26,7 @@ from contactlearn.diagnosis.result import (
     Verdict,
     clearly_better,
 )
-from contactlearn.diagnosis.stages import trust_balance
+from contactlearn.diagnosis.stages import demote_balance
 from contactlearn.diagnosis.thresholds import Thresholds
 from contactlearn.effects import EffectId
 from contactlearn.inference.evaluation.metrics import Interval
@@ -206,12 +206,12 @@ def test_a_verdict_without_names_says_what_could_be_hidden():
 def test_effects_that_are_found_explain_an_open_balance():
     opened = Finding(name="moment_balance_open", sentence="it does not close", evidence=())
     found = replace(made_up(12, *NAMES), verdict=Verdict.BAD_DATA, findings=(opened,))
-    sure = trust_balance(found)
+    sure = demote_balance(found)
     assert (sure.verdict, sure.findings[0].mistake) == (Verdict.EFFECTS, False)
     unsure = replace(found, missing=tuple(replace(one, level=Level.PROBABLE) for one in found.missing))
-    assert trust_balance(unsure) is unsure
+    assert demote_balance(unsure) is unsure
     other = replace(found, findings=(opened, replace(opened, name="contradictions")))
-    assert trust_balance(other).verdict is Verdict.BAD_DATA
+    assert demote_balance(other).verdict is Verdict.BAD_DATA
 
 
 def test_scatter_in_the_floor_turns_an_unknown_remainder_into_none_and_never_the_reverse():

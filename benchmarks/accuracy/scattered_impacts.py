@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import contact_jacobian, rotation, swept
 
 STEPS, PROJECTIONS = 200, 8
 
@@ -51,21 +52,24 @@ def simulated(world: World, trials: int, *, stated: bool = True) -> Impacts:
         return 2 * torch.rand(*shape, generator=generator, dtype=torch.float64) - 1
 
     n, a, d = 2 * trials, world.half, 3 if world.space else 2
-    turn = _orientation(normal(n, 4)) if world.space else _planar(math.pi * uniform(n))
+    pose = normal(n, 4) if world.space else math.pi * uniform(n, 1)
+    pose = pose / pose.norm(dim=-1, keepdim=True) if world.space else pose
+    turn = rotation(pose) if world.space else _planar(pose[:, 0])
     r = _lowest(turn, a)
     v = torch.cat((world.slip * uniform(n, d - 1), -1.5 - 1.0 * uniform(n, 1)), -1)
     w = 8.0 * normal(n, 3 if world.space else 1)
     inertia = world.mass * a**2 * 2 / 3  # of a uniform cube, and of a square
     lean = world.sigma_normal * normal(n, d - 1)
     shift = world.sigma_point * normal(n, d - 1)
-    approach = (v + _swept(w, r))[:, -1] < -0.4
+    contact = v + swept(r, w)
+    approach = contact[:, -1] < -0.4
     place = 0.1 * uniform(n)
     mu = world.mu + world.sigma_mu * normal(n)
-    eps = world.eps + world.sigma_eps * normal(n) - world.speed_loss * (-(v + _swept(w, r))[:, -1] - 1.5)
-    eps = eps + _structured(world, turn, v + _swept(w, r), approach)
+    eps = world.eps + world.sigma_eps * normal(n) - world.speed_loss * (-contact[:, -1] - 1.5)
+    eps = eps + _structured(world, turn, contact, approach)
     frame = _leaning(lean)
     point = r + (frame[..., :-1] @ shift[..., None])[..., 0]
-    jacobian = frame.mT @ _jacobian(point)
+    jacobian = frame.mT @ contact_jacobian(point)
     back = torch.diag(torch.tensor([1 / world.mass] * d + [1 / inertia] * w.shape[1], dtype=torch.float64))
     before = torch.cat((v, w), -1)
     contact = (jacobian @ before[..., None])[..., 0]
@@ -82,12 +86,10 @@ def simulated(world: World, trials: int, *, stated: bool = True) -> Impacts:
             error = error / chi.sqrt() * math.sqrt((world.tails - 2) / world.tails)
         far = torch.rand(n, 1, generator=generator) < world.outliers / 2
         seen.append(true + sigma * torch.where(far, 10.0, 1.0) * error)
-    keep = [x[rows] for x in (r, *seen, place)]
-    fine = (keep[1][:, :d] + _swept(keep[1][:, d:], keep[0]))[:, -1] < -0.05
-    r, v_pre, v_post, place = (x[fine] for x in keep)
-    turn, count = turn[rows][fine], int(fine.sum())
+    rows = rows[(seen[0][:, :d] + swept(r, seen[0][:, d:]))[rows, -1] < -0.05]
+    r, v_pre, v_post, place, pose = (x[rows] for x in (r, *seen, place, pose))
+    count = len(rows)
     position = torch.cat((place[:, None].expand(-1, d - 1), -r[:, -1:]), -1)
-    pose = _quaternion(turn) if world.space else torch.atan2(turn[:, 1, 0], turn[:, 0, 0])[:, None]
     covariance = torch.diag(sigma.square()).expand(count, -1, -1)
     moments = torch.full((count, 3) if world.space else (count,), inertia, dtype=torch.float64)
     return Impacts(
@@ -156,49 +158,11 @@ def _planar(angle: Tensor) -> Tensor:
     return torch.stack((torch.stack((c, -s), -1), torch.stack((s, c), -1)), -2)
 
 
-def _orientation(q: Tensor) -> Tensor:
-    w, x, y, z = (q / q.norm(dim=-1, keepdim=True)).unbind(-1)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return torch.stack([torch.stack(row, -1) for row in rows], -2)
-
-
-def _quaternion(R: Tensor) -> Tensor:
-    """Quaternion (w, x, y, z) of a rotation, by its dominant eigenvector."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.flatten(1).unbind(-1)
-    K = torch.stack(
-        (
-            torch.stack((xx - yy - zz, xy + yx, xz + zx, zy - yz), -1),
-            torch.stack((xy + yx, yy - xx - zz, yz + zy, xz - zx), -1),
-            torch.stack((xz + zx, yz + zy, zz - xx - yy, yx - xy), -1),
-            torch.stack((zy - yz, xz - zx, yx - xy, xx + yy + zz), -1),
-        ),
-        -2,
-    )
-    return torch.linalg.eigh(K).eigenvectors[..., -1].roll(1, -1)
-
-
 def _lowest(turn: Tensor, half: float) -> Tensor:
     d = turn.shape[-1]
     corners = half * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0], dtype=torch.float64)] * d)
     world = corners @ turn.mT
     return world[torch.arange(len(turn)), world[..., -1].argmin(-1)]
-
-
-def _swept(w: Tensor, r: Tensor) -> Tensor:
-    if r.shape[-1] == 2:
-        return torch.stack((-w[:, 0] * r[:, 1], w[:, 0] * r[:, 0]), -1)
-    return torch.linalg.cross(w, r)
-
-
-def _jacobian(r: Tensor) -> Tensor:
-    d = r.shape[-1]
-    axes = torch.eye(1 if d == 2 else 3, dtype=torch.float64)
-    turning = torch.stack([_swept(axis.expand(len(r), -1), r) for axis in axes], -1)
-    return torch.cat((torch.eye(d, dtype=torch.float64).expand(len(r), -1, -1), turning), -1)
 
 
 def _leaning(lean: Tensor) -> Tensor:
@@ -207,4 +171,4 @@ def _leaning(lean: Tensor) -> Tensor:
         return _planar(-lean[:, 0])
     angle = lean.norm(dim=-1, keepdim=True).clamp_min(1e-300)
     axis = torch.cat((-lean[:, 1:], lean[:, :1], torch.zeros_like(angle)), -1) / angle
-    return _orientation(torch.cat(((angle / 2).cos(), (angle / 2).sin() * axis), -1))
+    return rotation(torch.cat(((angle / 2).cos(), (angle / 2).sin() * axis), -1))

@@ -38,7 +38,7 @@ def design(answers: Iterable[Answer]) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def probabilities(x: np.ndarray, share: np.ndarray, coefficients: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Compute the probabilities [n] of names as `ladder.calibrated` does."""
+    """Compute the probabilities [n] of names as `ladder.name_probability` does."""
     return share * SUREST / (1 + np.exp(-x @ np.asarray(coefficients)))
 
 

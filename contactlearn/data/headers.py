@@ -142,14 +142,14 @@ _UNNAMED = (
 class FileContents:
     """The name of the source, `table` or `tracks`, its settings in order, the unused columns, and how it was read.
 
-    `page` is what the columns probably are, line by line, where it is open which is which.
+    `column_listing` is what the columns probably are, line by line, where it is open which is which.
     """
 
     source: str
     settings: tuple[Setting, ...]
     unused: tuple[str, ...] = ()
     read_as: tuple[str, ...] = ()
-    page: str = ""
+    column_listing: str = ""
 
 
 def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContents:
@@ -232,22 +232,22 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
     if why := refusal_of_several(header):
         raise DataError(f"{first}: {why}")
     if why := refusal_of_unmeasured(header):
-        raise UnknownLayoutError(f"{first}: {why}; its columns are\n{_page(cells, 'table')}")
+        raise UnknownLayoutError(f"{first}: {why}; its columns are\n{_column_listing(cells, 'table')}")
     raise UnknownLayoutError(
         f"{first}: is neither a table of impacts, which has velocities after contact such as vx_post (docs/tables.md), "
-        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are\n{_page(cells)}"
+        f"nor a recording, which has x, y and theta (docs/tracks.md); its columns are\n{_column_listing(cells)}"
     )
 
 
 def _contents(source: str, settings: Iterable[Setting], cells: Sheet, *, unused: tuple[str, ...] = ()) -> FileContents:
-    """The settings of a file, with a page about its columns where one of them is open."""
+    """The settings of a file, with a listing of its columns where one of them is open."""
     settings = (*settings,)
     asked = any(one.value == OPEN and one.name.startswith("columns.") for one in settings)
-    page = _page(cells, source) if asked else ""
-    return FileContents(source=source, settings=settings, unused=unused, read_as=cells.read_as, page=page)
+    listing = _column_listing(cells, source) if asked else ""
+    return FileContents(source=source, settings=settings, unused=unused, read_as=cells.read_as, column_listing=listing)
 
 
-def _page(cells: Sheet, source: str | None = None) -> str:
+def _column_listing(cells: Sheet, source: str | None = None) -> str:
     """What the columns of a file probably are, and a command with what the comments above its header say."""
     remarks = "\n".join(comments(Path(cells.path)))
     pixels = any({"px", "pixel", "pixels"} & {*name_words(name)} for name in cells.header)
@@ -316,7 +316,7 @@ def stated_by_header(path: Path) -> dict[str, Any]:
     left = [one for one in contents.settings if one.value == OPEN and one.name.startswith("columns.")]
     if left:
         asked = "; ".join(f"{one.name.removeprefix('columns.')}: {one.comment}" for one in left)
-        raise DataError(f"{file}: which column is which? state data.columns={{…}}, {asked}\n{contents.page}")
+        raise DataError(f"{file}: which column is which? state data.columns={{…}}, {asked}\n{contents.column_listing}")
     columns = {name.removeprefix("columns."): value for name, value in values.items() if name.startswith("columns.")}
     stated = {name: values[name] for name in ("unit", "angle", "rate") if values.get(name) is not None}
     return stated | ({"columns": columns} if columns else {})

@@ -206,7 +206,7 @@ def track_options(
     layout = Layout(**columns, rate=rate, body=body)
     if layout.unit is not None and unit is not None:
         raise DataError(f"data.unit={unit} is stated beside units in data.columns: leave one of them out")
-    of_angle = layout.made.get(layout.angle or "", (None, None, {}))[2]
+    of_angle = layout.stated_columns.get(layout.angle or "", (None, None, {}))[2]
     if "unit" in of_angle and angle not in (None, "rad"):
         raise DataError(f"data.angle={angle} is stated beside a unit in data.columns.angle: leave one of them out")
     angle = "rad" if {"unit", "towards"} & {*of_angle} else angle

@@ -70,10 +70,10 @@ from contactlearn.diagnosis.search.candidates import fitted_first, follows_order
 from contactlearn.diagnosis.search.choices import FittedChoices, fit_choices
 from contactlearn.diagnosis.search.ladder import (
     Ladder,
-    calibrated,
     coefficient_ends,
     fitted_parameters,
     ladder,
+    name_probability,
 )
 from contactlearn.diagnosis.search.selection import Selection, predict_held_out, select, smaller, validated
 from contactlearn.diagnosis.unexplained.contact_scatter import ScatterEstimate, contact_scatter
@@ -141,7 +141,7 @@ def diagnose_audited(
     question.on_event(EffectsFound(effects=rungs.missing, regions=search.regions))
     question.on_event(RemainderLearned(remainder=learned.remainder))
     findings = (*findings, *search.notes, *one_state_notes(search.selection.impacts))
-    return trust_balance(_result(question, search, comparison, decomposition, confidence, fits, findings, generator))
+    return demote_balance(_result(question, search, comparison, decomposition, confidence, fits, findings, generator))
 
 
 def compare_laws(question: Question, impacts: Impacts, folds: Folds) -> tuple[LawFit, ...]:
@@ -533,7 +533,7 @@ def _scatter(decomposition: ErrorDecomposition) -> ContactScatter | None:
     return replace(scatter, components=tuple(replace(c, share=whole * c.share) for c in scatter.components))
 
 
-def trust_balance(diagnosis: Diagnosis) -> Diagnosis:
+def demote_balance(diagnosis: Diagnosis) -> Diagnosis:
     """Turn an open moment balance into a note where effects that were found explain the data."""
     if diagnosis.physics is not Verdict.EFFECTS or any(effect.level is not Level.FOUND for effect in diagnosis.missing):
         return diagnosis
@@ -613,7 +613,7 @@ def _confidence(
         removed, candidate = budget.removed(effect.error_reduction), question.candidates[effect.effect]
         alternatives, share = selection.replacements(effect.effect)
         shares = effect.share, effect.share + share
-        sure = [calibrated(each, removed, budget.reducible, len(impacts), unknown) for each in shares]
+        sure = [name_probability(each, removed, budget.reducible, len(impacts), unknown) for each in shares]
         if _undetermined(candidate, effect):
             sure = [min(each, _MAX_CONFIDENCE_UNDETERMINED) for each in sure]
         if candidate.like_shape:

@@ -77,20 +77,38 @@ def _placed(orientation: Float[Tensor, "..."], d: int) -> tuple[Float[Tensor, "*
 
 
 @dataclass(frozen=True)
-class Ellipse:
-    """Ellipse with `semi_axes` (a, b) in m along the body's x and y axes."""
+class _Elliptic:
+    """A body of the semi-axes (a, b), in space (a, b, c)."""
 
-    semi_axes: tuple[float, float]
+    semi_axes: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 2))
+        count = 3 if isinstance(self, Solid) else 2
+        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, count))
 
-    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """(a² d_x, b² d_y) / √(a² d_x² + b² d_y²)."""
-        a, b = self.semi_axes
-        d_x, d_y = direction.unbind(-1)
-        height = torch.sqrt((a * d_x) ** 2 + (b * d_y) ** 2)
-        return torch.stack((a**2 * d_x / height, b**2 * d_y / height), -1)
+    def support(self, direction: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
+        """A² d / |A d|, A = diag(a, b) or diag(a, b, c)."""
+        axes = direction.new_tensor(self.semi_axes)
+        return axes**2 * direction / (axes * direction).square().sum(-1, keepdim=True).sqrt()
+
+
+@dataclass(frozen=True)
+class _Round:
+    """A body of one radius about its centre of mass."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
+
+    def support(self, direction: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
+        """The radius along d."""
+        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
+
+
+@dataclass(frozen=True)
+class Ellipse(_Elliptic):
+    """Ellipse with `semi_axes` (a, b) in m along the body's x and y axes."""
 
     def gyration_squared(self) -> float:
         """ρ² = (a² + b²) / 4."""
@@ -103,17 +121,8 @@ class Ellipse:
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(_Round):
     """Disc of `radius` in m about its centre of mass."""
-
-    radius: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
-
-    def support(self, direction: Float[Tensor, "*batch 2"]) -> Float[Tensor, "*batch 2"]:
-        """The radius along d."""
-        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> float:
         """ρ² = R² / 2."""
@@ -305,19 +314,8 @@ class Solid(ABC):
 
 
 @dataclass(frozen=True)
-class Ellipsoid(Solid):
+class Ellipsoid(_Elliptic, Solid):
     """Ellipsoid with `semi_axes` (a, b, c) in m along the body's axes."""
-
-    semi_axes: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "semi_axes", _lengths("semi_axes", self.semi_axes, 3))
-
-    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """A² d / |A d|, A = diag(a, b, c)."""
-        axes = direction.new_tensor(self.semi_axes)
-        scaled = axes * direction
-        return axes * scaled / scaled.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> Float[Tensor, "3"]:
         """(b² + c²)/5 and so on."""
@@ -326,17 +324,8 @@ class Ellipsoid(Solid):
 
 
 @dataclass(frozen=True)
-class Sphere(Solid):
+class Sphere(_Round, Solid):
     """Ball of `radius` in m about its centre of mass."""
-
-    radius: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _lengths("radius", [self.radius], 1)[0])
-
-    def support(self, direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """The radius along d."""
-        return self.radius * direction / direction.norm(dim=-1, keepdim=True)
 
     def gyration_squared(self) -> Float[Tensor, "3"]:
         """ρ² = 2 R²/5 about every axis."""

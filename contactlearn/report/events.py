@@ -28,7 +28,9 @@ from contactlearn.report.text.sentences import (
     undecided,
 )
 
-_SAID = ("one_state", "constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances")
+_CAVEATS = (
+    "one_state", "constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances",
+)  # fmt: skip
 """Notes that limit what a verdict can say."""
 _LONG = 5.0  # s after which a task is named where no bar is seen
 
@@ -156,7 +158,7 @@ def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.sample is not None:
         lines.append(f"sample: {phrase('sample_support', diagnosis.sample)}")
     notes = [phrase("unwanted", diagnosis), misfit(diagnosis)]
-    notes += [sentence(one.sentence) for one in diagnosis.findings if one.name in _SAID and not one.mistake]
+    notes += [sentence(one.sentence) for one in diagnosis.findings if one.name in _CAVEATS and not one.mistake]
     if diagnosis.physics is not Verdict.UNKNOWN:  # whose verdict says it
         notes.append(phrase("better_law", diagnosis))
     return lines + [f"note: {note}" for note in notes if note]

@@ -10,7 +10,7 @@ from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 from contactlearn.core.errors import ContactLearnError
 from contactlearn.diagnosis.result import Diagnosis
@@ -179,8 +179,36 @@ class ProcessEstimate:
     evaluations: int
 
 
+Errors = TypeVar("Errors")
+
+
 @dataclass(frozen=True, kw_only=True)
-class ModelErrors:
+class ErrorsByMetric(Generic[Errors]):
+    """Errors of a model, each an interval or one a size; of a bound those that it bounds, see `evaluation.metrics`."""
+
+    mass_error: Errors | None = None
+    euclidean_error: Errors | None = None
+    normalised_euclidean_error: Errors | None = None
+    velocity_error: Errors | None = None
+
+    @property
+    def intervals(self) -> dict[str, Errors]:
+        """The means and intervals that there are, by the metric's name in `METRICS`."""
+        return {name: errors for name in METRICS if (errors := getattr(self, name)) is not None}
+
+    def of(self, metric: str) -> Errors:
+        """The means and intervals of a metric by its name in `METRICS`.
+
+        Raises:
+            ContactLearnError: it is not there.
+        """
+        if metric not in self.intervals:
+            raise ContactLearnError(f"{metric} is missing; there are {', '.join(self.intervals) or 'none'}")
+        return self.intervals[metric]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelErrors(ErrorsByMetric[Interval]):
     """Errors of a model on the held-out trials, see `evaluation.metrics`; of a bound those that it bounds.
 
     `outside_admissible` is the share of impulses that gain energy, pull or leave penetration, `back_spin` that of
@@ -190,10 +218,6 @@ class ModelErrors:
         ContactLearnError: a mean error that is negative or not of this world.
     """
 
-    mass_error: Interval | None = None
-    euclidean_error: Interval | None = None
-    normalised_euclidean_error: Interval | None = None
-    velocity_error: Interval | None = None
     outside_admissible: float
     back_spin: float
 
@@ -202,21 +226,6 @@ class ModelErrors:
             ends = (end for end in (interval.low, interval.high) if not math.isnan(end))
             if not all(0 <= x < HIGHEST_ERROR for x in (interval.mean, *ends)):
                 raise ContactLearnError(f"{name} must be a number, 0 or more, and less than {HIGHEST_ERROR:g}")
-
-    @property
-    def intervals(self) -> dict[str, Interval]:
-        """The means and intervals that there are, by the metric's name in `METRICS`."""
-        return {name: interval for name in METRICS if (interval := getattr(self, name)) is not None}
-
-    def of(self, metric: str) -> Interval:
-        """The mean and interval of a metric by its name in `METRICS`.
-
-        Raises:
-            ContactLearnError: it is not there.
-        """
-        if metric not in self.intervals:
-            raise ContactLearnError(f"{metric} is missing; there are {', '.join(self.intervals) or 'none'}")
-        return self.intervals[metric]
 
 
 def metrics_of(model: str, norm: Norm) -> tuple[str, ...]:
@@ -325,7 +334,7 @@ class CurveCalibration:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearningCurve:
+class LearningCurve(ErrorsByMetric[tuple[Interval, ...]]):
     """Errors of one model against the number of training trials; intervals are over trials and subsets.
 
     Args:
@@ -343,10 +352,6 @@ class LearningCurve:
     """
 
     sizes: tuple[int, ...]
-    mass_error: tuple[Interval, ...] | None = None
-    euclidean_error: tuple[Interval, ...] | None = None
-    normalised_euclidean_error: tuple[Interval, ...] | None = None
-    velocity_error: tuple[Interval, ...] | None = None
     below: Mapping[str, Mapping[str, int | None]]
     settled: Mapping[str, int | None]
     calibration: CurveCalibration | None = None
@@ -355,15 +360,6 @@ class LearningCurve:
         for errors in self.intervals.values():
             if len(errors) != len(self.sizes):
                 raise ContactLearnError(f"{len(self.sizes)} sizes and {len(errors)} errors must be as many")
-
-    @property
-    def intervals(self) -> dict[str, tuple[Interval, ...]]:
-        """The errors that there are, by the metric's name in `METRICS`; of Best Post Hoc those that it bounds."""
-        return {name: errors for name in METRICS if (errors := getattr(self, name)) is not None}
-
-    def of(self, metric: str) -> tuple[Interval, ...]:
-        """The errors by a metric's name in `METRICS`."""
-        return self.intervals[metric]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from contactlearn.core.events import track
 from contactlearn.data.blocks import Blocks
 from contactlearn.diagnosis import pipeline
 from contactlearn.diagnosis.options import DiagnoseOptions
-from contactlearn.diagnosis.result import Diagnosis
+from contactlearn.diagnosis.result import FLOORS, Diagnosis
 from contactlearn.diagnosis.search.candidates import all_candidates
 from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.functions import OfCovariate
@@ -27,7 +27,7 @@ from contactlearn.report.events import progress, show_verdict
 from contactlearn.report.figures.diagnosis import drawn
 from contactlearn.report.page.diagnosis import write_page
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text.names import FLOORS, base_label, rung_label
+from contactlearn.report.text.names import base_label, rung_label
 from contactlearn.report.text.sentences import headline, names_by_level
 from contactlearn.results.folder import write_result
 from contactlearn.results.types import DiagnosisRun

@@ -104,7 +104,7 @@ def draw_cost_surface(law: Law, pool: Impacts, trials: int, settings: Identifica
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Fits to the pool, models from checkpoints, (μ, ε) of each trial by law, norm of the bounds, and device."""
+    """Fits to the pool, trained models, (μ, ε) of each trial by law, norm of the bounds, and device."""
 
     fits: tuple[SubsetFit, ...]
     joint: Mapping[str, Fit]

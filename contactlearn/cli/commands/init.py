@@ -69,7 +69,7 @@ def write_settings(path: Path, name: str | None, stated: Mapping[str, Any] = Map
     lines += [f"not used: {', '.join(map(repr, contents.unused))}"] if contents.unused else []
     first = f"contactlearn impacts data={word} -o impacts.parquet, " if contents.source == "tracks" else ""
     lines.append(f"next: {first}contactlearn audit data={word}, and data={word} on every command in this folder")
-    lines += ["or: name its columns in one command", contents.page] if contents.page else []
+    lines += ["or: name its columns in one command", contents.column_listing] if contents.column_listing else []
     return "\n".join(lines)
 
 

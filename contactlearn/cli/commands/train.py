@@ -3,12 +3,12 @@
 import math
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import torch
-from matplotlib.figure import Figure
 
 from contactlearn.cli.commands import fitting, loading, record
+from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
 from contactlearn.cli.commands.record import RunRecord
 from contactlearn.cli.commands.trained import body_ranges, check_start
@@ -18,7 +18,7 @@ from contactlearn.cli.settings import TrainSettings
 from contactlearn.core.devices import moved
 from contactlearn.core.events import TaskProgress
 from contactlearn.diagnosis.events import OnEvent
-from contactlearn.inference.evaluation import bounds, metrics
+from contactlearn.inference.evaluation import metrics
 from contactlearn.inference.evaluation.metrics import ErrorSums
 from contactlearn.inference.identification.joint import Fit
 from contactlearn.inference.identification.shared import SubsetFit
@@ -38,32 +38,6 @@ from contactlearn.results import estimates, folder
 from contactlearn.results.types import BEST_POST_HOC, IRB, Training
 
 CHECKPOINT = "model.pt"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Trained:
-    """Fits and models; `models` are those of the error table, the trained one last, `laws` those of Best Post Hoc."""
-
-    fits: tuple[SubsetFit, ...]
-    joint: Mapping[str, Fit]
-    models: Mapping[str, ContactModel]
-    laws: Mapping[str, ContactModel]
-    surface: Figure | None
-
-    @property
-    def model(self) -> ContactModel:
-        return list(self.models.values())[-1]
-
-    @property
-    def name(self) -> str:
-        return list(self.models)[-1]
-
-    def predict(self, impacts: Impacts, norm: str) -> dict[str, Prediction]:
-        """Predict impacts with every model, and the bounds of a norm, by name."""
-        laws = {name: law.predict(impacts) for name, law in self.laws.items()}
-        best, _ = bounds.best_post_hoc(impacts, laws, norm)
-        predictions = {name: model.predict(impacts) for name, model in self.models.items()}
-        return predictions | {BEST_POST_HOC: best, IRB: bounds.irb(impacts, norm)}
 
 
 def train(settings: TrainSettings, run: Run) -> None:
@@ -89,35 +63,35 @@ def train(settings: TrainSettings, run: Run) -> None:
 def _train(settings: TrainSettings, run: Run, data: Split, tracker: Tracker) -> Training:
     device = settings.device
     with progress(run.folder, tracker) as on_event:
-        trained = _trained(settings, moved(data.pool, device), data, on_event)
-        sums = ErrorSums((*trained.models, BEST_POST_HOC, IRB))
+        compared = _compared(settings, moved(data.pool, device), data, on_event)
+        predictions = compared.predict(data.test)
+        sums = ErrorSums((*compared.trained, BEST_POST_HOC, IRB))
         for block in loading.track_blocks(on_event, data.held_out_impacts(), data.held_out_trials, "held-out trials"):
-            impacts = moved(block, device)
-            sums.add(impacts, trained.predict(impacts, settings.bounds.norm))
-    trained = moved(trained, "cpu")
-    result = _result(settings, run, data, trained, sums)
-    checkpoint.save(trained.model, run.folder / CHECKPOINT, provenance=asdict(result.provenance))
+            sums.add(block, predictions if block is data.test else compared.predict(block))
+    compared = moved(compared, "cpu")
+    result = _result(settings, run, data, compared, sums)
+    checkpoint.save(compared.trained[result.model], run.folder / CHECKPOINT, provenance=asdict(result.provenance))
     folder.write_result(run.folder, result)
     terminal.show_models(result)
     if result.joint:
         terminal.show_joint(*list(result.joint.items())[-1])
     if result.processes_kind is not None:
         terminal.show_processes(result.processes, result.processes_kind)
-    record.write_record(tracker, run, result.provenance, _record(settings, result, trained, data.test))
+    record.write_record(tracker, run, result.provenance, _record(settings, result, compared, data, predictions))
     return result
 
 
-def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEvent) -> _Trained:
+def _compared(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEvent) -> Comparison:
     """Fit the law, with its effects if there are any, and train the learned model on top.
 
-    Best Post Hoc is that of laws identified on the same trials.
+    `trained` has the models of the error table, the trained one last; Best Post Hoc is that of laws identified on the
+    same trials.
     """
     law, recipe, effects, how = settings.law, settings.recipe, settings.effects, settings.train
     sizes = (min(data.train_size, FITTED),)
-    shared, surface, joint = dict[str, SubsetFit](), None, dict[str, Fit]()
+    shared, joint = dict[str, SubsetFit](), dict[str, Fit]()
     if law is not None and recipe is None and not effects:
         shared[law.name] = fitting.identify_law(law, pool, how, data.generator, on_event, sizes=sizes)
-        surface = fitting.draw_cost_surface(law, pool, *sizes, how)
     rows = torch.randperm(len(pool), generator=data.generator)[: data.train_size]
     for one in settings.laws.values():
         if one.name not in shared:
@@ -128,8 +102,9 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
     if law is not None and effects:
         joint = fitting.fit_with_effects(law, effects, pool, rows, settings.fit_options, on_event)
         base = list(joint.values())[-1].model
-    laws = {name: ContactModel(fit.to_law()) for name, fit in shared.items()}
-    models = {name: fit.model for name, fit in joint.items()} or ({} if law is None else {law.name: laws[law.name]})
+    models = {name: fit.model for name, fit in joint.items()}
+    if law is not None and not effects:
+        models = {law.name: ContactModel(shared[law.name].to_law())}
     if recipe is not None:
         on_event(TaskProgress(task=f"training {settings.model} on {len(rows)} trials", done=0, total=None))
         name = fitting.augmented_name(settings.model, effects)
@@ -145,12 +120,15 @@ def _trained(settings: TrainSettings, pool: Impacts, data: Split, on_event: OnEv
             held_out=moved(data.test, settings.device),
             on_event=on_event,
         )
-    fits = (shared[law.name],) if law is not None and not effects else ()
-    return _Trained(fits=fits, joint=joint, models=models, laws=laws, surface=surface)
+    norm, device = settings.bounds.norm, settings.device
+    fits = tuple(shared.values())
+    return Comparison(fits=fits, joint=joint, trained=models, trials={}, norm=norm, device=device)
 
 
-def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, sums: ErrorSums) -> Training:
-    recipe, regressor = settings.recipe, trained.model.regressor
+def _result(settings: TrainSettings, run: Run, data: Split, compared: Comparison, sums: ErrorSums) -> Training:
+    name, model = list(compared.trained.items())[-1]
+    recipe, regressor = settings.recipe, model.regressor
+    law, fits = settings.law and settings.law.name, () if settings.effects else compared.fits
     provenance = run.provenance(data.blocks, settings.device, data.train_size)
     provenance = replace(provenance, data=replace(provenance.data, **body_ranges(data.pool)))
     if recipe is not None and settings.start is not None:  # of which the configuration names the file alone
@@ -158,14 +136,14 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
         provenance = replace(provenance, config={**provenance.config, "model": model})
     return Training(
         provenance=provenance,
-        model=trained.name,
+        model=name,
         learned=None if recipe is None else settings.model,
-        law=None if settings.law is None else settings.law.name,
+        law=law,
         effects=estimates.effect_ids(settings.effects),
         trained_on=data.train_size,
-        equation=str(trained.model),
-        fits=tuple(map(estimates.law_estimate, trained.fits)),
-        joint={name: estimates.joint_estimate(fit) for name, fit in trained.joint.items()},
+        equation=str(model),
+        fits=tuple(estimates.law_estimate(fit) for fit in fits if fit.law.name == law),
+        joint={name: estimates.joint_estimate(fit) for name, fit in compared.joint.items()},
         errors=estimates.error_table(sums, settings.bounds.norm, settings.bootstrap, data.generator),
         back_spin=sums.back_spin(),
         norm=settings.bounds.norm,
@@ -176,8 +154,12 @@ def _result(settings: TrainSettings, run: Run, data: Split, trained: _Trained, s
     )
 
 
-def _record(settings: TrainSettings, result: Training, trained: _Trained, test: Impacts) -> RunRecord:
+def _record(
+    settings: TrainSettings, result: Training, compared: Comparison, data: Split, predictions: Mapping[str, Prediction]
+) -> RunRecord:
     """Figures, and for TensorBoard the errors with losses, noise and length scales."""
+    test, prediction = data.test, predictions[result.model]
+    recipe, regressor = settings.recipe, compared.trained[result.model].regressor
     shown = {name: errors.of(result.metric) for name, errors in result.errors.items()}
     alone = result.learned is None and result.fits
     values = record.scalars(result.fits, result.errors, result.joint)
@@ -185,14 +167,12 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
     for process in result.processes:
         values |= {f"loss/{process.output}": process.loss, f"noise/{process.output}": process.noise}
         values |= {f"length_scale/{process.output}/{name}": x for name, x in process.length_scales.items()}
-    predictions = trained.predict(test, settings.bounds.norm)
-    prediction = predictions[trained.name]
-    drawn = record.draw_effects(list(trained.joint.values())[-1].model, test) if settings.effects else {}
-    distributions = record.residuals(test, predictions[trained.name])
+    drawn = record.draw_effects(list(compared.joint.values())[-1].model, test) if settings.effects else {}
+    distributions = record.residuals(test, prediction)
     drawn["predicted_against_measured"] = record.draw_predictions(test, prediction)
-    if trained.surface is not None:
-        drawn["cost_surface"] = trained.surface
-    recipe, regressor = settings.recipe, trained.model.regressor
+    if alone and settings.law is not None:
+        pool, size = moved(data.pool, settings.device), min(data.train_size, FITTED)
+        drawn["cost_surface"] = fitting.draw_cost_surface(settings.law, pool, size, settings.train)
     if recipe is not None and regressor is not None:
         lengths = {one.output: one.length_scales for one in result.processes}
         relevance = {
@@ -201,7 +181,7 @@ def _record(settings: TrainSettings, result: Training, trained: _Trained, test: 
         }
         distance = metrics.squared_distance(test, prediction)
         drawn |= {
-            "calibration": quality.calibration_curve({trained.name: metrics.calibration(distance, test.space.D)}),
+            "calibration": quality.calibration_curve({result.model: metrics.calibration(distance, test.space.D)}),
             "training": quality.training(regressor.training.history, relevance, regressor.objective),
         }
     return RunRecord(

@@ -39,7 +39,6 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import (
     contact_jacobian,
     in_world,
-    matvec,
     orientation_of,
     rotation,
     turn_quaternion,
@@ -124,6 +123,13 @@ def _covariances(impacts: Impacts | Columns) -> list[tuple[str, Tensor]]:
     if isinstance(impacts, Columns):
         return []
     return [(name, x) for name in _VELOCITIES if (x := getattr(impacts, f"{name}_cov")) is not None]
+
+
+def _mapped(impacts: Impacts, A: Tensor, names: Sequence[str] = _VELOCITIES) -> Impacts:
+    """Impacts with velocities A v and their covariances A C Aᵀ."""
+    fields = {name: (getattr(impacts, name)[..., None, :] @ A.mT)[..., 0, :] for name in names}
+    fields |= {f"{name}_cov": A @ x @ A.mT for name, x in _covariances(impacts) if name in names}
+    return impacts.replace(**fields)
 
 
 def _scaled(*groups: tuple[Sequence[float], Sequence[str]]) -> Callable[[Impacts, AuditThresholds], Impacts]:
@@ -251,7 +257,7 @@ def _of_mass_centre(impacts: Impacts, _: AuditThresholds) -> Impacts:
     d, D = impacts.space.d, impacts.space.D
     arm = in_world(tracked_point(impacts).expand(len(impacts), d), impacts.q)
     still = torch.eye(D, dtype=torch.float64).expand(len(impacts), D, D)
-    return _linear(impacts, torch.cat((2 * still[:, :d] - contact_jacobian(arm), still[:, d:]), -2))
+    return _mapped(impacts, torch.cat((2 * still[:, :d] - contact_jacobian(arm), still[:, d:]), -2))
 
 
 def _turned_spin(impacts: Impacts, thresholds: AuditThresholds) -> Impacts:
@@ -273,19 +279,16 @@ def _turned_axes(*vector: float, with_body: bool) -> Callable[[Impacts, AuditThr
     def turned(impacts: Impacts, _: AuditThresholds) -> Impacts:
         by = torch.tensor(vector, dtype=torch.float64)
         turn = _turn(by)
-        both = torch.block_diag(turn, turn)
 
         def quaternion(q: Tensor) -> Tensor:
             return torch.cat((q[..., :1], q[..., 1:] @ turn.T), -1) if with_body else turn_quaternion(q, by)
 
-        fields = {name: x @ both.T for name in _VELOCITIES if (x := getattr(impacts, name)) is not None}
-        fields |= {f"{name}_cov": both @ x @ both.T for name, x in _covariances(impacts)}
-        fields |= {
+        fields = {
             name: torch.cat((x[..., :3] @ turn.T, quaternion(x[..., 3:])), -1)
             for name in _POSES
             if (x := getattr(impacts, name)) is not None
         }
-        return impacts.replace(r=impacts.r @ turn.T, **fields)
+        return _mapped(impacts, torch.block_diag(turn, turn)).replace(r=impacts.r @ turn.T, **fields)
 
     return turned
 
@@ -295,18 +298,11 @@ def _other_spin(axes: Callable[[Tensor], Tensor], time: str = "") -> Callable[[I
 
     def corrected(impacts: Impacts, _: AuditThresholds) -> Impacts:
         columns = axes(impacts.q[..., 3:])
-        still = torch.eye(3).to(columns).expand_as(columns)
-        both = torch.cat((torch.cat((still, 0 * still), -1), torch.cat((0 * still, columns), -1)), -2)
-        return _linear(impacts, both, _ONE_TIME[time])
+        both = torch.eye(6).to(columns).repeat(*columns.shape[:-2], 1, 1)
+        both[..., 3:, 3:] = columns
+        return _mapped(impacts, both, _ONE_TIME[time])
 
     return corrected
-
-
-def _linear(impacts: Impacts, by: Tensor, names: Sequence[str] = _VELOCITIES) -> Impacts:
-    """Impacts with velocities mapped by matrices [..., D, D], and their covariances with them."""
-    fields = {name: matvec(by, getattr(impacts, name)) for name in names}
-    fields |= {f"{name}_cov": by @ x @ by.mT for name, x in _covariances(impacts) if name in names}
-    return impacts.replace(**fields)
 
 
 def _standing(*vector: float) -> Callable[[Tensor], Tensor]:
@@ -604,24 +600,15 @@ CORRECTIONS = {
         "contact points are known better from the shape than they are measured: those of the shape are used",
         _contact_from_shape,
     ),
-    "averaged_vx": Correction(
-        "v_x before impact varies by no more than its noise: its mean is used",
-        _averaged(0),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
-    "averaged_vy": Correction(
-        "v_y before impact varies by no more than its noise: its mean is used",
-        _averaged(1),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
-    "averaged_omega": Correction(
-        "ω before impact varies by no more than its noise: its mean is used",
-        _averaged(2),
-        needs_all_trials=True,
-        spaces=(PLANE,),
-    ),
+    **{
+        f"averaged_{name}": Correction(
+            f"{symbol} before impact varies by no more than its noise: its mean is used",
+            _averaged(column),
+            needs_all_trials=True,
+            spaces=(PLANE,),
+        )
+        for column, (name, symbol) in enumerate((("vx", "v_x"), ("vy", "v_y"), ("omega", "ω")))
+    },
     "moving_floor": Correction(
         "the floor moves along its normal: velocities are taken relative to it", _moving_floor, needs_all_trials=True
     ),

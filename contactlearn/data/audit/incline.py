@@ -6,12 +6,9 @@ are the effect `surface_tilt`; this is for those beyond its range, and needs no 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from contactlearn.core.numerics import readable
 from contactlearn.data.audit.contradictions import contradictions
@@ -60,11 +57,11 @@ def levelled(impacts: Impacts, angle: float) -> Impacts:
     """
     known = impacts if _computed(impacts) else impacts.replace(shape=None, validate=False)
     level = changed(known, {"slope": angle})
-    turn = torch.tensor(-angle, dtype=torch.float64)
+    turn = torch.block_diag(rotate(torch.eye(2, dtype=torch.float64), level.q.new_tensor(angle)), torch.ones(1, 1))
     names = [f"v_{time}_cov" for time in ("pre", "post") if getattr(impacts, f"v_{time}_cov") is not None]
     return level.replace(
         shape=impacts.shape,
-        **{name: _both_sides(getattr(impacts, name), lambda v: _about_z(v, turn)) for name in names},
+        **{name: turn @ getattr(impacts, name) @ turn.T for name in names},
         validate=False,
     )
 
@@ -98,16 +95,3 @@ def _turned(impacts: Impacts) -> Columns:
     }
     fields = {name: getattr(columns, name).expand(len(_TRIED), -1) for name in ("mass", "inertia")}
     return replace(columns, q_post=None, r=r, **fields, **each)
-
-
-def _about_z(v: Float[Tensor, "n 3"], angle: Float[Tensor, ""]) -> Float[Tensor, "n 3"]:
-    return torch.cat((rotate(v[:, :2], angle.expand(len(v))), v[:, 2:]), -1)
-
-
-def _both_sides(
-    covariance: Float[Tensor, "n 3 3"], turn: Callable[[Float[Tensor, "n 3"]], Float[Tensor, "n 3"]]
-) -> Float[Tensor, "n 3 3"]:
-    """R C Rᵀ of symmetric C, for R as a function of vectors."""
-    for _ in range(2):
-        covariance = torch.stack([turn(row) for row in covariance.unbind(1)], 2)
-    return covariance

@@ -192,12 +192,7 @@ def fit_balance(impacts: Impacts, free: Mapping[str, Estimate], known: Mapping[s
     return BalanceFit(estimates=estimates, remaining=remaining, given=given, physical=_physical(impacts, known))
 
 
-def with_balance(
-    impacts: Impacts,
-    rig: Apparatus,
-    meets_below: Estimate | None = None,
-    thresholds: AuditThresholds = AuditThresholds(),
-) -> Apparatus:
+def with_balance(impacts: Impacts, rig: Apparatus, meets_below: Estimate | None = None) -> Apparatus:
     """Return a rig card with what the moment balance adds to it; the same where it does not close, or physics may.
 
     The inertia and the centre of mass are fitted; what wobble says of the latter takes part with its error.  All else
@@ -207,7 +202,6 @@ def with_balance(
         impacts: as stated.
         rig: card that heights and flights show.
         meets_below: s_d, where it is known.
-        thresholds: that decide.
     """
     known = {name: one for name in CHANGES if (one := getattr(rig, name)) is not None}
     few, length = _MIN_IMPACTS * (len(known) + 1), impacts.r.norm(dim=-1).median().item()
@@ -229,7 +223,7 @@ def with_balance(
     free = {name: Estimate(value=0.0, error=error) for name, error in expected.items() if name not in known}
     free |= {name: known.pop(name) for name in [*known] if name.startswith("centre")}
     fit = fit_balance(impacts, free, known)
-    if fit.remaining >= thresholds.rig_explains * min(fit.physical, fit.given):
+    if fit.remaining >= AuditThresholds().rig_explains * min(fit.physical, fit.given):
         return rig
     return replace(rig, **{name: one for name, one in fit.estimates.items() if name in CHANGES})
 

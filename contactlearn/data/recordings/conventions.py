@@ -654,7 +654,7 @@ def refuse_left_handed_words(path: Path, layout: Layout) -> None:
     Raises:
         DataError: with the columns that mirror it.
     """
-    if any("factor" in entry for _, _, entry in layout.made.values()):
+    if any("factor" in entry for _, _, entry in layout.stated_columns.values()):
         return
     with opened_bytes(path) as file:
         word = _LEFT_HANDED.search(f"{path.name} {file.read(_LOOKED_AT).decode(errors='replace')}")

@@ -285,8 +285,6 @@ def fit(
     frames: Int[Indices, " n"],
     sigma: Float[Array, "k"],
     air: Air,
-    *,
-    reference: float | None = None,
 ) -> Flight:
     """Fit a flight to frames of a track, without those whose residual is far beyond the noise.
 
@@ -296,10 +294,8 @@ def fit(
         frames: to fit to, three or more.
         sigma: standard deviations of a frame's (x, y, θ).
         air: gravity and drag.
-        reference: instant in s; the middle frame's if None.
     """
-    if reference is None:
-        reference = float(time[frames[len(frames) // 2]])
+    reference = float(time[frames[len(frames) // 2]])
     flight = _flight(time, pose, frames, sigma, air, reference)
     for _ in range(_ROUNDS):
         off = away(pose[frames], flight.poses(time[frames]))

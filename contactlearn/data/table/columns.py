@@ -59,14 +59,14 @@ def apparatus_of(cells: Sheet) -> Apparatus | None:
     for field, (value, error) in PAIRS.items():
         unit, had = PROPERTIES[field]["unit"], APPLIED.get(field)
         if value in cells.columns:
-            applied = _one(cells, had, unit) if had and had in cells.columns else 0.0
+            applied = _constant(cells, had, unit) if had and had in cells.columns else 0.0
             known[field] = Estimate(
-                value=_one(cells, value, unit), error=_one(cells, error, unit, 0.0), applied=applied
+                value=_constant(cells, value, unit), error=_constant(cells, error, unit, 0.0), applied=applied
             )
     return Apparatus(**{field: known.get(field) for field in PAIRS}) if known else None  # pyright: ignore[reportArgumentType]  (`NEEDED`)
 
 
-def _one(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> float:
+def _constant(cells: Sheet, column: str, unit: str, least: float = float("-inf")) -> float:
     """The number of a column, the same in every row."""
     values = cells.numbers(column, unit)
     bad = ((values != values[0]) | (values < least)).nonzero()[0]

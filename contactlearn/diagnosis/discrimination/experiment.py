@@ -93,8 +93,8 @@ class ModelDiscrimination:
         covariance = C - gain @ J @ C
         return replace(self, difference=difference, covariance=(covariance + covariance.mT) / 2)
 
-    def needed(self, odds: float) -> int | None:
-        """Count the drops, at the states in turn, until the evidence reaches log(odds); None beyond 1000.
+    def needed(self) -> int | None:
+        """Count the drops, at the states in turn, until the evidence decides; None beyond 1000.
 
         It is that of a single pair.
         """
@@ -102,7 +102,7 @@ class ModelDiscrimination:
         for made in range(1000):
             k = made % len(self.noise)
             nats += discrimination.squared()[k].item() / 2
-            if nats >= math.log(odds):
+            if nats >= math.log(_ODDS):
                 return made + 1
             discrimination = discrimination.after(k)
         return None
@@ -156,7 +156,6 @@ def next_experiment(
     *,
     generator: torch.Generator,
     limits: Mapping[str, tuple[float, float]] | None = None,
-    odds: float = _ODDS,
     count: int = 6,
     drawn: int = _DRAWN,
 ) -> Experiment:
@@ -168,7 +167,6 @@ def next_experiment(
         rivals: models by what they substitute.
         generator: of the states.
         limits: [low, high] of some of `STATES`; the others reach as far as was measured, velocities a quarter further.
-        odds: at which the evidence decides.
         count: of drops.
         drawn: states to choose from.
 
@@ -191,7 +189,7 @@ def next_experiment(
     moved = separations_of(impacts, chosen, rivals, drops.replace(q=middle))
     located = bool(((moved - squared).abs() > 1e-6 * squared + 1e-9).any())  # a separation depends on the place
     separations = tuple(
-        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed(odds))
+        Separation(effect=key.effect, rival=key.rival, drops_needed=discrimination.needed())
         for key, discrimination in at_drops.items()
     )
     if impacts.space is PLANE and "theta" not in (limits or {}):

@@ -24,6 +24,8 @@ from contactlearn.data.audit.evidence import BalanceEvidence
 from contactlearn.data.audit.result import Evidence, Finding
 from contactlearn.diagnosis.record import Deviations, Record
 from contactlearn.diagnosis.result.effects import (
+    FLOORS,
+    PROCESSES,
     Candidate,
     Choices,
     Drop,
@@ -66,6 +68,7 @@ from contactlearn.mechanics.impacts import Impacts
 from contactlearn.models.contact_model import ContactModel
 
 __all__ = [
+    "FLOORS", "PROCESSES",
     "Answer", "Candidate", "Choices", "Coefficient", "ComponentTest", "Confirmation", "ContactScatter",
     "DeviationDependence", "Deviations", "Diagnosis", "Drop",
     "ErrorBudget", "ErrorLimits", "ErrorMap", "ErrorShares", "Evidence", "Experiment", "FailingRegion", "Finding",
@@ -166,6 +169,18 @@ class ErrorShares:
     def instrument(self) -> float | None:
         """The share of the instrument alone; None where it is one with the scatter, or the floor is unknown."""
         return None if self.noise is None or self.scatter is None else self.noise - self.scatter
+
+    @property
+    def parts(self) -> dict[str, tuple[str, float]]:
+        """The parts above 0 in words, and their shares, by the kind of their cause."""
+        parts = {
+            "physics": ("explained by effects", self.explained),
+            "unnamed": ("unnamed so far", self.unnamed),
+            "unexplained": ("unexplained", self.unexplained),
+            "noise": ("noise", self.noise) if self.scatter is None else ("instrument", self.instrument),
+            "scatter": ("scatter of the contact", self.scatter),
+        }
+        return {kind: (name, share) for kind, (name, share) in parts.items() if share is not None and share > 0}
 
     @property
     def remaining(self) -> float:
@@ -302,13 +317,7 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """Draw the ladder: a bar for the held-out error of each rung, with its 95 % interval."""
-        names = {
-            RungKind.LAW: str(self.law),
-            RungKind.PROCESSES: "+ Gaussian processes on the residual",
-            RungKind.NOISE: "noise",
-            RungKind.SCATTER: "instrument plus scatter of the contact",
-            RungKind.INSTRUMENT: "instrument alone",
-        }
+        names = {RungKind.LAW: str(self.law), RungKind.PROCESSES: f"+ {PROCESSES}", **FLOORS}
         largest = max((rung.error.high for rung in self.ladder), default=1.0)
         bar = "<div style='background:#7a9cc6;height:0.8em;width:{:.2f}em'></div>"
         rows = [

@@ -172,6 +172,15 @@ class RungKind(StrEnum):
     INSTRUMENT = "instrument"
 
 
+PROCESSES = "Gaussian processes on the residual"
+FLOORS = {
+    RungKind.NOISE: "noise floor",
+    RungKind.SCATTER: "instrument plus scatter of the contact",
+    RungKind.INSTRUMENT: "instrument alone",
+}
+"""Rungs below which no model of the state comes, and what the instrument alone leaves."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rung:
     """A rung of the ladder: its model, the effect that it adds to the rung before, and its error."""
@@ -229,7 +238,7 @@ class MissingEffect:
         error_reduction: mean error without it, the other effects refitted, less that of the full model.
         reduction_on_all_trials: the same between fits to all trials, not held out; None if it is always on.
         share: of the plausible models that have the effect, in whatever form.
-        confidence: probability that the name is right, see `search.ladder.calibrated`; the share until that is known.
+        confidence: probability that the name is right, see `ladder.name_probability`; the share until that is known.
         level: found or probable, by the confidence; either, by the joint confidence.
         alternatives: what plausible models have in its place, the likeliest first; empty where it is probable itself.
         joint_confidence: probability that it or one of the alternatives is right; None without any.

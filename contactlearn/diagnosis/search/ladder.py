@@ -127,7 +127,7 @@ def coefficient_ends(fitted: ValidatedFit, impacts: Impacts, name: str) -> tuple
 # --- Confidence --------------------------------------------------------------------------------
 
 
-def calibrated(share: float, removed: float, reducible: float, trials: int, unknown: bool) -> float:
+def name_probability(share: float, removed: float, reducible: float, trials: int, unknown: bool) -> float:
     """Compute the probability that a named effect is right.
 
     Args:

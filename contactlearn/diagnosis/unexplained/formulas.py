@@ -19,7 +19,7 @@ Sources: Pati, Rezaiifar & Krishnaprasad 1993; White 1980 for the test; Brunton,
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import torch
@@ -70,7 +70,7 @@ LIBRARIES = {
 _RANGE = 4.0  # of a parameter on either side of 0, in units of its value in the regression
 _STARTS = 3  # single terms that are fitted
 _MOST_FORMULAS = 2
-_TOLERANCE = 1e-5  # nats a trial, of fits that begin next to their ends
+_OPTIONS = FitOptions(tolerance=1e-5)  # nats a trial, of fits that begin next to their ends
 
 
 # --- The library -----------------------------------------------------------------------------------
@@ -205,7 +205,6 @@ def formulas(
     folds: Folds,
     *,
     name: str = "mine",
-    options: FitOptions = FitOptions(),
     thresholds: Thresholds = Thresholds(),
 ) -> tuple[Formula, ...]:
     """Find the best formula for a component of the residual, at most two terms, and others as good on these data.
@@ -218,7 +217,6 @@ def formulas(
         component: t, n or tau.
         folds: to fit the coefficients to, and to hold out.
         name: of the effect while it is fitted; no effect of the model may have it.
-        options: of the fits.
         thresholds: limits of what is reported.
 
     Raises:
@@ -233,7 +231,7 @@ def formulas(
         raise ContactLearnError(f"the model has an effect {name} already; give the formula another name")
     component = WrenchComponent(component)
     libraries = {axis: Library.of(impacts, model, component, axis) for axis in axes(component, impacts.space)}
-    trials = _Trials(impacts, model, component, folds, name, replace(options, tolerance=_TOLERANCE))
+    trials = _Trials(impacts, model, component, folds, name)
     alike = dict[tuple[str, str], float]()
     for axis, (library, y) in libraries.items():
         alike |= {(axis, term): share for term, share in library.resembling(y, _STARTS).items()}
@@ -286,7 +284,6 @@ class _Trials:
     component: WrenchComponent
     folds: Folds
     name: str
-    options: FitOptions
 
     @property
     def start(self) -> Float[Tensor, " k"]:
@@ -296,7 +293,7 @@ class _Trials:
     def held_out(self, effects: Mapping[str, Effect], start: Float[Tensor, " k"]) -> Float[Tensor, " n"]:
         """Held-out mass error of the law with effects."""
         law, rows = self.model.law, self.folds.fitted
-        fit = joint.fit(self.impacts, law, effects, rows=rows, options=self.options, start=start)
+        fit = joint.fit(self.impacts, law, effects, rows=rows, options=_OPTIONS, start=start)
         return self.folds.scores(mass_error(self.impacts, fit.model.predict(self.impacts)))
 
     def tried(self, axis: str, terms: Sequence[str], coefficients: Float[Tensor, " t"]) -> _Trial:
@@ -305,7 +302,7 @@ class _Trials:
         ranges = tuple((-high, high) for high in highs)
         effects = {**self.model.effects, self.name: formula_effect(self.component.output(axis), terms, ranges)}
         start = torch.cat((self.start, coefficients))
-        fit = joint.fit(self.impacts, self.model.law, effects, options=self.options, start=start)
+        fit = joint.fit(self.impacts, self.model.law, effects, options=_OPTIONS, start=start)
         fitted = tuple(fit.values[len(self.start) :].tolist())
         return _Trial(self.component, axis, tuple(terms), ranges, fitted, self.held_out(effects, fit.values))
 

@@ -291,13 +291,11 @@ class ErrorSums:
         weights[self.models.index(model)] = 1
         return self._moments[metric].interval(weights, generator, resamples, self._groups)
 
-    def difference(
-        self, metric: str, model: str, other: str, generator: torch.Generator, resamples: int = 2000
-    ) -> Interval:
+    def difference(self, metric: str, model: str, other: str, generator: torch.Generator) -> Interval:
         """Return the mean error of a model less that of another on the same trials, with its interval."""
         weights = torch.zeros(len(self.models), dtype=torch.float64)
         weights[self.models.index(model)], weights[self.models.index(other)] = 1, -1
-        return self._moments[metric].interval(weights, generator, resamples, self._groups)
+        return self._moments[metric].interval(weights, generator, 2000, self._groups)
 
     def outside_admissible(self, model: str) -> float:
         """Return the share of impulses of a model that gain energy, pull or leave penetration."""

@@ -4,7 +4,7 @@
     audit_figure     the moment balance behind a finding about the measurements
     ladder_figure    errors of the law, effect after effect, Gaussian processes and noise
     laws_figure      errors of the laws alone
-    budget_figure    shares of the law's error: instrument, scatter of the contact, explained, unnamed, unexplained
+    budget_figure    shares of the law's error: explained, unnamed, unexplained, instrument, scatter of the contact
     frontier_figure  errors of the best model of each number of effects
     regions_figure   errors of the trials over the variable of each region in which the law fails
     residual_figure  the residual wrench of the full model along the symbols that predict it
@@ -51,7 +51,7 @@ from contactlearn.mechanics.space import PLANE
 from contactlearn.report.figures import style as st
 from contactlearn.report.figures.effects import effect_curve
 from contactlearn.report.figures.impulse_space import scattered_impulses
-from contactlearn.report.text.names import base_label, effect_label, rung_label
+from contactlearn.report.text.names import base_label, capitalize_first, effect_label, rung_label
 from contactlearn.report.text.numbers import error, fix_spacing, percent
 from contactlearn.report.text.sentences import phrase
 
@@ -61,6 +61,10 @@ _INKS = {
     RungKind.PROCESSES: st.tint(_YELLOW, 0.6),
 }  # fmt: skip
 """Colours of physics and of what is learned without a name; noise is grey."""
+_PARTS = {
+    "physics": st.tint(_BLUE, 0.8), "unnamed": st.tint(_RED, 0.35), "unexplained": st.tint(_RED, 0.8),
+    "noise": st.tint(st.DARK, 0.35), "scatter": st.tint(_YELLOW, 0.8),
+}  # fmt: skip
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
 _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
@@ -143,21 +147,11 @@ def budget_figure(budget: ErrorBudget) -> Figure:
     Instrument and scatter of the contact are one where they are not told apart.  A share below 0, of effects that do
     harm on held-out trials, is not drawn.
     """
-    shares = budget.shares
-    noise = ("Instrument and scatter", shares.noise) if shares.scatter is None else ("Instrument", shares.instrument)
-    parts = {
-        noise[0]: (noise[1], st.DARK, 0.35),
-        "Scatter of the contact": (shares.scatter, _YELLOW, 0.8),
-        "Explained": (shares.explained, _BLUE, 0.8),
-        "Unnamed": (shares.unnamed, _RED, 0.35),
-        "Unexplained": (shares.unexplained, _RED, 0.8),
-    }
     figure = st.new_figure(st.PAGE, 1.3)
     axes, start = st.name_axes(figure.subplots(), "Share of the law's error (%)"), 0.0
-    for name, (share, color, strength) in parts.items():
-        if share is not None and share > 0:
-            axes.barh([0], [100 * share], left=[start], color=st.tint(color, strength), height=0.6, label=name)
-            start += 100 * share
+    for kind, (name, share) in budget.shares.parts.items():
+        axes.barh([0], [100 * share], left=[start], color=_PARTS[kind], height=0.6, label=capitalize_first(name))
+        start += 100 * share
     axes.set(xlim=(0, max(start, 1.0)))
     axes.set_yticks([])
     legend_below(figure, axes)

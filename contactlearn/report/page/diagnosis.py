@@ -19,7 +19,6 @@ from contactlearn.diagnosis.result import (
     Diagnosis,
     ErrorBudget,
     ErrorMap,
-    ErrorShares,
     Finding,
     Record,
     Region,
@@ -197,25 +196,12 @@ def _budget(diagnosis: Diagnosis, budget: ErrorBudget) -> dict[str, Any]:
         "limits": phrase("flexible_limits", budget),
         "parts_of_error": [
             {"name": name, "kind": kind, "share": share, "text": share_of_whole(share)}
-            for name, kind, share in _parts(budget.shares)
-            if share is not None and share > 0
+            for kind, (name, share) in budget.shares.parts.items()
         ],
         "bound": {"mean": budget.bound.mean, "note": phrase("bound", diagnosis)},
         "shares": phrase("shares", budget),
         "scatter": [] if diagnosis.scatter is None else phrases("scatter", diagnosis.scatter),
     }
-
-
-def _parts(shares: ErrorShares) -> list[tuple[str, str, float | None]]:
-    """Parts of the law's error: name, kind and share."""
-    noise = ("noise", "noise", shares.noise) if shares.scatter is None else ("instrument", "noise", shares.instrument)
-    return [
-        ("explained by effects", "physics", shares.explained),
-        ("unnamed so far", "unnamed", shares.unnamed),
-        ("unexplained", "unexplained", shares.unexplained),
-        noise,
-        ("scatter of the contact", "scatter", shares.scatter),
-    ]
 
 
 def _models(diagnosis: Diagnosis, choices: Choices) -> dict[str, Any]:

@@ -117,17 +117,17 @@ def of_recordings(tracked: Tracked, searched: Iterable[SearchedTrack]) -> dict[s
     }
 
 
-def shown_recordings(tracked: Tracked, most: int = MAX_RECORDINGS) -> list[str]:
+def shown_recordings(tracked: Tracked) -> list[str]:
     """Name the recordings of a page: up to half have refused parts, the others are spread over those with impacts."""
     refusals = [refusal for refusal in tracked.survey.refusals if refusal.reason is not Reason.NOT_READ]
     first = [*dict.fromkeys(r.recording for r in refusals if r.reason is not Reason.REST)]
-    first = spread(first, most // 2)
+    first = spread(first, MAX_RECORDINGS // 2)
     rest = [*dict.fromkeys(one.recording for one in (*tracked.survey.contacts, *refusals))]
     accepted = {contact.recording for contact in tracked.survey.contacts}.difference(first)
-    second = spread([name for name in rest if name in accepted], most - len(first))
+    second = spread([name for name in rest if name in accepted], MAX_RECORDINGS - len(first))
     known = {*first, *second}
     third = [name for name in rest if name not in known]
-    return [*first, *second, *third[: most - len(known)]]
+    return [*first, *second, *third[: MAX_RECORDINGS - len(known)]]
 
 
 def spread(items: Sequence[Item], most: int) -> list[Item]:

@@ -4,7 +4,16 @@ from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 
 from contactlearn import laws
-from contactlearn.diagnosis.result import Coefficient, Diagnosis, NoiseSource, Rung, RungKind, WrenchComponent
+from contactlearn.diagnosis.result import (
+    FLOORS,
+    PROCESSES,
+    Coefficient,
+    Diagnosis,
+    NoiseSource,
+    Rung,
+    RungKind,
+    WrenchComponent,
+)
 from contactlearn.effects import EffectId
 from contactlearn.report.text.numbers import fix_spacing
 from contactlearn.results.types import Evaluation, Training
@@ -37,13 +46,6 @@ MODELS = {
 }
 """Bounds, and learned models by the name of their recipe."""
 
-PROCESSES = "Gaussian processes on the residual"
-FLOORS = {
-    RungKind.NOISE: "noise floor",
-    RungKind.SCATTER: "instrument plus scatter of the contact",
-    RungKind.INSTRUMENT: "instrument alone",
-}
-"""Rungs below which no model of the state comes, and what the instrument alone leaves."""
 
 _SPELT = {
     "com_offset": "centre-of-mass offset", "_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono",

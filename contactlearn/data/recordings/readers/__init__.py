@@ -87,7 +87,8 @@ class Layout:
         places: of the markers in the body about its centre of mass, in the file's unit, where they are known: poses are
             then those of this body.
         unit: of length, where the file's format says so.
-        made: what settings state of a column, by its name: that of the field, our column that it is like, the entry.
+        stated_columns: what settings state of a column, by its name: that of the field, our column that it is like, and
+            the entry.
     """
 
     time: str | None = "time"
@@ -100,7 +101,7 @@ class Layout:
     body: str | None = None
     places: Sequence[Sequence[float]] = field(default=())
     unit: str | None = None
-    made: dict[str, tuple[str, str, Mapping[str, Any]]] = field(default_factory=dict)
+    stated_columns: dict[str, tuple[str, str, Mapping[str, Any]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("time", "angle"):
@@ -110,7 +111,7 @@ class Layout:
         markers = (self._all_named("markers", names) for names in self.markers)
         object.__setattr__(self, "markers", tuple(markers))
         places = [*chain.from_iterable(self.markers)] or self.position
-        entries = [self.made[name][2] if name in self.made else {} for name in places]
+        entries = [self.stated_columns[name][2] if name in self.stated_columns else {} for name in places]
         in_unit = {"unit" in entry for entry in entries if entry.get("value") != 0}
         if len(in_unit) > 1:
             raise DataError("data.columns.position: state the unit of each column, or of none of them and data.unit")
@@ -140,8 +141,8 @@ class Layout:
             return None if entry is None else str(entry)
         like = {"time": "time", "angle": "theta", "quaternion": "theta"}.get(field, "x")
         unit = " [s]" if field == "time" and "unit" in entry else ""
-        name = f"{field} {len(self.made)} {str(entry.get('column', ''))[-1:]}{unit}"
-        self.made[name] = (field, like, entry)
+        name = f"{field} {len(self.stated_columns)} {str(entry.get('column', ''))[-1:]}{unit}"
+        self.stated_columns[name] = (field, like, entry)
         return name
 
     def times(self, frames: int, source: str) -> Array:
@@ -240,7 +241,7 @@ def read(path: Path, layout: Layout = Layout()) -> Iterator[Recording | DataErro
             name = "motive"
         if path.suffix.lower() == ".txt" and (not leading_numbers(path) or has_titles(path)):
             name = "columns"
-        if layout.made and name != "columns":
+        if layout.stated_columns and name != "columns":
             raise DataError(
                 f"{path}: units, factors and values of columns are read of tables of frames, and this is none; state "
                 "data.unit, data.angle, data.sense and data.rate, or export it as CSV"

@@ -108,7 +108,7 @@ def _leaves(
         if _place(arrays, layout) is not None or len(poses) == 1:
             timed = not {layout.time, *_TIMES}.isdisjoint(arrays)
             shared = {name: one for name, one in above.items() if name != "time" or not timed}
-            yield from _apart(names, {**shared, **arrays}, layout)
+            yield from _split_by_recording(names, {**shared, **arrays}, layout)
             return
         for name, one in sorted(content.items(), key=lambda item: str(item[0])):
             yield from _leaves((*names, str(name)), one, layout, above)
@@ -121,7 +121,7 @@ def _leaves(
         yield names, {**above, "pose": content}
 
 
-def _apart(names: tuple[str, ...], arrays: dict[str, Any], layout: Layout) -> Iterator[_Leaf]:
+def _split_by_recording(names: tuple[str, ...], arrays: dict[str, Any], layout: Layout) -> Iterator[_Leaf]:
     """The recordings of arrays [recordings, T, …], or the one of arrays [T, …]."""
     place = _place(arrays, layout)
     if place is None or "markers" in arrays or np.ndim(place[0]) != 3:

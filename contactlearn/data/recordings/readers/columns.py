@@ -297,7 +297,7 @@ def _as_stated(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
         DataError: see `stated_column`; or a unit of a quaternion.
     """
     columns = dict[str, Array]()
-    for name, (field, like, entry) in layout.made.items():
+    for name, (field, like, entry) in layout.stated_columns.items():
         setting = f"{path}: data.columns.{field}"
         if "towards" in entry:
             centre, point = (_columns(str(path), table, names) for names in (layout.position[:2], entry["towards"]))

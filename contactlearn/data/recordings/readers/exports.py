@@ -83,7 +83,7 @@ class Export:
                 raise DataError(f"{path}: has the bodies {', '.join(self.bodies)}; state {choices}")
             position, turned = self.bodies[stated.body or next(iter(self.bodies))]
             return replace(stated, position=position, quaternion=turned, body=None)
-        if stated.markers or stated.made or {*stated.position[:2]} <= {*self.names}:
+        if stated.markers or stated.stated_columns or {*stated.position[:2]} <= {*self.names}:
             return stated if stated.angle in self.names else replace(stated, angle=None)
         if stated.body is None and len(self.subjects) > 1:
             choices = " or ".join(f"data.body={name}" for name in self.subjects)
