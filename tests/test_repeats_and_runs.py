@@ -89,6 +89,14 @@ def test_a_signed_velocity_of_the_plate_is_taken_off(tmp_path: Path) -> None:
     assert velocities(path) == [tuple(map(pytest.approx, pair)) for pair in ((-1.2, 0.7), (-1.9, 1.6), (-0.5, 0.4))]
 
 
+@pytest.mark.parametrize(
+    "names", [("vy pelota antes", "vy pala", "vy pelota después"), ("vy balle avant", "vy raquette", "vy balle après")]
+)
+def test_balls_and_rackets_of_other_languages(tmp_path: Path, names: tuple[str, ...]) -> None:
+    path = written(tmp_path / "a.csv", f"{';'.join(f'{name} (m/s)' for name in names)}\n-1;0,2;1,25\n-2;0,1;1,85\n")
+    assert velocities(path) == [tuple(map(pytest.approx, pair)) for pair in ((-1.2, 1.05), (-2.1, 1.75))]
+
+
 def test_the_club_of_a_ball_at_rest_is_asked_about(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "club speed (m/s),ball speed (m/s)\n40,55\n41,57\n")
     with refused(['\'data.columns={vy: {value: 0}, vy_post: "ball speed (m/s)", racket_vy: "club speed (m/s)"}\'']):
