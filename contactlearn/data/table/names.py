@@ -62,6 +62,7 @@ _WORDS = {
     **dict.fromkeys(("höhe", "hauteur", "altura", "altezza", "höjd", "højde", "høyde", "hoogte"), "height"),
     **dict.fromkeys(("wysokość", "výška", "korkeus", "высота"), "height"),
     **dict.fromkeys(("zeit", "temps", "tiempo", "tempo", "tijd", "czas", "čas", "aika", "время", "時間"), "time"),
+    **dict.fromkeys(("instant", "instante", "istante", "zeitpunkt"), "time"),
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova", "försök", "forsøg", "forsøk", "proef"), "trial"),
     **dict.fromkeys(("ensaio", "próba", "pokus", "опыт"), "trial"),
 }  # fmt: skip
