@@ -79,6 +79,8 @@ UNITS |= {
     "grams": scaled(1e3, "mass"),
     "ounces": scaled(16 / 0.45359237, "mass"),
     "pounds": scaled(1 / 0.45359237, "mass"),
+    "mirrored_omega_pre": scaled(-1, "omega"),
+    "mirrored_omega_post": scaled(-1, "omega_post"),
 }
 UNITS = {name: change for name, change in UNITS.items() if name not in CORRUPTIONS}
 CORRUPTIONS_AND_UNITS = CORRUPTIONS | UNITS

@@ -78,7 +78,7 @@ FRAME = DROPS.to_frame()
 @pytest.mark.parametrize(("frame", "options", "message"), [
     (FRAME.drop(columns="vx"), {}, "DataFrame: missing column vx"),
     (FRAME.assign(vx=FRAME["vx"].where(FRAME.index != 3)), {}, "DataFrame: row 4, column vx: must be a finite number"),
-    (FRAME.assign(vy=-FRAME["vy"]), {}, r"DataFrame: row 1 .*column vy: must approach the floor"),
+    (FRAME.assign(vy=-FRAME["vy"]), {}, r"DataFrame: row 1 .*column vy: must approach the floor.* with validate=False"),
     (FRAME, {"units": {"length": "furlong"}}, "unknown unit in data.units.length: 'furlong'"),
     (FRAME[:0], {}, "DataFrame: has no rows"),
     ([1, 2], {}, "a table is the path of a file, such as drops.csv, or a DataFrame; got list"),

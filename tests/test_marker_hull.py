@@ -165,6 +165,28 @@ def test_a_stated_shape_is_turned_to_its_markers(tmp_path, dimensions, chosen):
         assert np.abs(centre).max() < 1e-3
 
 
+def test_markers_that_do_not_show_a_body_in_space_are_refused(tmp_path):
+    """Off its corners they say nothing of its axes; and a hull in the plane is none of a body that tumbles."""
+    rng, time = np.random.default_rng(0), np.arange(60) / 200
+    places = np.array(((0.1, 0.06, 0.05), (-0.12, 0.07, 0.05), (-0.09, -0.05, 0.05), (0.15, 0.02, 0.02)))
+    for recording in range(4):
+        turned = Rotation.from_rotvec(np.outer(time, 8 * rng.standard_normal(3))).as_matrix()
+        away = np.stack((time, 0.3 * time, 1 + 0.3 * time - 9.81 / 2 * time**2), -1)
+        markers = (away[:, None] + np.einsum("tij,mj->tmi", turned, places - places.mean(0))).reshape(len(time), -1)
+        markers += NOISE * rng.standard_normal(markers.shape)
+        names = [f"{axis}{k}" for k in range(4) for axis in "xyz"]
+        pd.DataFrame(markers, columns=names).assign(time=time).to_csv(tmp_path / f"{recording}.csv", index=False)
+    columns = {"markers": [[f"{axis}{k}" for axis in "xyz"] for k in range(4)]}
+    for shape, said in (
+        (Cuboid((0.15, 0.09, 0.055)), r"on no corners of the stated shape"),
+        (None, r"all 4 recordings leave a plane.*data\.shape=\{kind: cuboid"),
+    ):
+        with pytest.raises(DataError, match=said):
+            tracks.find_impacts(
+                tmp_path, mass=MASS, shape=shape, options=tracks.track_options(unit="m", columns=columns)
+            )
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_markers_on_corners_in_space(mirrored):
     """Their places are those of the corners, unless only a mirrored body would have them; two alike show nothing."""

@@ -1,6 +1,7 @@
 """Tables of which a row has several impacts or runs, and names that rows below them or a second point complete."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,14 @@ def test_a_signed_velocity_of_the_plate_is_taken_off(tmp_path: Path) -> None:
     assert velocities(path) == [tuple(map(pytest.approx, pair)) for pair in ((-1.2, 0.7), (-1.9, 1.6), (-0.5, 0.4))]
 
 
+@pytest.mark.parametrize(
+    "names", [("vy pelota antes", "vy pala", "vy pelota después"), ("vy balle avant", "vy raquette", "vy balle après")]
+)
+def test_balls_and_rackets_of_other_languages(tmp_path: Path, names: tuple[str, ...]) -> None:
+    path = written(tmp_path / "a.csv", f"{';'.join(f'{name} (m/s)' for name in names)}\n-1;0,2;1,25\n-2;0,1;1,85\n")
+    assert velocities(path) == [tuple(map(pytest.approx, pair)) for pair in ((-1.2, 1.05), (-2.1, 1.75))]
+
+
 def test_the_club_of_a_ball_at_rest_is_asked_about(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "club speed (m/s),ball speed (m/s)\n40,55\n41,57\n")
     with refused(['\'data.columns={vy: {value: 0}, vy_post: "ball speed (m/s)", racket_vy: "club speed (m/s)"}\'']):
@@ -103,6 +112,23 @@ def test_a_racket_is_taken_off_columns_that_settings_name_in_their_units(tmp_pat
     mph = 0.44704
     expected = [(-70 * mph, 20 * mph), (-120 * mph, 30 * mph)]
     assert velocities(path, columns=columns) == [tuple(map(pytest.approx, pair)) for pair in expected]
+
+
+def test_instants_of_bounces_a_row_each(tmp_path: Path) -> None:
+    """Runs of four and five bounces, whose flights shrink by the restitution of their floor."""
+    rows, expected = ["essai;support;rebond n°;instant (s)"], list[tuple[float, float]]()
+    for run, (support, restitution, count) in enumerate((("oak", 0.5, 4), ("lino", 0.8, 5)), 1):
+        flights = 0.6 * restitution ** np.arange(count - 1)
+        instants = 1.5 + np.concatenate(([0.0], np.cumsum(flights)))
+        rows += [f"{run};{support};{k};{instant!r}".replace(".", ",") for k, instant in enumerate(instants.tolist(), 1)]
+        speeds = GRAVITY / 2 * flights
+        expected += [(pytest.approx(-a), pytest.approx(b)) for a, b in pairwise(speeds)]
+    path = written(tmp_path / "a.csv", "\n".join(rows))
+    assert velocities(path, covariates=["support"]) == expected
+    found = table.read(path, covariates=["support"], **BALL).impacts  # pyright: ignore[reportArgumentType]
+    assert found.trial == ("1/2", "1/3", "2/2", "2/3", "2/4")
+    assert found.covariates["support"] == ("oak",) * 2 + ("lino",) * 3
+    assert propose(path).source == "table"
 
 
 def test_names_of_rows_stand_in_any_order(tmp_path: Path) -> None:

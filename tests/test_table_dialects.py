@@ -22,7 +22,7 @@ from contactlearn.data import table
 from contactlearn.data.audit.findings import audit
 from contactlearn.data.headers import propose
 from contactlearn.data.table.dialect import with_one_unit
-from contactlearn.data.table.names import impact_vocabulary, recognise, time_of
+from contactlearn.data.table.names import impact_vocabulary, recognise, time_of, unit_in
 from contactlearn.data.table.units import UNIT_FACTORS, powers_of
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import GRAVITY
@@ -625,6 +625,17 @@ def test_two_rows_an_impact(tmp_path, frame):
             table.read(changed, **BODY)
 
 
+def test_a_part_of_a_pose_in_two_rows_an_impact(frame):
+    """The angle of a body whose place nobody measured, and the place of a ball, stand after contact, too."""
+    both = long(frame)
+    moved = both.assign(x=np.arange(len(both)) / 100, theta=both.theta + np.where(both.phase == "after", 0.01, 0.0))
+    for part, other, body in (("theta", "x", BODY), ("x", "theta", BALL)):
+        found = table.read(moved.drop(columns=[other, "y"]), **body)
+        assert found.unused == (f"{part} after",)
+        assert found.impacts.q_post is None
+        np.testing.assert_array_equal(found.impacts.v_post.numpy(), frame[["vx_post", "vy_post", "omega_post"]])
+
+
 def melted(frame: pd.DataFrame) -> pd.DataFrame:
     """A row a number, with units."""
     rows = []
@@ -1188,6 +1199,10 @@ def test_a_spin_that_may_be_measured_is_asked_for(tmp_path, frame):
         assert recognise([name], impact_vocabulary(PLANE)).names == {"omega": name}
     for name in names:
         assert {*recognise([name], impact_vocabulary(PLANE)).names} <= {"omega"}
+    for name in ("rotation före (varv/min)", "rotatie voor (omw/min)", "obroty przed (obr/min)"):
+        assert unit_in(name, "omega", impact_vocabulary(PLANE)) == {"angle": "rev", "time": "min"}
+    for name in ("momento d'inerzia [kg mm²]", "moment d'inertie (kg mm²)", "Trägheitsmoment (kg mm²)"):
+        assert recognise([name], impact_vocabulary(PLANE)).names == {"inertia": name}
     spun = frame.drop(columns=["theta", "omega", "omega_post"]).assign(sidespin=frame.omega, sidespin2=0.0)
     path = tmp_path / "drops.csv"
     spun.to_csv(path, index=False)

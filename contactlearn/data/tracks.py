@@ -53,7 +53,7 @@ from contactlearn.data.recordings.markers import (
 )
 from contactlearn.data.recordings.poses import Array, orientation
 from contactlearn.data.recordings.readers import Layout, read, recording_files
-from contactlearn.data.recordings.result import REASONS, RecordedContact, SearchedTrack
+from contactlearn.data.recordings.result import REASONS, Reason, RecordedContact, SearchedTrack
 from contactlearn.data.recordings.rocking import rocked
 from contactlearn.data.recordings.slides import friction_of
 from contactlearn.data.recordings.survey import (
@@ -324,6 +324,11 @@ def _check_contacts(path: Path, surveyed: Survey, searched: Collection[SearchedT
     """
     if surveyed.contacts:
         return
+    if {refusal.reason for refusal in surveyed.refusals} == {Reason.OUT_OF_PLANE}:
+        raise DataError(
+            f"{path}: all {len(surveyed.refusals)} recordings leave a plane, in which the stated shape or that of the "
+            "markers is: state one in space, such as 'data.shape={kind: cuboid, half: [a, b, c]}' (docs/tables.md)"
+        )
     counter = Counter(REASONS[refusal.reason] for refusal in surveyed.refusals)
     counts = ", ".join(f"{reason} {count}" for reason, count in counter.most_common())
     refused = f"; refused parts: {counts}" if counts else ""
@@ -383,6 +388,11 @@ def _on_shape(
     in_space = isinstance(shape, Solid)
     frame = find_frame(recordings, gravity, options.conventions, options.thresholds, in_space=in_space)
     places = places_on_corners(recordings, frame, shape)
+    if places is None and in_space and not isinstance(shape, Sphere):
+        raise DataError(
+            f"{recordings[0].source}: the markers are on no corners of the stated shape, which would show where its "
+            "middle and its axes are; have the tracker write poses (position and quaternion) of the body in its axes"
+        )
     if places is None and isinstance(shape, Polygon | Ellipse | Disc):
         centre = find_flight_model(recordings, frame, gravity).centre
         places = places_turned(recordings, frame, np.eye(2), np.array(centre))  # about the centre of mass

@@ -219,7 +219,7 @@ class Impacts:
         v_n = self.v_c[:, -1]
         if self.space is PLANE:
             rule = "v_n = vy + rx ω < 0 before contact (columns swapped, y down, a speed towards it, or ω in degrees?"
-            rule += " contactlearn audit FILE tells)"
+            rule += " contactlearn audit FILE tells; in Python, cl.audit of what is read with validate=False)"
         else:
             low = self.r.mean(0)
             axis = int(low.abs().argmax())

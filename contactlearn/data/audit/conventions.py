@@ -127,6 +127,7 @@ _SETTLED = 0.25  # of the contradictions that an accepted hypothesis leaves, whi
 _OPEN_MOMENTS = 0.1  # mean contradiction of the moments from which on fitted corrections are tried
 _LEAST_TURN = 0.1  # rad, of the spins against the world: less is errors
 _SLIGHT = 0.2  # rad, range of the effect `surface_tilt`
+_OF_ONE_SIDE, _OF_BOTH_SIDES = {"mirrored_omega_pre", "mirrored_omega_post"}, (("mirrored_omega",), ("mirrored_spin",))
 _EXCHANGED = 0.5  # contradictions that two exchanged columns may leave, of those that the best hypothesis leaves
 _VELOCITIES = [f"{name} {when} impact" for when in ("before", "after") for name in ("v_x", "v_y", "ω")]
 # corrections at once: the pictures of a camera may give mm, mm/s and degrees with y downwards; no table that anybody
@@ -337,6 +338,9 @@ def _chosen(given: Hypothesis, accepted: Sequence[Hypothesis], tried: int) -> Co
         if not FITTED.intersection(h.names) and h.score < least.score + _margin(h, least) + _INDISTINCT
     ]
     new = min(known or accepted, key=lambda h: h.score)
+    if _OF_ONE_SIDE.intersection(new.names):  # where it is clearly better than the sign of both sides
+        both = (h for h in accepted if h.names in _OF_BOTH_SIDES and _sigmas(h.total - new.total) < _SIGMAS)
+        new = next(both, new)
     equal = [h for h in accepted if h is new or new.score <= h.score < new.score + _INDISTINCT]
     equal = [h for h in equal if h.fits] or equal  # 3.6 and 1/0.3048 differ by less than an effect may
     best, *equals = sorted(equal, key=_simplicity)
@@ -397,7 +401,7 @@ def _explains(new: Hypothesis) -> bool:
     left = abs(torque(new.impacts).inertia_factor.log().item())
     if len(rare) != 1:
         return not rare or new.fits
-    size, reach = abs(math.log(rare[0])), math.log(new.thresholds.inertia_factor)
+    size, reach = abs(math.log(abs(rare[0]))), math.log(new.thresholds.inertia_factor)
     return new.fits if size < reach else left < min(_UNIT_ERROR * size, reach)  # what is left is an effect
 
 

@@ -1,8 +1,9 @@
-"""Units in which columns may have been written by mistake: constants that are known before any body is measured.
+"""Units and signs in which columns may have been written by mistake, known before any body is measured.
 
     millimetres, centimetres, inches, feet        positions and the contact point; _shape: the stated shape
     …, kmh, mph _velocity, _velocity_pre, _post   velocities of the centre of mass
     degrees, rpm, revolutions _omega, …           spins
+    mirrored _omega_pre, _omega_post              spins of one side, as of a second camera from behind
     grams, ounces, pounds                         the mass
 
 `MISWRITTEN` has each by the name of its correction, with its words, its factor to SI and the columns that it converts.
@@ -46,6 +47,10 @@ def _listed() -> dict[str, Miswritten]:
         )
         for time in _TIMES
         for name, (unit, factor) in _SPINS.items()
+    }
+    found |= {
+        f"mirrored_omega{time}": Miswritten(f"ω{_WHEN[time]} has the other sign", -1.0, (f"omega{time}",))
+        for time in ("_pre", "_post")
     }
     found["degrees_theta"] = Miswritten("θ is in degrees", _DEGREE, ("theta",))
     found["degrees"] = Miswritten("θ is in degrees and ω in °/s", _DEGREE, ("theta", "omega_pre", "omega_post"))

@@ -234,6 +234,8 @@ def name_columns(cells: Sheet, options: TableOptions) -> NamedColumns:
     if "trial" not in {**ours, **names} and (trial := trial_column(cells, {*cells.header} - {*ours.values()})):
         ours["trial"] = trial
     refuse_repeated(cells, [*ours.values()])
+    for column in _parts_of_pose(space, [*ours]):
+        del ours[column]
     of_all_axes: tuple[str, ...] = ()
     if space is SPACE and ("inertia" in stated or "inertia" in cells.columns):  # one for all axes
         ours |= {"inertia": "inertia"} if "inertia" in cells.columns else {}
@@ -509,6 +511,14 @@ def setting_text(name: str) -> str:
     """A name as a setting takes it: brackets, as of units, and other signs want quotes."""
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*( [\w.-]+)*", name, re.ASCII) and name.lower() not in _VALUES
     return name if plain else '"' + re.sub(r'(\\*)("|$)', lambda m: 2 * m[1] + (m[2] and '\\"'), name) + '"'
+
+
+def _parts_of_pose(space: Space, ours: Sequence[str]) -> list[str]:
+    """The columns of a pose after contact that lacks what the one before it lacks: θ alone, or the place of a ball."""
+    after = space.components["q_post"]
+    lacking = [column for column in after if column not in ours]
+    alike = all(column.removesuffix("_post") not in ours for column in lacking)
+    return [column for column in after if column in ours] if lacking and alike else []
 
 
 def _refuse_incomplete(space: Space, cells: Sheet, ours: Sequence[str]) -> None:

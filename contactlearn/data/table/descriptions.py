@@ -40,7 +40,7 @@ from contactlearn.data.table.names import (
     unit_in,
 )
 from contactlearn.data.table.options import TableOptions
-from contactlearn.data.table.reshaped import are_vectors, by_component, by_flight, by_repeat, by_trial
+from contactlearn.data.table.reshaped import are_vectors, by_bounce, by_component, by_flight, by_repeat, by_trial
 from contactlearn.data.table.sheet import LEAVE_OUT, Cells, Sheet, taken
 from contactlearn.data.table.units import Units, powers_of
 from contactlearn.mechanics.bodies import contact_points
@@ -79,7 +79,7 @@ def restated(cells: Sheet, options: TableOptions) -> Sheet:
         DataError: a trial without its row before or after contact, or a description that has two readings.
     """
     chosen = options.chosen
-    cells = _with_other_units(by_repeat(by_flight(by_trial(replace(cells, gaps=options.gaps)))), chosen)
+    cells = _with_other_units(by_repeat(by_flight(by_bounce(by_trial(replace(cells, gaps=options.gaps))))), chosen)
     numbers = {name for ours, name in recognised_columns(cells.header)[1].names.items() if ours not in NAMES} - chosen
     numbers |= {name for name in cells.header if is_coefficient(name)}
     mapped = {name for ours, name in options.columns.items() if name is not None and ours not in NAMES}

@@ -49,9 +49,10 @@ _IMPACT = (
 _WORDS = {
     **dict.fromkeys(("velocity", "speed", "vel", "geschwindigkeit", "vitesse", "velocidad", "velocità"), "v"),
     **dict.fromkeys(("hastighet", "hastighed", "snelheid", "velocidade", "prędkość", "rychlost", "nopeus"), "v"),
-    **dict.fromkeys(("скорость", "速度"), "v"),
+    **dict.fromkeys(("fart", "скорость", "速度"), "v"),
     **dict.fromkeys(("position", "pos", "pose", "transform", "field"), ""),
     **dict.fromkeys(("of", "the", "dem", "der", "de", "du", "del", "di"), ""),
+    **dict.fromkeys(("inerzia", "inercia", "inertie", "inércia"), "inertia"),
     **dict.fromkeys(("masse", "masa", "massa", "hmotnost", "масса", "質量", "质量"), "mass"),
     **dict.fromkeys(("winkel", "ángulo", "angulo", "angolo", "vinkel", "hoek", "ângulo", "kąt", "úhel"), "theta"),
     **dict.fromkeys(("kulma", "угол", "角度"), "theta"),
@@ -61,6 +62,7 @@ _WORDS = {
     **dict.fromkeys(("höhe", "hauteur", "altura", "altezza", "höjd", "højde", "høyde", "hoogte"), "height"),
     **dict.fromkeys(("wysokość", "výška", "korkeus", "высота"), "height"),
     **dict.fromkeys(("zeit", "temps", "tiempo", "tempo", "tijd", "czas", "čas", "aika", "время", "時間"), "time"),
+    **dict.fromkeys(("instant", "instante", "istante", "zeitpunkt"), "time"),
     **dict.fromkeys(("versuch", "essai", "ensayo", "prova", "försök", "forsøg", "forsøk", "proef"), "trial"),
     **dict.fromkeys(("ensaio", "próba", "pokus", "опыт"), "trial"),
 }  # fmt: skip
@@ -83,11 +85,13 @@ SURFACES = {
     "belt",
     "wall",
 }
+SURFACES |= {"pala", "raqueta", "raquette", "schläger", "racchetta", "raquete"}
 SURFACES |= {"ground", "shaker", "platform", "piston", "anvil"}
 """Words for what a body hits, in names of columns."""
 MOVING = tuple(f"racket_{velocity}{end}" for velocity in ("vx", "vy", "vz") for end in ("", "_post"))
 """Velocities of what a body hits, as settings name them."""
-_BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die")
+_BODIES = ("ball", "body", "object", "disc", "disk", "puck", "box", "cube", "sphere", "die",
+           "pelota", "balle", "palla", "bola", "boll", "bal", "kugel", "bille")  # fmt: skip
 """Words before or behind the name of a column, where it has one body: ball_vx, v ball."""
 _CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "mittelpunkt", "schwerpunkt")
 """Words beside the coordinates of frames: xc, x_com, centroid x."""
@@ -103,7 +107,9 @@ _ALIASES = {
     "spin": "omega", "ω": "omega", "w": "omega",
     **dict.fromkeys(("topspin", "spinrate", "rotationv", "rotationalv", "angularrate", "rateofspin"), "omega"),
     **dict.fromkeys(("angularv", "vangular", "vangulaire", "vrotation"), "omega"), "thetadot": "omega",
-    "θdot": "omega", "m": "mass", "momentinertia": "inertia", "body": "object", "t": "time",
+    "θdot": "omega", "m": "mass", "body": "object", "t": "time",
+    **dict.fromkeys(("momentinertia", "momentoinertia", "momentdinertia", "momentodinertia"), "inertia"),
+    **dict.fromkeys(("trägheitsmoment", "massenträgheitsmoment", "tröghetsmoment", "traagheidsmoment"), "inertia"),
     **dict.fromkeys(("timestamp", "stamp", "headerstamp", "ts", "xvalue"), "time"),
     **dict.fromkeys(("drop", "take", "toss", "trial", "episode", "episodeindex"), "recording"),
     **{name: f"w{axis}" for axis in "xyz" for name in (
@@ -174,7 +180,7 @@ _SPELLED = {
     "degps": "deg.s", "radps": "rad.s", "feet": "ft",
 }  # fmt: skip
 _REVOLUTIONS: dict[str, str] = dict.fromkeys(
-    ("u.min", "upm", "tr.min", "tours.min", "giri.min", "1.min", "min.1"), "rev.min"
+    ("u.min", "upm", "tr.min", "tours.min", "giri.min", "varv.min", "omw.min", "obr.min", "1.min", "min.1"), "rev.min"
 )
 _REVOLUTIONS |= dict.fromkeys(("u.s", "tr.s"), "rev.s")
 """Whole units of spins, none of which is the unit of anything else."""

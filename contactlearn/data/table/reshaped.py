@@ -2,6 +2,7 @@
 
 trial, phase, variable, value, unit      a row a number, as tidyr's pivot_longer and pandas' melt make
 run, Time interval 1 (s), 2 …            a row a run, with times of flight between bounces, or those of bounces
+run, bounce, instant                     the same with a row a bounce
 run, Height 1 (m), Height 2 (m), 3 …     or heights of flights
 drop height, trial 1 (cm), trial 2 (cm)  repeats of a rebound, or of other columns, beside those that they share
 v_minus_1 … 3, v_plus_1 … 3              vectors whose components are numbered, as MATLAB writes matrices
@@ -50,6 +51,38 @@ class _Long:
     unit: str | None
     phase: str | None
     trials: tuple[str, ...]
+
+
+def by_bounce(cells: Sheet) -> Sheet:
+    """Return a table with a row a bounce, its number in the run and its instant, with a row a run; others as it is."""
+    known = recognised_columns(cells.header)[1]
+    run, time = known.names.get("trial"), known.names.get("time")
+    number = next((name for name in cells.header if _BOUNCES.intersection(name_words(name))), None)
+    if None in (run, time, number) or not {*known.names} <= {"trial", "time", "object"} or run == number:
+        return cells
+    run, time, number = str(run), str(time), str(number)
+    try:
+        numbers = cells.numbers(number, "").astype(int)
+        instants = cells.numbers(time, "s", Units({}, {"time": known.units.get("time", {})}).factor("time"))
+    except (DataError, ValueError):
+        return cells
+    runs = cells.names(run)
+    first = {name: runs.index(name) for name in runs}
+    if len({*zip(runs, numbers.tolist(), strict=True)}) < len(cells) or numbers.min() != 1 or len(first) == len(cells):
+        return cells
+    made = {f"bounce {k} (s)": np.full(len(first), np.nan) for k in range(1, numbers.max() + 1)}
+    for name, k, instant in zip(runs, numbers.tolist(), instants, strict=True):
+        made[f"bounce {k} (s)"][[*first].index(name)] = instant
+    starts = [first[name] for name in runs]
+    others = {name: cells.columns[name] for name in cells.header if name not in (time, number)}
+    shared = [name for name, x in others.items() if all(x[k] == x[start] for k, start in enumerate(starts))]
+    cells = cells.gathered([*first.values()])
+    said = f"a run for each {run!r}, with its bounces by {number!r} and {time!r}"
+    return cells.with_columns([*((name, cells.columns[name]) for name in shared), *made.items()], said)
+
+
+_BOUNCES = {"bounce", "hit", "impact", "aufprall", "rebond", "choc", "rebote", "rimbalzo", "studs"}
+"""Words of a column that numbers the bounces of a run."""
 
 
 def by_flight(cells: Sheet) -> Sheet:
