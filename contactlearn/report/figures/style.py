@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Real, Shaped
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
@@ -190,11 +191,11 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     return axes
 
 
-def scale_logarithmically(axes: Axes) -> None:
-    """Scale a y axis logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
-    axes.set_yscale("log")
+def scale_logarithmically(axis: Axis) -> None:
+    """Scale an axis logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
     ticks = {"major_locator": LogLocator(subs=(1, 2, 5)), "major_formatter": StrMethodFormatter("{x:g}")}
-    axes.yaxis.set(**ticks, minor_formatter=NullFormatter())
+    axis.set(**ticks, minor_formatter=NullFormatter())
 
 
 def tint(color: str, strength: float) -> tuple[float, float, float]:
