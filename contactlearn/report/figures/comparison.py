@@ -55,7 +55,7 @@ def error_comparison(
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(labels) - 0.45, -0.55)
     if left > 0:
-        st.scale_logarithmically(axes.xaxis)
+        st.scale_logarithmically(axes, "x")
     axes.set_xlim(left=left)
     handles, names = axes.get_legend_handles_labels()
     figure.legend(handles[-1:], names[-1:], loc="outside upper right")

@@ -174,7 +174,7 @@ def transfer_errors(
             _draw_level(axes, _ZERO_SHOT, zero_shot[body])
         axes.set_title(st.plain(body, 24))
         handles |= {line.get_label(): line for line in axes.get_legend_handles_labels()[0]}
-    st.scale_logarithmically(figure.axes[-1].yaxis)
+    st.scale_logarithmically(figure.axes[-1])
     figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=1 if columns == 1 else 2)
     return figure
 
@@ -263,7 +263,7 @@ def _scale_errors(panels: Sequence[Axes], curves: Iterable[_Curve]) -> None:
         panels[-1].set_ylim(0, 1.05 * highest or 1)
         return
     for axes in panels:
-        st.scale_logarithmically(axes.yaxis)
+        st.scale_logarithmically(axes)
     panels[-1].set_ylim(0.8 * least, 1.1 * highest)
 
 

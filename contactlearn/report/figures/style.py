@@ -11,14 +11,13 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import matplotlib.style
 import numpy as np
 import torch
 from jaxtyping import Float, Real, Shaped
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
@@ -191,9 +190,10 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     return axes
 
 
-def scale_logarithmically(axis: Axis) -> None:
-    """Scale an axis logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
-    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+def scale_logarithmically(axes: Axes, way: Literal["x", "y"] = "y") -> None:
+    """Scale an axis of a panel logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
+    axes.set(**{f"{way}scale": "log"})
+    axis = axes.xaxis if way == "x" else axes.yaxis
     ticks = {"major_locator": LogLocator(subs=(1, 2, 5)), "major_formatter": StrMethodFormatter("{x:g}")}
     axis.set(**ticks, minor_formatter=NullFormatter())
 
