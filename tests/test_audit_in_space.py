@@ -200,7 +200,7 @@ def test_a_balance_that_explains_little_is_said_to_be_that(tosses):
     noisy = after(tosses, lambda one: spun(one, lambda w: w + noise))
     note = balance_finding(noisy, 1, AuditThresholds(), explained=True)
     assert "of the change of the spin: the rest is noise of the spins" in note.sentence
-    assert "the moment balance is off" in balance_finding(tosses, 1, AuditThresholds(), explained=True).sentence
+    assert "the moment balance deviates by " in balance_finding(tosses, 1, AuditThresholds(), explained=True).sentence
 
 
 def test_corrections_of_space_are_refused_in_a_plane():

@@ -255,7 +255,7 @@ def test_a_state_dependence_in_words():
         variables=(VariableShare(symbol="vt", share=0.6), VariableShare(symbol="theta", share=0.4)), p_value=0.002,
         share=Interval(0.12, 0.08, 0.16), large=True,
     )  # fmt: skip
-    assert phrase("state_dependence", found) == "the residual behaves like friction that depends on v_t together with θ"
+    assert phrase("state_dependence", found) == "the residual behaves like friction that depends jointly on v_t and θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
     assert phrase("state_dependence", outcome) == "the outcome depends on v_t in an unknown way"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), state_dependence=found)

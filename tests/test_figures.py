@@ -233,7 +233,7 @@ def test_a_browser_shows_the_same_numbers_labels_and_scales(drops):
     assert layout["yaxis"]["range"] == list(figure.axes[0].get_ylim())
     assert layout["yaxis"]["title"]["text"] == "e (–)"
     assert (layout["xaxis2"]["matches"], layout["yaxis2"]["matches"]) == ("x", "y")
-    assert [note["text"] for note in layout["annotations"]] == ["Class I: data-driven", "Others"]
+    assert [note["text"] for note in layout["annotations"]] == ["Learned without a law (Class I)", "Others"]
     bands = [(one["y0"], one["y1"]) for one in layout["shapes"] if one["type"] == "rect"]
     assert bands == [pytest.approx(BOUND[1:])] * 2
     assert [one["showlegend"] for one in layout["shapes"] if one["name"] == "IRB bound"] == [True, False]

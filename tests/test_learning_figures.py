@@ -178,10 +178,10 @@ def line(axes, label: str):
 
 
 @pytest.mark.parametrize(("names", "titles"), [
-    (MODELS, ["Class I: data-driven", "Class II: data-reinforced"]),
-    (style.CLASS_II, ["Class II: data-reinforced"]),
-    (("X1 → wrench", "mirtich"), ["Class I: data-driven", "Others"]),
-    (("mine", "residual_wrench"), ["Class II: data-reinforced, and others"]),
+    (MODELS, ["Learned without a law (Class I)", "Learned with a law (Class II)"]),
+    (style.CLASS_II, ["Learned with a law (Class II)"]),
+    (("X1 → wrench", "mirtich"), ["Learned without a law (Class I)", "Others"]),
+    (("mine", "residual_wrench"), ["Learned with a law (Class II), and others"]),
 ])  # fmt: skip
 def test_classes_have_their_panels(names, titles):
     for figure in (curve(names), densities((*style.BOUNDS, *names))):
@@ -197,11 +197,17 @@ def test_learning_curve_shows_what_was_run():
     np.testing.assert_allclose([bar[:, 1] for bar in bars], GAP[[1, 2, 4, 5, 6], 1:])
     at = [line(figure.axes[0], name).get_xdata()[-1] for name in ("X1 → wrench", "X1 → impulse")]
     assert at[0] < 450 < at[1]  # side by side
-    assert curve(first=90.0).axes[0].get_ylim()[1] == pytest.approx(0.8)
-    high = learning.learning_curve(SIZES, {"x1_wrench": decay(3.0, 90.0)}, {"irb": (0.2, 0.1, 0.3)}, METRIC)
-    assert high.axes[0].get_ylim()[1] == pytest.approx(1.15 * 3.3)
-    low = learning.learning_curve(SIZES, {"x1_wrench": decay(0.1, 0.2)}, {"irb": (0.5, 0.4, 0.6)}, METRIC)
-    assert low.axes[0].get_ylim()[1] >= 0.6  # no reference is cut off
+
+
+def test_no_error_of_a_learning_curve_is_cut_off_or_flattens_the_others():
+    def scaled(curve, level):
+        figure = learning.learning_curve(SIZES, {"x1_wrench": curve}, {"irb": level}, METRIC)
+        return figure.axes[0].get_yscale(), pytest.approx(figure.axes[0].get_ylim())
+
+    assert scaled(decay(0.3, 0.9), (0.4, 0.3, 0.5)) == ("linear", (0, 1.05 * 0.99))
+    assert scaled(decay(3.0, 90.0), (0.2, 0.1, 0.3)) == ("log", (0.8 * 0.2, 1.1 * 99))
+    assert scaled(decay(3.0, 90.0), (1e-16, 0.0, 1e-15)) == ("log", (0.8 * 0.099, 1.1 * 99))  # three decades
+    assert {axes.get_yscale() for axes in curve(first=90.0).axes} == {"log"}
 
 
 @pytest.mark.parametrize("size", [50, 20_000])

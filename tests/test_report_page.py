@@ -28,6 +28,7 @@ from contactlearn.report.page.diagnosis import of_diagnosis, write_page
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import embedded, render, write
 from contactlearn.report.page.trials import finely, of_outcomes
+from contactlearn.results.types import CurveCalibration
 from contactlearn.simulation import hidden_effects
 
 HOSTILE = '<script>window.hacked=1</script><img src=x onerror="window.hacked=1">\'{{ 7*7 }}&<b>\u2028'
@@ -129,6 +130,42 @@ def test_the_rig_card_stands_below_the_verdict(found, tmp_path):
         html.index('<section id="verdict"') < html.index('<section id="card">') < html.index('<section id="effects">')
     )
     assert "<b>1.146 ± 0.057°</b>" in html
+    assert (
+        '<a href="#card">The set-up</a> is not as stated: delay of the states 20.0 ± 1.0 ms, slope of the floor' in html
+    )
+    # What is measured twice has one row.
+    known = {"gravity": tilt, "delay": tilt, "inertia": Estimate(value=0.02, error=0.01)}
+    rows = Apparatus(**known, rocking_inertia=Estimate(value=0.01, error=0.02)).rows()
+    html = write_page(tmp_path, replace(found, findings=(replace(card, rig=rows),)), about(found.record.impacts))
+    (row,) = re.findall(r"<tr><th scope=\"row\">inertia.*?</tr>", html.read_text())
+    cells = ["1", "1.020 ± 0.010", "moment balance of impacts", "1.010 ± 0.020", "rocking on edges"]
+    assert re.findall("<td>(.*?)</td>", row) == cells
+
+
+def test_the_first_screen_has_the_size_and_the_certainty_of_each_effect(found, content, shown):
+    assert len(content["verdict"]["named"]) == len(found.missing) == 2
+    for line, missing in zip(content["verdict"]["named"], found.missing, strict=True):
+        value = missing.parameters[0]
+        assert re.search(r", \d\d\u00a0% sure: .*\d ± 0\.\d", line), value
+    assert shown.execute_script("return document.querySelector('.named').getBoundingClientRect().bottom") < 450
+    assert shown.execute_script("return document.querySelector('.switches').offsetHeight") < 50  # one line
+
+
+def test_evidence_has_standard_errors_and_no_keys(found):
+    numbers = {"a_measured": 0.9775, "a_error_measured": 0.0069, "r_squared_measured": 0.979, "error_before": 0.2}
+    evidence = tuple(Evidence(quantity=name, value=value) for name, value in numbers.items())
+    speed = (
+        Evidence(quantity="velocity", value=0.0286, unit="m/s"),
+        Evidence(quantity="error", value=0.0025, unit="m/s"),
+    )
+    rows = Evidence(quantity="rows", value="3, 4")
+    finding = Finding(name="consistent", sentence="s", evidence=(*evidence, *speed, rows), mistake=False)
+    (entry,) = of_diagnosis(replace(found, findings=(finding,)), about(found.record.impacts))["findings"]
+    assert entry["name"] == "No mistake found"
+    assert entry["evidence"] == [
+        ("a", "0.9775 ± 0.0069"), ("R²", "0.979"), ("error before", "0.2"), ("velocity", "0.0286 ± 0.0025 m/s"),
+        ("rows", "3, 4"),
+    ]  # fmt: skip
 
 
 def test_fatal_data_have_a_page(found, tmp_path):
@@ -158,10 +195,10 @@ def test_a_large_page_is_small_enough():
     assert '<th scope="row">side drag (linear)</th><td>26\u00a0%</td><td>0.1040 → 0.1000</td>' in text
     assert '<th scope="row">sampling delay</th><td>a proxy?</td>' in text
     assert "A proxy is an effect without which" in text
-    assert "These data cannot distinguish:" not in text
+    assert "Undecided:" not in text
     models = (PlausibleModel(law=law, effects=(), share=0.5) for law in ("wang_mason", "mirtich"))
     text = render(of_diagnosis(replace(whole, models=tuple(models)), about(whole.record.impacts)))
-    assert "<li>Wang–Mason (50\u00a0%) or Mirtich (50\u00a0%)</li>" in text
+    assert "<p>Undecided: Wang–Mason (50\u00a0%) or Mirtich (50\u00a0%).</p>" in text
     # Nothing is called the law alone that is not.
     whole = made_up(60, *SIX, EffectId("adhesion", "work"))
     content = of_diagnosis(whole, about(whole.record.impacts))
@@ -171,7 +208,7 @@ def test_a_large_page_is_small_enough():
     assert (content["base"], content["always"]) == ("Wang–Mason", ["adhesion (work)"])
     text = render(content)
     assert '<th scope="row">Wang–Mason</th>' in text  # in the ladder, where it is the law alone
-    assert "(always on: adhesion (work))" in text
+    assert "<b>Try it with adhesion (work) and</b>" in text
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +216,11 @@ def evaluation(tmp_path_factory, found):
     models = {law: joint.fit(found.record.impacts, find(law), options=FitOptions(starts=2)).model for law in PAPER_LAWS}
     laws = {law: find(law).at(model.base.mu, model.base.eps) for law, model in models.items()}
     predictions = {law: model.predict(found.record.impacts) for law, model in models.items()}
-    curves = {HOSTILE: learning_curve((10, 100), (0.2, 0.1))}
+    covered = CurveCalibration(
+        processes=("exact",) * 2, converged=(1.0,) * 2, negative_log_density=(-3.0,) * 2, coverage=(0.9,) * 2,
+        component_coverage=((0.9,) * 3,) * 2,
+    )  # fmt: skip
+    curves = {HOSTILE: replace(learning_curve((10, 100), (0.2, 0.1)), calibration=covered)}
     result, held_out = evaluation_of(found.record.impacts, predictions, laws, {HOSTILE: HOSTILE}, curves)
     return write(tmp_path_factory.mktemp("evaluation"), of_evaluation(result, held_out)), result
 
@@ -191,6 +232,9 @@ def test_an_evaluation_has_a_page(evaluation):
         result.errors["mirtich"].mass_error.mean, rel=1e-4
     )
     assert "<script>window" not in path.read_text()
+    # Learned models stand beside the laws.
+    assert [(one["label"], one["trials"], one["mean"]) for one in page["learned"]] == [(HOSTILE, 100, 0.1)]
+    assert '<tr class="processes"><th scope="row">&lt;script&gt;window.hacked' in path.read_text()
 
 
 def test_the_page_of_the_euclidean_norm_is_in_its_error(found):
@@ -233,6 +277,14 @@ def test_models_that_cannot_be_told_apart(found):
     labels = [one["label"] for one in content["models"]]
     assert sorted(labels[:2]) == ["Mirtich", "Mirtich + side drag"]
     assert labels[2:] == ["Whittaker", "IRB bound"]
+    assert '<tr class="bound"><th scope="row">IRB bound</th>' in render(content)
+    assert 'scale beyond"' not in render(content)
+    longest = [
+        one | {"mean": 9 * content["models"][0]["mean"]} if one["label"] == "Whittaker" else one
+        for one in content["models"]
+    ]
+    bars = render(content | {"models": longest})
+    assert re.findall(r'scale beyond"><i style="width:(.*?)%', bars) == ["100"]  # it fades at the end of the axis
     headline = f"{labels[0]} has the lowest error of 3 models, but these data cannot distinguish it from {labels[1]}."
     assert content["verdict"]["headline"] == headline
     assert "The next that these data can distinguish from it, Whittaker, has" in " ".join(
@@ -296,6 +348,19 @@ def test_an_evaluation_is_drawn_in_silence(browser, evaluation):
     shown = opened(browser, evaluation[0])
     draw_everything(shown)
     assert silent(shown)
+
+
+def test_rows_of_panels_have_room_for_their_titles(shown):
+    """As many rows as deviations of the contact, of which a body in space has four."""
+    two = "{xaxis: {}, yaxis: {domain: [0.6, 1]}, xaxis2: {}, yaxis2: {domain: [0, 0.4]}}"
+    height = shown.execute_script(f"show('map', {{data: [], layout: {two}}}); return get('map').clientHeight")
+    assert height >= 2 * 14 * 16
+
+
+def test_a_trial_has_a_row_beside_its_name_only_where_they_differ(content):
+    assert "<label>Row" in render(content)
+    numbered = [str(row) for row in range(1, content["trials"]["count"] + 1)]
+    assert "<label hidden>Row" in render(content | {"trials": content["trials"] | {"name": numbered}})
 
 
 def test_the_map_begins_with_variables_that_vary(browser, content, tmp_path):

@@ -152,9 +152,10 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
     elif fit.tested > _TESTED:
         closes = "is weakly tested by these data"
     elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):
+        most = max(abs(x - 1) for x, _, _ in fit.terms.values())
         closes = (
-            "is off, within what noise of the velocities, a tilted floor, a wrong inertia or a force after contact can "
-            "cause"
+            f"deviates by {most:.0%}, no more than noise of the velocities, a tilted floor, a wrong inertia or a force "
+            "after contact can cause"
         )
     elif torque(impacts).imbalance.max() < _EXACT:
         closes = (

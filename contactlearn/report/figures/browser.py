@@ -23,7 +23,7 @@ from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.lines import AxLine, Line2D
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import FixedLocator
+from matplotlib.ticker import FixedLocator, LogLocator
 
 from contactlearn.report.figures.style import law_style
 
@@ -105,7 +105,7 @@ def _axis(axis: Axis, automatic: bool) -> _Trace:
     if not automatic:
         found["range"] = (np.log10(ends) if log else ends).tolist()
     locator = axis.get_major_locator()
-    if isinstance(locator, FixedLocator):
+    if isinstance(locator, FixedLocator | LogLocator):
         places = [float(place) for place in locator()]
         words = [_text(word) for word in axis.get_major_formatter().format_ticks(places)]
         found |= {"tickvals": places, "ticktext": words}

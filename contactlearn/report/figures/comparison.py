@@ -27,7 +27,8 @@ def error_comparison(
     """Draw the distribution of each model's error over the trials, from top to bottom as given (Fig. 3.5).
 
     Boxes hold the middle half with the median, whiskers end at the 5th and 95th percentile; below
-    each, a dot and a bar are the mean and its 95 % interval.  The bounds are hatched.
+    each, a dot and a bar are the mean and its 95 % interval.  The bounds are hatched.  Where the largest mean is more
+    than five times the least, the axis is logarithmic and begins at a tenth of the least: a bound may be 0.
 
     Args:
         errors: per-trial errors by model: a name or label of `LAW_STYLE`, or any other text.
@@ -44,16 +45,20 @@ def error_comparison(
     lines = max(label.count("\n") + 1 for label in labels)
     figure = st.new_figure(st.COLUMN, 0.75 + max(0.34, 0.14 * lines) * len(errors))
     axes = st.name_axes(figure.subplots(), metric)
+    means = [mean for mean, *_ in intervals.values()]
+    left = min(means) / 10 if max(means) > 5 * min(means) else 0.0
     for place, (name, values) in enumerate(errors.items()):
         if bad := int((~values.isfinite()).sum()):
             raise ContactLearnError(f"errors of {name!r} must be finite, got {bad} that are not")
-        _draw_model(axes, place, name, st.array(values), intervals[name])
+        _draw_model(axes, place, name, st.array(values.clamp_min(left)), [max(x, left) for x in intervals[name]])
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(labels) - 0.45, -0.55)
-    axes.set_xlim(left=0)
-    means, names = axes.get_legend_handles_labels()
-    figure.legend(means[-1:], names[-1:], loc="outside upper right")
+    if left > 0:
+        st.scale_logarithmically(axes, "x")
+    axes.set_xlim(left=left)
+    handles, names = axes.get_legend_handles_labels()
+    figure.legend(handles[-1:], names[-1:], loc="outside upper right")
     return figure
 
 

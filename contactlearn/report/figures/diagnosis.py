@@ -310,7 +310,7 @@ def scatter_figure(deviations: Sequence[Deviations]) -> Figure:
             dots(axes, x, u, "Impact, with its standard error")
             axes.xaxis.set_major_locator(MaxNLocator(5))
             axes.plot(*_running_median(x, u), color=_BLUE, linewidth=1.6, label="Running median", zorder=3)
-        line[0].set_ylabel(f"Deviation of {st.plain(one.symbol)} ({unit})")
+        line[0].set_ylabel(f"Δ{st.plain(one.symbol)} ({unit})")
     legend_below(figure, *panels[0])
     return figure
 

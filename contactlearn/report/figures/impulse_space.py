@@ -113,13 +113,13 @@ def scattered_impulses(clouds: Sequence[ScatterCloud]) -> Figure:
             expected, measured = (st.array(x).T * st.MILLI for x in (cloud.expected, cloud.measured))
             axes.plot(*expected, "+", color=st.CONTRAST[0], markersize=5, zorder=4, label="Without scatter", **look)
             axes.plot(*measured, "x", color="black", markersize=4, zorder=5, label="Measured", **look)
-            st.name_axes(axes, "Tangential impulse $P_t$ (mN s)" * (axes is column[1]))
+            st.name_axes(axes, "$P_t$ (mN s)" * (axes is column[1]))
         column[0].set_aspect("equal")
         margin = 0.15 * np.maximum(high - low, 0.02 * (high - low).max())  # bounces along the normal have no P_t
         column[1].set(xlim=(low[0] - margin[0], high[0] + margin[0]), ylim=(low[1] - margin[1], high[1] + margin[1]))
         column[0].set_title(f"$v_t/|v_n|$ = {cloud.incidence:.2f}, {len(cloud.measured)} impacts")
     for axes in panels[:, 0]:
-        axes.set_ylabel("Normal impulse $P_n$ (mN s)")
+        axes.set_ylabel("$P_n$ (mN s)")
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 

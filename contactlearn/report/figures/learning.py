@@ -30,6 +30,8 @@ _Level = Iterable[float]
 _Curve = Float[np.ndarray, "sizes 3"]
 """An interval at each size, nan where a size was not run."""
 
+_LINEAR = 5.0
+"""Largest error over the least, up to which their axis is linear."""
 _ZERO_SHOT = st.LawStyle("Trained model, no trial of this body", st.DARK, "", (0, (2, 2)))
 
 
@@ -42,9 +44,9 @@ def learning_curve(
 ) -> Figure:
     """Draw the mean error against the number of training impacts, with its 95 % interval (Fig. 4.2).
 
-    The axis ends at 1.6 × the largest reference, or at 1.15 × the largest error at the end of a
-    curve if that is more: a large error after few impacts leaves the panel and does not flatten the
-    rest.  The models of a panel stand slightly side by side, so that their intervals are seen.
+    Where the largest mean is more than five times the least, the axis is logarithmic over three decades
+    at most, so that a large error after few impacts does not flatten the rest.  The models of a panel
+    stand slightly side by side, so that their intervals are seen.
 
     Args:
         sizes: numbers of impacts, increasing.
@@ -64,7 +66,7 @@ def learning_curve(
         _draw_curves(axes, sizes, {name: values[name] for name in dict.fromkeys((*bounds, *names))}, styles)
         st.legend_above(axes, title)
         lines = [_draw_level(axes, levels[name], interval) for name, interval in references.items()]
-    figure.axes[-1].set_ylim(0, _top(values.values(), references.values()))
+    _scale_errors(figure.axes, [*values.values(), *(np.array([[*level]]) for level in references.values())])
     if references:
         figure.legend(handles=lines, loc="outside lower center", ncols=len(panels))
     return figure
@@ -203,9 +205,11 @@ def _class_panels(names: Iterable[str], height: float) -> tuple[Figure, list[tup
     first, reinforced = _among(names, st.CLASS_I), _among(names, st.CLASS_II)
     rest = [name for name in names if name not in first]
     second = (
-        "Class II: data-reinforced" + ", and others" * (rest != reinforced) if reinforced else "Others" * bool(first)
+        "Learned with a law (Class II)" + ", and others" * (rest != reinforced)
+        if reinforced
+        else "Others" * bool(first)
     )
-    groups = [(title, names) for title, names in (("Class I: data-driven", first), (second, rest)) if names]
+    groups = [(title, names) for title, names in (("Learned without a law (Class I)", first), (second, rest)) if names]
     rows = max(len(first), len(rest))
     figure = st.new_figure(st.PAGE if len(groups) > 1 else st.COLUMN, height + st.ROW * rows)
     axes = figure.subplots(1, len(groups), sharex=True, sharey=True, squeeze=False)[0]
@@ -249,12 +253,18 @@ def _draw_level(axes: Axes, style: st.LawStyle, interval: _Level) -> Line2D:
     return axes.axhline(mean, color=style.color, linestyle=style.linestyle, zorder=1, label=st.plain(style.label, 36))
 
 
-def _top(curves: Iterable[np.ndarray], levels: Iterable[_Level]) -> float:
-    """Upper end of the axis of errors; `learning_curve` says the rule."""
-    curves, levels = [run for curve in curves if len(run := curve[np.isfinite(curve[:, 0])])], list(levels)
-    highest = max((np.nanmax(x) for x in (*curves, *map(tuple, levels))), default=0)
-    last = max((np.nanmax(curve[-1]) for curve in curves), default=0)
-    return min(1.05 * highest, max(1.15 * last, 1.6 * max((mean for mean, _, _ in levels), default=0))) or 1
+def _scale_errors(panels: Sequence[Axes], curves: Iterable[_Curve]) -> None:
+    """Scale the axis of errors, which the panels share; `learning_curve` says the rule."""
+    errors = np.concatenate([*curves])
+    means = errors[np.isfinite(errors[:, 0]), 0]
+    highest = np.nanmax(errors) if len(means) else 0.0
+    least = max(means.min(), highest / 1000) if len(means) else 0.0
+    if highest <= _LINEAR * least or not highest:
+        panels[-1].set_ylim(0, 1.05 * highest or 1)
+        return
+    for axes in panels:
+        st.scale_logarithmically(axes)
+    panels[-1].set_ylim(0.8 * least, 1.1 * highest)
 
 
 def _right_end(errors: np.ndarray) -> float:

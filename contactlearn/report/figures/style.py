@@ -11,7 +11,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import matplotlib.style
 import numpy as np
@@ -190,11 +190,12 @@ def name_axes(axes: Axes, x: str = "", y: str = "") -> Axes:
     return axes
 
 
-def scale_logarithmically(axes: Axes) -> None:
-    """Scale a y axis logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
-    axes.set_yscale("log")
+def scale_logarithmically(axes: Axes, way: Literal["x", "y"] = "y") -> None:
+    """Scale an axis of a panel logarithmically, with plain numbers at 1, 2 and 5 of each decade."""
+    axes.set(**{f"{way}scale": "log"})
+    axis = axes.xaxis if way == "x" else axes.yaxis
     ticks = {"major_locator": LogLocator(subs=(1, 2, 5)), "major_formatter": StrMethodFormatter("{x:g}")}
-    axes.yaxis.set(**ticks, minor_formatter=NullFormatter())
+    axis.set(**ticks, minor_formatter=NullFormatter())
 
 
 def tint(color: str, strength: float) -> tuple[float, float, float]:

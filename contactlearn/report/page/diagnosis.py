@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError
+from contactlearn.core.numerics import measured
+from contactlearn.data.audit.result import Evidence
 from contactlearn.diagnosis.result import (
     Choices,
     Diagnosis,
@@ -61,7 +63,7 @@ from contactlearn.report.text.sentences import (
     phrase,
     phrases,
     searched_name,
-    undecided,
+    undecided_laws,
 )
 from contactlearn.results.types import DataSource, Provenance
 
@@ -112,6 +114,7 @@ def of_diagnosis(
         "verdict": {
             "key": str(diagnosis.verdict),
             "headline": headline(diagnosis),
+            "named": [capitalize_first(phrase("named", effect)) for effect in diagnosis.missing],
             "support": grounds(diagnosis),
             "sentences": phrases("summary", diagnosis),
         },
@@ -146,15 +149,31 @@ def of_diagnosis(
 
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
-        "name": capitalize_first(label(finding.name)),
+        "name": "No mistake found" if finding.name == "consistent" else capitalize_first(label(finding.name)),
         "sentence": sentence(finding.sentence),
-        "evidence": [
-            [label(one.quantity), digits(one.value), "" if one.unit == "–" else one.unit] for one in finding.evidence
-        ],
+        "evidence": _evidence(finding.evidence),
         "note": phrase("correction_note", finding),
         "fatal": finding.fatal,
         "mistake": finding.mistake,
     }
+
+
+def _evidence(numbers: Sequence[Evidence]) -> list[tuple[str, str]]:
+    """Each quantity in words with its value, and with its standard error where that comes next."""
+    rows = list[tuple[Evidence, float | str | None]]()
+    for one in numbers:
+        last = rows[-1][0].quantity if rows else ""
+        if one.quantity in ("error", "standard_error") or one.quantity.replace("_error", "") == last:
+            rows[-1] = rows[-1][0], one.value
+        else:
+            rows.append((one, None))
+    return [(label(one.quantity.removesuffix("_measured")), _value(one, error)) for one, error in rows]
+
+
+def _value(one: Evidence, error: float | str | None) -> str:
+    if isinstance(one.value, str):
+        return one.value
+    return measured(one.value, error if isinstance(error, float) else None, one.unit)
 
 
 def _ladder(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -218,7 +237,10 @@ def _models(diagnosis: Diagnosis, choices: Choices) -> dict[str, Any]:
         "models": models,
         "yardstick": 0,
         "chosen": len(models) - 1,
-        "switches": [{"name": str(effect), "label": effect_label(effect)} for effect in choices.effects],
+        "switches": [
+            {"name": str(effect), "label": effect_label(effect), "short": label(effect.name)}
+            for effect in choices.effects
+        ],
         "always": [*map(effect_label, diagnosis.given), *on],
     }
 
@@ -233,7 +255,7 @@ def _effects(diagnosis: Diagnosis) -> dict[str, Any]:
             for missing, partial in zip(diagnosis.missing, partials, strict=True)
         ],
         "no_effect": phrase("no_effect"),
-        "undecided": undecided(diagnosis),
+        "undecided": undecided_laws(diagnosis),
         "candidates": [candidate_content(candidate) for candidate in listed],
         "proxy": phrase("proxy") if any(candidate.proxy for candidate in listed) else "",
         "experiment": None if diagnosis.experiment is None else experiment_content(diagnosis.experiment),

@@ -13,7 +13,7 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text.names import model_labels, sentence, source_label
+from contactlearn.report.text.names import model_label, model_labels, sentence, source_label
 from contactlearn.report.text.sentences import best_learned, phrase, phrases
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
@@ -58,9 +58,11 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
                 **finely(asdict(errors.of(result.metric))),
                 "errors": finely(asdict(errors)),
                 "reach": result.reach.get(name),
+                "kind": "bound" if name in BOUNDS else "law",
             }
             for name, errors in ((name, result.errors[name]) for name in names)
         ],
+        "learned": _learned(result),
         "_shares": " ".join(
             map(sentence, (phrase("back_spin", result.back_spin), *((phrase("reach"),) if result.reach else ())))
         ),
@@ -101,6 +103,16 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
     if (judged := result.trained.get(result.model)) is not None:
         sentences.append(sentence(phrase("judged_model", labels[result.model], judged)))
     return sentences
+
+
+def _learned(result: Evaluation) -> list[dict[str, Any]]:
+    """The learned models at the largest number of training trials, the best first."""
+    curves = {name: one for name, one in result.learning_curves.items() if one.calibration is not None}
+    last = {model_label(name): one.of(result.metric)[-1] for name, one in curves.items()}
+    return [
+        {"label": name, "trials": result.learning_curves[next(iter(curves))].sizes[-1], **finely(asdict(error))}
+        for name, error in sorted(last.items(), key=lambda one: one[1].mean)
+    ]
 
 
 def _curves(result: Evaluation) -> list[dict[str, Any]]:

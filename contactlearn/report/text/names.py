@@ -1,5 +1,6 @@
 """Names as a person writes them: laws, models, effects, rungs of the ladder, components; lists and sentences."""
 
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 
@@ -49,7 +50,7 @@ MODELS = {
 
 _SPELT = {
     "com_offset": "centre-of-mass offset", "_dependent_": "-dependent ", "kuwabara_kono": "Kuwabara–Kono",
-    "stribeck": "Stribeck",
+    "stribeck": "Stribeck", "r_squared": "R²",
 }  # fmt: skip
 
 
@@ -66,7 +67,8 @@ def effect_label(effect: EffectId) -> str:
 
 
 def source_label(source: str) -> str:
-    """Write a data source without folders and corrections: drops.csv, tracks of takes."""
+    """Write a data source without folders and corrections, a law by its authors: drops.csv, tracks of takes."""
+    source = re.sub(r"\((\w+)(?=, seed )", lambda law: f"({law_label(law[1])}", source)
     kind, of, path = source.partition(" (corrected: ")[0].rpartition("tracks of ")
     return f"{kind}{of}{PurePath(path).name or path}"
 

@@ -154,11 +154,17 @@ def uncertain_forms(diagnosis: Diagnosis, effect: EffectId) -> str:
 
 def undecided(diagnosis: Diagnosis) -> list[str]:
     """List effects, forms of an effect and laws that the data cannot distinguish, with shares among each other."""
+    effects = phrases("undecided_effects", diagnosis, [one for one in _beliefs(diagnosis) if diagnosis.law not in one])
+    return effects + undecided_laws(diagnosis)
+
+
+def undecided_laws(diagnosis: Diagnosis) -> list[str]:
+    """Say which laws the data cannot distinguish, with shares among each other; empty where one is certain."""
     listed = _beliefs(diagnosis)
     laws = listed[-1] if listed and diagnosis.law in listed[-1] else {}
     apart = [law.name for law in diagnosis.laws if law.name not in laws]
     agree = len(laws) > _MOST_LISTED and min(laws.values()) > max(laws.values()) / 2
-    return phrases("undecided", diagnosis, listed, apart if agree and len(apart) < len(laws) / 2 else None)
+    return phrases("undecided_laws", laws, apart if agree and len(apart) < len(laws) / 2 else None) if laws else []
 
 
 def confidence(named: MissingEffect | Candidate) -> str:
@@ -298,6 +304,11 @@ def _symbol(name: str) -> str:
     return symbol_named(name).letter
 
 
+def _described_symbol(name: str) -> str:
+    """Write the letter of a variable with what it stands for: v_n (normal velocity …)."""
+    return f"{_symbol(name)} ({symbol_named(name).description})"
+
+
 def _error_after(diagnosis: Diagnosis) -> Interval:
     """Return the error of the ladder with all missing effects."""
     return next(rung.error for rung in reversed(diagnosis.ladder) if rung.kind is RungKind.EFFECT)
@@ -335,6 +346,7 @@ def _modules() -> tuple[TemplateModule, ...]:
         "confidence": confidence,
         "counted": numbers.counted,
         "degrees": math.degrees,
+        "described": _described_symbol,
         "dependence": dependence_variable,
         "effect": names.effect_label,
         "error": numbers.error,

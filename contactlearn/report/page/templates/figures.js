@@ -49,7 +49,8 @@ function show(id, {data, layout}, exchanged = {}, changed = {}) {
     [`xaxis${key}`, {...layout[`xaxis${key}`], domain: [0, 1], ...(layout[`xaxis${panels[k + 1]}`]?.matches && {title: {text: ""}})}],
     [`yaxis${key}`, {...layout[`yaxis${key}`], domain: [1 - (k + 0.78) * size, 1 - (k + 0.08) * size]}],
   ])) : {};
-  if (panels.length > 1) get(id).style.height = slim ? `${15 * panels.length + 4}rem` : "";
+  const rows = new Set(panels.map(key => layout[`yaxis${key}`].domain[0])).size;
+  if (panels.length > 1) get(id).style.height = slim ? `${15 * panels.length + 4}rem` : rows > 1 ? `${14 * rows + 5}rem` : "";
   const shapes = (layout.shapes ?? []).map(one => ({...one, line: inks(one.line), ...(one.fillcolor && {fillcolor: shade(one.fillcolor)})}));
   const notes = layout.annotations?.some(one => one.yref.endsWith("domain"));
   return draw(id, traces, {margin: {l: 50, r: 15, t: notes ? 40 : 15, b: 45}, ...layout, ...stacked, shapes, ...changed});

@@ -12,8 +12,8 @@ const model = () => page.models[state.model];
 function showModel() {
   for (const box of document.querySelectorAll("[data-bit]")) box.checked = Boolean(state.model >> box.dataset.bit & 1);
   for (const output of document.querySelectorAll(".ticked")) {
-    const [law] = page.models, less = state.model ? `, ${compared(model().mean, law.mean)} than ${law.name}` : "";
-    output.textContent = `Error over all trials, not held out: ${written(model().mean)}${less}`;
+    const less = state.model ? `, ${compared(model().mean, page.models[0].mean)}` : "";
+    output.textContent = `Fit error: ${written(model().mean)}${less}`;
   }
   page.regions?.forEach((region, k) => {
     const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = errorsOf(state.model);
@@ -29,7 +29,7 @@ function showTrial(note = "") {
   const parts = trials.space.parts.map((name, k) => [arrays.parts(state.model, i, k), name]).sort((a, b) => b[0] - a[0]);
   const percent = part => part < 0.005 ? "below 1\u00a0%" : `${(100 * part).toFixed(0)}\u00a0%`;
   get("trial-name").textContent = `${note}Trial ${trials.name[i]} of ${trials.object[i]}${posed(i)}: error of the ${page.switches?.length ? "ticked" : "chosen"} model ${
-    written(errorsOf(state.model)[i])}, number ${rank} of ${trials.count} from the worst` + (parts[0][0] ? `; ${
+    written(errorsOf(state.model)[i])}, ${rank > 1 ? `number ${rank} from the worst` : "the worst"} of ${trials.count} trials` + (parts[0][0] ? `; ${
     parts.map(([part, name], k) => `${percent(part)} ${k ? "" : "of the squared error is "}in ${name}`).join(", ")}` : "") + ".";
   const wrench = trials.space.wrench.map((_, k) => arrays.wrench(state.model, i, k));
   const rows = [["Before", before(i), []], ["After, measured", measured.v_post(i), measured.wrench(i)], ["After, predicted", predicted(state.model, i), wrench]];
