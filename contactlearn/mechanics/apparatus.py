@@ -116,7 +116,7 @@ CHANGES = ("slope", "slope_b", "orientation", "late", "corner", "oblong", *_IN_T
 _OF_HEIGHTS = ("corner", "oblong")
 ROCKING = ("rocking_inertia", "rocking_a", "rocking_b", "rocking_c")
 """Fields of `Apparatus` that bodies show which rock on an edge."""
-_HEIGHTS, _EDGES = "heights of contacts against θ", "rocking on edges, a second witness"
+_HEIGHTS, _EDGES = "heights of contacts against θ", "rocking on edges, measured independently"
 _LISTED = (
     ("gravity", "gravity", "g", "m/s²", GRAVITY, "free flights"),
     ("drag", "drag of the air", "k", "1/s", None, "free flights"),
