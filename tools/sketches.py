@@ -444,7 +444,8 @@ def reliability():
         ax.plot([stated, stated], [start / 100, end / 100], color=LAW, lw=1.6)
         ax.plot(stated, right / n, "o", color=LAW, ms=7)
         ax.text(stated - 0.02, right / n, f"{right} of {n}", color=LAW, fontsize=10, ha="right", va="center")
-        figure.text(0.69, 0.3 + 0.8 * (stated - 0.7), f"stated at {name}:\n{start}–{end} % right", color=LAW, fontsize=10)
+        told = f"stated at {name}:\n{start}–{end} % right"
+        figure.text(0.69, 0.3 + 0.8 * (stated - 0.7), told, color=LAW, fontsize=10)
     ax.set(xlim=(0.45, 1.01), ylim=(0.4, 1.02), xlabel="stated probability of the name", ylabel="share of right names")
     ax.spines[["top", "right"]].set_visible(False)
     return figure

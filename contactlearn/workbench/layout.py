@@ -43,7 +43,7 @@ HINTS = (
     (
         "Add what is missing",
         "The effects are sorted by their predicted errors; several can have the same error, because these data do not "
-        "distinguish them well. Tick the first one: law and effect are fitted together, and the error in the bar falls.",
+        "distinguish them well. Tick the first one: law and effect are fitted together, and the error above falls.",
     ),
     (
         "Go on",
@@ -224,8 +224,10 @@ def _keep() -> Component:
             button("compare-runs", "Compare them"),
             button("experiment", "Experiment file"),
         ),
-        note("This page's URL stores your session: bookmark or share it. Save run diagnoses the model as it is and writes "
-             "a run folder."),
+        note(
+            "This page's URL stores your session: bookmark or share it. Save run diagnoses the model as it is and "
+            "writes a run folder."
+        ),
         html.H3("The same model from the shell"),
         html.Pre(id="command"),
         dcc.Download(id="download"),
