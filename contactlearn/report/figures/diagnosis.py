@@ -62,7 +62,7 @@ _INKS = {
 }  # fmt: skip
 """Colours of physics and of what is learned without a name; noise is grey."""
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
-_LETTERS = 46  # of a number and a name, in a line over one column
+_LETTERS = 48  # of a number and a name, in a line over one column
 _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
@@ -172,7 +172,7 @@ def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _
     """
     told = [fill(f"{error(x.mean)}  {st.plain(name, 60)}", _LETTERS) for name, x in zip(names, errors, strict=True)]
     lines = max((text.count("\n") + 1 for text in told), default=1)
-    figure = st.new_figure(st.COLUMN, 0.7 + (0.24 + 0.14 * lines) * len(names))
+    figure = st.new_figure(st.COLUMN, 0.7 + 0.19 * (1 + lines) * len(names))
     axes = st.name_axes(figure.subplots(), ERROR)
     places, halo = range(len(names)), [withStroke(linewidth=3, foreground="white")]
     axes.barh(places, [x.mean for x in errors], color=colors, height=0.42)
