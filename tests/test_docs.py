@@ -16,6 +16,7 @@ from contactlearn import laws
 from contactlearn.cli.command_line import one_of_each
 from contactlearn.cli.config_files import choice_settings, choices
 from contactlearn.cli.hydra_main import compose
+from contactlearn.diagnosis.search.candidates import all_laws, fitted_first
 from contactlearn.effects import catalogue
 from contactlearn.effects.base import OUTPUTS
 from contactlearn.effects.formula.symbols import KNOWN, SYMBOLS
@@ -164,7 +165,7 @@ def test_every_setting_is_explained():
 
 
 def test_every_effect_has_a_card():
-    """A heading in words and the name in code below its place, a drawing, its neighbours, formulas and ranges.
+    """A heading in words, the name in code below its place, a drawing, its neighbours, formulas, ranges; an index.
 
     If the tables are not those of the classes: `python tools/effect_cards.py`.
     """
@@ -183,15 +184,41 @@ def test_every_effect_has_a_card():
         assert place == kinds[0].place
         assert f"(pictures/effects/{name}.svg)" in card
         assert "*Not to be confused with*" in card
-        assert f"*Source*: {kinds[0].source}" in card
+        assert f"*Comes from*: {kinds[0].source}" in card
         for kind in kinds:
             assert f"| `{kind.form or kind.name}` | {kind.formula} |" in card
             for p in kind().parameters:
                 assert f"{p.symbol} in [{p.low:g}, {p.high:g}]" in card
     headings = re.findall(r"^#### (.*)$", text, flags=re.MULTILINE)
     assert headings == [capitalize_first(label(name)) for name in cards]
+    index = text.partition("\n## Index\n")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| \[(.*)\]\(#[\w-]+\) \| \S.* \| `\w+` \|$", index, flags=re.MULTILINE) == headings
     for anchor in re.findall(r"\]\(#([\w-]+)\)", text):
         assert anchor in [heading.lower().replace(" ", "-") for heading in headings], anchor
+
+
+def test_pages_agree_on_the_laws_that_a_diagnosis_compares():
+    searched = {law.name: law for law in all_laws()}
+    last = set(searched) - {*fitted_first(searched)}
+    assert (len(laws.names()), len(searched), last) == (9, 9, {"spring_dashpot"})
+    said = "eight of the nine laws, (each with effects around it, )?and tries the ninth, `spring_dashpot`, in place of"
+    for page in ("choose", "diagnosis", "laws"):
+        assert re.search(said, (ROOT / "docs" / f"{page}.md").read_text("utf-8")), page
+
+
+def test_summary_of_the_tests_adds_up():
+    """The last row is the sum of the others, with Wilson's intervals."""
+    text = (ROOT / "docs" / "how-it-is-tested.md").read_text("utf-8")
+    table = re.search(r"^\| test sets \|.*?\n\n", text, re.MULTILINE | re.DOTALL)
+    assert table
+    *rows, total = [line.split("|")[3:7] for line in table[0].strip().splitlines()[2:]]
+    for column, whole in zip(zip(*rows, strict=True), total, strict=True):
+        right, n = (sum(map(int, re.findall(part, " ".join(column)))) for part in (r"(\d+) of", r"of (\d+)"))
+        z2, share = 1.96**2, right / n
+        middle = (share + z2 / (2 * n)) / (1 + z2 / n)
+        half = (z2 * (share * (1 - share) / n + z2 / (4 * n * n))) ** 0.5 / (1 + z2 / n)
+        low, high = 100 * (middle - half), 100 * (middle + half)
+        assert whole.strip() == f"**{right} of {n}** ({low:.0f}–{high:.0f} %)"
 
 
 def test_all_that_a_person_must_fill_in_is_listed():

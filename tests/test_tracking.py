@@ -219,7 +219,8 @@ def test_an_evaluation_logs_its_table_before_the_learning_curves(tmp_path, monke
     tags = {tag for line in lines for tag in json.loads(line)}
     assert {"mass_error/whittaker", "back_spin/whittaker", "parameters/whittaker/mu"} <= tags
     assert card(logged)
-    assert values(logged)["command"] == "evaluate"
+    with pytest.raises(KeyError):  # a run that was stopped has no row under HParams
+        hparams(logged, "session_start_info")
 
 
 def test_constant_columns_have_no_length_scale():
@@ -376,6 +377,8 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     ladder, floor = ([rung.error.mean for rung in found.ladder if (rung.kind in FLOORS) is of] for of in (False, True))
     rungs = {event.step: event.value for event in events.Scalars(shown_as("ladder/mass_error"))}
     assert rungs == dict(enumerate(torch.tensor(ladder).tolist()))
+    assert shown_as("ladder/mass_error").startswith("Steps of the ladder/")  # which no smoothing bends under Errors
+    assert {tag.partition("/")[0] for tag in events.Tags()["scalars"]} == {"HParams", "Steps of the ladder"}
     noise = [event.value for event in events.Scalars(shown_as("floor/mass_error"))]
     assert noise == torch.tensor(floor[:1] * len(ladder)).tolist()
     series = next(iter(layout(events)["Ladder of a diagnosis"].values())).margin.series

@@ -11,6 +11,7 @@ import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ from contactlearn.report.text.numbers import brief_interval, error
 from contactlearn.report.text.sentences import names_by_level
 from contactlearn.results.folder import read_result
 from contactlearn.simulation import synthetic
-from contactlearn.workbench import background, commands, content, lines
+from contactlearn.workbench import background, commands, content, lines, server
 from contactlearn.workbench.arrays import inside, of_model
 from contactlearn.workbench.background import BackgroundRuns, RunStatus, learned_steps
 from contactlearn.workbench.background_callbacks import diagnosis_progress
@@ -206,6 +207,15 @@ def test_a_cache_computes_once_and_forgets_the_oldest():
     with pytest.raises(ZeroDivisionError):
         cache.get("a", lambda: 1 / 0)
     assert cache.get("a", lambda: 1) == 1
+
+
+@pytest.mark.parametrize(("words", "opened"), [([], "mirtich"), (["law=whittaker"], "whittaker")])
+def test_it_opens_on_the_law_with_the_smallest_error(words, opened, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    served = SimpleNamespace(serve_forever=lambda: None, server_close=lambda: None)
+    monkeypatch.setattr(server, "listen", lambda *_: (served, SimpleNamespace(url="http://127.0.0.1/?token=t")))
+    server.serve(["data=mystery", "data.seed=7", *words], "127.0.0.1", None, browser=False)
+    assert f"&law={opened}" in capsys.readouterr().out
 
 
 def test_an_effect_that_is_planted_lowers_the_held_out_error(session, models, act):

@@ -17,7 +17,7 @@ from contactlearn.workbench.server import listen
 SIZE = 200
 MYSTERY = f"&data=mystery&data.seed=7&data.size={SIZE}"
 _CLICKS = """
-const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|Learn/;
+const [count, done] = arguments, skipped = /Save run|Search|Experiment|Saved runs|Compare them|Load|[Ll]earn/;
 let random = 1;
 const one = list => list[(random = random * 48271 % 2147483647) % list.length];
 (async () => {
@@ -181,6 +181,27 @@ def test_the_hints_lead_to_the_truth(browser, served):
     until(browser, "document.getElementById('truth').textContent.includes('sampling_delay')")
     click(browser, "hints", "No more")
     until(browser, "document.getElementById('hints').hidden")
+
+
+def test_a_tick_leads_to_the_hint_that_follows_it_and_says_that_it_is_fitted(browser, served):
+    opened(browser, served + MYSTERY + "&trial=3")
+    until(browser, "document.getElementById('hint-title').textContent.startsWith('1 of 5')")
+    until(browser, "document.querySelector('#missing label')")
+    busy = "getComputedStyle(document.getElementById('busy')).visibility"
+    assert browser.execute_script(f"document.querySelector('#missing label').click(); return {busy}") == "visible"
+    until(browser, "document.getElementById('hint-title').textContent.startsWith('4 of 5')")
+    until(browser, f"{busy} === 'hidden'")
+    click(browser, "hints", "Next hint")
+    until(browser, "document.getElementById('hint-title').textContent.startsWith('5 of 5')")
+
+
+def test_all_bars_of_the_comparison_begin_and_end_together(browser, served):
+    opened(browser, served + MYSTERY + "&effect=sampling_delay")
+    until(browser, "document.querySelectorAll('#bounds .scale').length === 3")
+    until(browser, "document.querySelectorAll('#compare .row .scale').length > 8")
+    ends = """return [...document.querySelectorAll('#compare .scale')].map(one => one.getBoundingClientRect())
+        .map(one => [Math.round(one.left), Math.round(one.right)].join(' '))"""
+    assert len({*browser.execute_script(ends)}) == 1
 
 
 def test_a_ticked_effect_is_in_the_model_at_once(browser, served):

@@ -55,7 +55,7 @@ _NUMBER = ("number_value", api_pb2.DATA_TYPE_FLOAT64)
 _BINS = 30  # of a histogram
 _FILES = itertools.count()
 _SCALARS = scalar.create_summary_metadata("", "")
-ERRORS, CURVES = "Errors", "Learning curves"
+ERRORS, CURVES, STEPS = "Errors", "Learning curves", "Steps of the ladder"
 TRAINING, TRANSFER = "Rounds of training", "Transfer to other bodies"
 """Groups of what TensorBoard shows, which it sorts by name."""
 _ONE_NUMBER = "One number of this run, by which the table under HParams compares runs."
@@ -69,11 +69,11 @@ _HEADINGS = {
         "Held-out error on another body against the number of its training impacts.",
     ),
     r"ladder/(\w+)_error": (
-        f"{ERRORS}/{{}} error by step",
+        f"{STEPS}/{{}} error",
         "Held-out error at steps 0, 1, 2 …: law, first effect, …, Gaussian processes; named under Text. Here smoothing "
-        "bends it; Custom Scalars draws it as it is.",
+        "bends it; Custom Scalars draws it as it is, and Errors/Ladder with names.",
     ),
-    r"floor/\w+_error": (f"{ERRORS}/Noise alone", "Error of noise alone: no model of the state comes below it."),
+    r"floor/\w+_error": (f"{STEPS}/Noise alone", "Error of noise alone: no model of the state comes below it."),
     r"fit/(.*)": (f"{TRAINING}/{{}}", "By round of one training: loss, and error and log density on held-out trials."),
     r"figures/error_comparison.*": (f"{ERRORS}/All models", "Held-out error of each model by trial."),
     r"figures/ladder": (
@@ -128,7 +128,7 @@ def ends(tag: str) -> tuple[str, str]:
 
 
 def shown_as(tag: str) -> str:
-    """Return what TensorBoard shows a tag as: Errors by step/Mass error for ladder/mass_error."""
+    """Return what TensorBoard shows a tag as: Steps of the ladder/Mass error for ladder/mass_error."""
     return _heading(tag)[0]
 
 
@@ -200,6 +200,7 @@ class Tracker:
     ) -> None:
         self._folder, self._trained_on, self._charts, self._continued = folder, trained_on, charts, continued
         self._shown = re.compile(shown)
+        self._settings: list[Summary] = []
 
     @cached_property
     def _file(self) -> _EventFile:
@@ -229,7 +230,9 @@ class Tracker:
     def __enter__(self) -> "Tracker":
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        for content in self._settings if error is None else ():
+            self._add(content, 0)
         self.close()
 
     def close(self) -> None:
@@ -322,8 +325,9 @@ class Tracker:
     def hyperparameters(
         self, values: Mapping[str, bool | float | str], choices: Mapping[str, Sequence[str]], metrics: Mapping[str, str]
     ) -> None:
-        """Log the hyperparameters of the run, and the metrics to compare runs by.
+        """Log the hyperparameters of the run, and the metrics to compare runs by, once the run has ended without error.
 
+        The table under HParams thus has no run that was stopped.
         TensorBoard lists the names and choices of any one run for all of them: they must be the same in every run.
 
         Args:
@@ -349,7 +353,7 @@ class Tracker:
         ):
             about = metadata.create_summary_metadata(HParamsPluginData(**content))
             value = Summary.Value(tag=tag, metadata=about, tensor=metadata.NULL_TENSOR)
-            self._add(Summary(value=[value]), 0)
+            self._settings.append(Summary(value=[value]))
 
     def _log(self, values: Mapping[str, float | Interval], step: int, place: Mapping[str, int]) -> None:
         """Log values at a step; their line in metrics.jsonl begins with its place."""

@@ -147,7 +147,8 @@ def bounds(errors: Mapping[str, Interval], session: Session, error: Interval, la
     """Return the errors of the bounds, and of the model if it is more than the law."""
     rows = [(model_label(name), error) for name, error in errors.items() if name not in laws.names()]
     own = [(model_title(session), error)] if session.effects or session.lines or session.manual else []
-    return html.Div([bars([*rows, *own], largest), note(phrase("bounds", "mass"))])
+    shown = [bars(own, largest), html.Div(bars(rows, largest), className="noise"), note(phrase("bounds", "mass"))]
+    return html.Div(shown)
 
 
 def learned_bars(errors: Mapping[str, Interval], session: Session, trials: int, largest: float) -> list[Component]:

@@ -224,6 +224,7 @@ class FileCallbacks:
             Output("hints", "hidden"), Output("hint-title", "children"), Output("hint-text", "children"),
             Output("hint-next", "hidden"), Output("reveal", "hidden"),
             Input("hint-next", "n_clicks"), Input("hint-end", "n_clicks"), Input("settled", "data"),
+            State("hint-title", "children"),
         )(self.hint)  # fmt: skip
         app.callback(
             Output("truth", "children"), Output("truth", "hidden"), Input("reveal", "n_clicks"), address,
@@ -338,11 +339,13 @@ class FileCallbacks:
             return no_update, str(error)
         return run_list(runs), html.A("open the comparison", href=f"/runs/{COMPARED}", target="_blank")
 
-    def hint(self, clicks: int, ended: int, address: str | None) -> tuple[Any, ...]:
-        """Show the next hint, for data with hidden effects."""
-        if not address or ended or "data=mystery" not in Session.read(address).data:
+    def hint(self, _: int, ended: int, address: str | None, title: str | None) -> tuple[Any, ...]:
+        """Show the next hint, for data with hidden effects; a box on the map and a tick lead to what follows them."""
+        if not address or ended or "data=mystery" not in (session := Session.read(address)).data:
             return True, "", "", True, True
-        at = min(clicks, len(HINTS) - 1)
+        done = 3 if session.effects else 2 if session.windows else 0
+        shown = int(title.split()[0]) - 1 if title else 0
+        at = min(max(done, shown + (ctx.triggered_id == "hint-next")), len(HINTS) - 1)
         title, text = HINTS[at]
         return False, f"{at + 1} of {len(HINTS)}. {title}.", text, at == len(HINTS) - 1, at < len(HINTS) - 1
 

@@ -32,8 +32,8 @@ HINTS = (
     (
         "Compare",
         "These drops hide one to three physical effects. Under Compare, below the effects, every law stands next to "
-        "the bounds: choose the one with the smallest error. It does not reach the noise floor of the ladder, so "
-        "something is missing.",
+        "the bounds; the page opens on the law with the smallest error. Its bar above does not come down to the noise "
+        "floor, so something is missing.",
     ),
     (
         "See where it fails",
@@ -41,14 +41,14 @@ HINTS = (
         "error larger, and in which variable?",
     ),
     (
-        "Learn what is missing",
-        "The effects are sorted by their predicted errors. The best candidates are near the top; several can have the "
-        "same error, because these data do not distinguish them well.",
+        "Add what is missing",
+        "The effects are sorted by their predicted errors; several can have the same error, because these data do not "
+        "distinguish them well. Tick the first one: law and effect are fitted together, and the error above falls.",
     ),
     (
-        "Add it",
-        "Tick the first one. Law and effect are fitted together, the error in the bar falls, and every figure and "
-        "prediction is updated. Add another while the ladder falls clearly; Undo takes a step back.",
+        "Go on",
+        "Every figure and prediction is now that of the new model. Add another effect while the bars above fall "
+        "clearly; Undo takes a step back.",
     ),
     (
         "Check yourself",
@@ -80,6 +80,7 @@ def page_layout(largest: int) -> Component:
     bar: list[Component] = [
         html.Span("…", id="summary", role="status"),
         html.Span(id="summary-moving"),
+        html.Span("Fitting …", id="busy", role="status"),
         html.Span(list(buttons), className="controls"),
         html.Span(id="trouble", role="alert"),
         html.Div([html.Div(id="ladder"), html.Div(estimated, id="floor")], className="pinned"),
@@ -126,9 +127,9 @@ def _compare() -> Component:
         note("Errors on held-out trials. Choose the law on which the model is built."),
         dcc.RadioItems(id={"set": "law", "of": ""}, options=names, className="rows"),
         html.Div(id="bounds"),
-        controls(button("learned-start", "Learned models"), *run_controls("learned", "Learned models")),
+        controls(button("learned-start", "Train learned models"), *run_controls("learned", "Learned models")),
         html.Div(id="learned-found"),
-        controls(button("curve-start", "Learning curve"), *run_controls("curve", "Learning curve")),
+        controls(button("curve-start", "Draw learning curve"), *run_controls("curve", "Learning curve")),
         html.Div(curve, id="curve-place", hidden=True),
     )
 
@@ -139,14 +140,15 @@ def _fails() -> Component:
     figures = [
         figure("picture", "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as "
                "predicted"),
-        figure("impulse", "Impulse space: admissible impulses, impulse and reach of each law, measured impulse"),
+        figure("impulse", "Impulse space: admissible impulses, measured impulse, that of each law, and all that the "
+               "chosen law can give"),
     ]  # fmt: skip
     return _section(
         "fails",
         "Where it fails",
         controls(
-            _choice("Across", "map-x", ()),
-            _choice("Up", "map-y", ()),
+            _choice("x axis", "map-x", ()),
+            _choice("y axis", "map-y", ()),
             _choice("Errors of", "errors-of", (("ticked", "the model"), ("alone", "the law alone"))),
             action_button("unselect", "Clear selection"),
         ),
@@ -197,7 +199,7 @@ def _model() -> Component:
 
 
 def _plan() -> Component:
-    rig = dcc.Input(id="rig", type="text", autoComplete="off", spellCheck=False)
+    rig = dcc.Textarea(id="rig", rows=4, spellCheck=False)
     return _section(
         "plan",
         "Plan the next drops",
@@ -222,7 +224,10 @@ def _keep() -> Component:
             button("compare-runs", "Compare them"),
             button("experiment", "Experiment file"),
         ),
-        note("The address of this page is the session. Save run diagnoses the model as it is and writes a run folder."),
+        note(
+            "This page's URL stores your session: bookmark or share it. Save run diagnoses the model as it is and "
+            "writes a run folder."
+        ),
         html.H3("The same model from the shell"),
         html.Pre(id="command"),
         dcc.Download(id="download"),

@@ -257,10 +257,14 @@ class Models:
         """Return the best model that is found effect by effect from the best law, whatever the session has ticked."""
         return self._best.get(self._key(session)[:2], lambda: self._climb(session))
 
+    def best_law(self, session: Session) -> FittedModel:
+        """Return the law alone with the smallest held-out error."""
+        alone = replace(session, options=(), manual=())
+        return min((self.law_alone(alone, name) for name in self.laws(alone)), key=_mean)
+
     def _climb(self, session: Session) -> FittedModel:
-        alone = replace(session, effects=(), lines=(), options=(), manual=())
-        best = min((self.law_alone(alone, name) for name in self.laws(alone)), key=_mean)
-        found = replace(alone, law=best.law.name)
+        best = self.best_law(session)
+        found = replace(session, law=best.law.name, effects=(), lines=(), options=(), manual=())
         for _ in range(_MOST_EFFECTS):
             gains = [one for one in self.predicted_gains(found) if one.gain > 0]
             if not gains:

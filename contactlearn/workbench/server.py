@@ -6,6 +6,7 @@ import secrets
 import socket
 import webbrowser
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -127,7 +128,7 @@ def listen(host: str, port: int | None, models: Models) -> tuple[ThreadedWSGISer
 
 
 def serve(words: Sequence[str], host: str, port: int | None, browser: bool) -> None:
-    """Serve the workbench until it is interrupted.
+    """Serve the workbench until it is interrupted; without a law or an effect it opens on the best law alone.
 
     Args:
         words: words of a command line with the first session.
@@ -139,6 +140,8 @@ def serve(words: Sequence[str], host: str, port: int | None, browser: bool) -> N
     threadpool_limits(1)
     session, models = session_of(words), Models()
     models.fitted(session)  # the first fit of a process is slow, and data that cannot be read are an error here
+    if not any(word.lstrip("+").startswith(("law", "effect")) for word in words):
+        session = replace(session, law=models.best_law(session).law.name)
     server, bound = listen(host, port, models)
     address = bound.url + session.address.replace("?", "&", 1)
     print(f"open: {address}", flush=True)

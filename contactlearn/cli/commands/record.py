@@ -107,7 +107,7 @@ def tracker_of(
         parts = {f"Held-out {error}": [f"fit/{metric}"], "Loss of the fit": ["fit/loss"]}
         chosen[f"{TRAINING}: {error}"] = parts
     shown = (
-        rf"(interval/)?(\w+_error/model|(ladder|floor)/{metric})(/low|/high)?|\w+_error/irb"
+        rf"(interval/)?(\w+_error/model|ladder/{metric})(/low|/high)?|floor/{metric}|\w+_error/irb"
         rf"|curve_{metric}/(?!({named})$).+|transfer_{metric}/.+|fit/(loss|{metric}|negative_log_density)"
     )
     return Tracker(run.folder, trained_on, chosen, shown=shown)

@@ -15,7 +15,7 @@ A dot is a trial.  Impulses are shown in mN s, moments in mN m s, contact points
 
 import math
 from collections.abc import Mapping, Sequence
-from textwrap import wrap
+from textwrap import fill, wrap
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,7 @@ _PARTS = {
     "noise": st.tint(st.DARK, 0.35), "scatter": st.tint(_YELLOW, 0.8),
 }  # fmt: skip
 _LOOKS: tuple[dict[str, Any], ...] = ({"color": _BLUE}, {"color": _RED, "linestyle": (0, (4, 1.5))})
+_LETTERS = 48  # of a number and a name, in a line over one column
 _GOLDEN = 0.618  # spreads the dots of one label
 ERROR = METRICS["mass_error"].axis
 """Axis label of the mass error."""
@@ -159,14 +160,19 @@ def budget_figure(budget: ErrorBudget) -> Figure:
 
 
 def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _INKS[RungKind.LAW]) -> Figure:
-    """Draw errors from top to bottom, each below its number and name; a line behind strikes no name through."""
-    figure = st.new_figure(st.PAGE, 0.7 + 0.38 * len(names))
+    """Draw errors from top to bottom, each below its number and name; a line behind strikes no name through.
+
+    Over one column: on a card of TensorBoard, which is narrow, the letters of a page could not be read.
+    """
+    told = [fill(f"{error(x.mean)}  {st.plain(name, 60)}", _LETTERS) for name, x in zip(names, errors, strict=True)]
+    lines = max((text.count("\n") + 1 for text in told), default=1)
+    figure = st.new_figure(st.COLUMN, 0.7 + 0.19 * (1 + lines) * len(names))
     axes = st.name_axes(figure.subplots(), ERROR)
     places, halo = range(len(names)), [withStroke(linewidth=3, foreground="white")]
     axes.barh(places, [x.mean for x in errors], color=colors, height=0.42)
     axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
-    for place, name in enumerate(names):
-        axes.text(0, place - 0.24, f"{error(errors[place].mean)}  {st.plain(name, 60)}", va="bottom", path_effects=halo)
+    for place, text in enumerate(told):
+        axes.text(0, place - 0.24, text, va="bottom", path_effects=halo)
     axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(len(names) - 0.6, -0.8))
     axes.set_yticks([])
     return figure

@@ -17,6 +17,7 @@ let count = 0;
 function act(kind, of = "", value = null) {
   if (kind !== "slider") release();
   pending.push({n: ++count, kind, of, value});
+  document.documentElement.dataset.busy = "";
   dash_clientside.set_props("acted", {data: [...pending]});
 }
 
@@ -114,8 +115,8 @@ function showWindow() {
     const some = errorsOf(model).filter((_, i) => inside.has(i) === is);
     return some.length ? written(average(some)) : "–";
   };
-  line.textContent = `${rows.length} of ${trials.count} trials are selected: mean error of the model ${mean(1, true)} (rest ${
-    mean(1, false)}), of the law alone ${mean(0, true)} (rest ${mean(0, false)}).`;
+  line.textContent = `${rows.length} of ${trials.count} trials are selected: mean error of the model ${mean(1, true)} (elsewhere ${
+    mean(1, false)}), of the law alone ${mean(0, true)} (elsewhere ${mean(0, false)}).`;
 }
 
 window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
@@ -173,6 +174,7 @@ window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
   },
   done(number) {
     while (pending.length && pending[0].n <= number) pending.shift();
+    if (!pending.length) delete document.documentElement.dataset.busy;
     return "";
   },
   slider() {
