@@ -172,7 +172,7 @@ MARKED = (
             ("h2", "Verdict", 0),
             ("table", "Error on held-out trials", 0),
             ("p", "error falls", 0),
-            ("fieldset", "Try", 0),
+            (".switches", "Try", 0),
         ),
     ),
     ("report_budget", (("h2", "Error budget", 0),)),
