@@ -111,12 +111,7 @@ _STEPS = {
 
 A swap of the axes and a mirror of y are a turn by 90°, whose sense depends on which of them comes first.
 """
-FITTED = {
-    "inertia_scaled",
-    "inclined_floor",
-    "velocity_of_point",
-    "turned_spin",
-}  # corrections by numbers fitted to the moments
+FITTED = {"inertia_scaled", "inclined_floor", "velocity_of_point", "turned_spin"}  # numbers that moments show
 _CONFUSED = {*UNITS, *_RARE}  # what an inclined floor may look like
 # contradictions of an accepted hypothesis from which on an inclined floor is tried, which must leave less
 _MAX_CONTRADICTIONS = 0.15
@@ -309,7 +304,7 @@ def _whole(quantity: str) -> list[str]:
 
 
 def _fitted(given: Hypothesis) -> list[Hypothesis]:
-    """The accepted hypotheses of velocities of another point of the body, and in the plane of an inclined floor.
+    """The accepted hypotheses of another point of the body, of turned spins, and in the plane of an inclined floor.
 
     An incline within the range of `surface_tilt` is left to that effect, unless the data are impossible without it.
     """

@@ -133,11 +133,12 @@ def audit(
         unmeasured = unmeasured_findings(sound)
         if unmeasured:
             return Audit((*unmeasured, *findings, *first, *notes))
-    comparison = compare(_subsample(sound), thresholds)
+    sample = _subsample(sound)
+    comparison = compare(sample, thresholds)
     shaped = Audit(first).corrections
     blocks = (lambda: [sound]) if every is None else (lambda: (correct(one, shaped) for one in every()))
     fatal = mixed_findings(comparison, blocks) or (
-        exchanged_findings(comparison) if plane else gyroscope_findings(sound)
+        exchanged_findings(comparison) if plane else gyroscope_findings(sample)
     )
     fatal = fatal or impossible_findings(comparison, thresholds)
     if fatal:
