@@ -285,6 +285,14 @@ def test_errors_of_the_recorded_orientation_are_the_instruments(space):
     assert (scatter.instrument(recorded) - only).diagonal(dim1=-2, dim2=-1).sum(-1).min() > 0
 
 
+def test_a_contact_point_that_scatters_as_little_as_poses_err_is_the_instruments():
+    impacts, scatter = scattered(stated=True, noise=0.001, sigma_point=1.2e-4)
+    assert (scatter.names, [*scatter.recorded]) == ((), ["contact_point"])
+    point = scatter.recorded["contact_point"]
+    assert point.sigma == pytest.approx(1.2e-4, rel=WITHIN)
+    assert not replace(point, sigma=3e-4).of_instrument(impacts)
+
+
 def test_noise_that_was_stated_too_small_is_the_instruments():
     impacts = simulated(World(), 200)
     stated = {name: getattr(impacts, name) / 1e6 for name in ("v_pre_cov", "v_post_cov")}

@@ -52,8 +52,6 @@ class Component(Frozen, ABC):
     """Greatest plausible standard deviation, in this unit."""
     in_words: ClassVar[str]
     """A sentence's part with `{sigma}`, as an effect's: the unit is added, ° for rad and mm for m."""
-    of_instrument: ClassVar[bool] = False
-    """Whether it is noise of the instrument that looks like scatter of the contact, and no body has it."""
     source: ClassVar[str] = ""
     """Origin of the idea, in words."""
     name: ClassVar[str]
@@ -91,6 +89,10 @@ class Component(Frozen, ABC):
     def suits(self, impacts: Impacts) -> bool:
         """Whether these impacts can show it beside the other components."""
         return True
+
+    def of_instrument(self, impacts: Impacts) -> bool:
+        """Whether it is noise of the instrument that looks like scatter of the contact, and no body has it."""
+        return False
 
     def draw(self, shape: tuple[int, ...], space: Space, generator: torch.Generator | None) -> Float[Tensor, "... k"]:
         """Draw deviations [*shape, k]."""

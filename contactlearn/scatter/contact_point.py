@@ -5,8 +5,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import Space
 from contactlearn.scatter.base import Component, Perturbed
+
+_POSE_ERROR = 0.004  # rad; orientations of motion capture err by 1 to 4 mrad
 
 
 class ContactPoint(Component):
@@ -24,6 +27,10 @@ class ContactPoint(Component):
 
     def deviations(self, space: Space) -> int:
         return space.d - 1
+
+    def of_instrument(self, impacts: Impacts) -> bool:
+        """A turn of the body by as little as recorded orientations err moves the contact point as far."""
+        return self.sigma <= _POSE_ERROR * impacts.r.norm(dim=-1).median().item()
 
     def perturb(
         self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."], u: Float[Tensor, "... n k"]

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from contactlearn.effects.state import State, columns
+from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.space import PLANE, Space
 from contactlearn.scatter.base import Component, Perturbed
 
@@ -22,10 +23,12 @@ class Orientation(Component):
     highest = 0.1
     in_words = "the recorded orientation by {sigma}"
     source = "Fuller 1987"
-    of_instrument = True
 
     def deviations(self, space: Space) -> int:
         return 1 if space is PLANE else 3
+
+    def of_instrument(self, impacts: Impacts) -> bool:
+        return True
 
     def perturb(
         self, state: State, mu: Float[Tensor, "..."], eps: Float[Tensor, "..."], u: Float[Tensor, "... n k"]

@@ -558,7 +558,7 @@ def _described(
         deviations.append(StandardDeviation(name=name, symbol=symbol, unit=unit, value=value, error=near))
     values = {deviation.name: deviation.value for deviation in deviations}
     estimated = {one.name: replace(one, sigma=values[one.name]) for one in components if one.name in values}
-    scatter = {name: one for name, one in estimated.items() if not one.of_instrument}
+    scatter = {name: one for name, one in estimated.items() if not one.of_instrument(problem.impacts)}
     inverse = torch.linalg.inv(fit.precision)
     model = assemble(problem.model.law, problem.model.effects, best.theta, inverse)
     prior = _prior(problem, fit.variances)
@@ -578,5 +578,5 @@ def _described(
         each={one.name: (u, error) for one, u, error in each if one.name in estimated},
         distance=fit.distance,
         converged=best.converged,
-        recorded={name: one for name, one in estimated.items() if one.of_instrument},
+        recorded={name: one for name, one in estimated.items() if name not in scatter},
     )
