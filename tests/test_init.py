@@ -452,3 +452,14 @@ def test_a_setting_that_is_left_out_is_asked_for_with_its_file_and_choices(tmp_p
     said = run("contactlearn", *words, cwd=tmp_path, status=2)
     wanted = "data.body=…, or in two.yaml; data.body is red or blue, in names of columns"
     assert said == f"error: data.body must be given: {wanted}\n"
+
+
+def test_four_parts_of_a_rotation_are_a_quaternion_and_three_are_turns(tmp_path):
+    path, frames = tmp_path / "log.csv", np.random.default_rng(0).normal(size=(60, 7))
+    for parts, name in (("xyzw", "quaternion"), ("xyz", "euler")):
+        header = ["pos.x", "pos.y", "pos.z", *(f"rot.{part}" for part in parts)]
+        log = pd.DataFrame(frames[:, : len(header)], columns=header)
+        log.insert(0, "time", np.arange(60) / 200)
+        log.to_csv(path, index=False)
+        columns = {one.name: one.value for one in propose(path).settings}
+        assert columns[f"columns.{name}"] == [f"rot.{part}" for part in sorted(parts)], columns

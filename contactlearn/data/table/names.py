@@ -168,7 +168,7 @@ _INDEXED = ("vx", "vy", "vz", "omega", "wx", "wy", "wz", "speed", "height")
 _LETTERED = re.compile(r"(v|ω|w|omega|θ|theta)([xyznt]?)([if])([xyznt]?)")
 _UNTIMED = ("mass", "inertia", "trial", "object", "time", "order")
 _PLACE = re.compile(r"^(?:p|t|tvec|trans|translation)(?=[xyz]$)")
-_QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation)([wxyz])")
+_QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation|rotation|rot)([wxyz])")
 _SPELLED = {
     "per": "", "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad", "sec": "s",
     "second": "s", "seconds": "s", "metre": "m", "metres": "m", "meter": "m", "meters": "m", "inch": "in",
