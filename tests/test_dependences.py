@@ -257,7 +257,7 @@ def test_a_state_dependence_in_words():
     )  # fmt: skip
     assert phrase("state_dependence", found) == "the residual behaves like friction that depends jointly on v_t and θ"
     outcome = replace(found, coefficient=None, variables=found.variables[:1])
-    assert phrase("state_dependence", outcome) == "the outcome depends on v_t in an unknown way"
+    assert phrase("state_dependence", outcome) == "the outcome depends on v_t, in an unknown form"
     left = replace(remainder(Interval(0.01, -0.01, 0.03)), state_dependence=found)
     assert left.found
     assert left.unknown

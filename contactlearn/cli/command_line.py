@@ -184,7 +184,7 @@ def parse_override(word: str) -> Override:
             raise ContactLearnError(f"{word!r} is no setting; {how}") from error
         if value.rstrip().endswith(","):
             raise ContactLearnError(f"{word} ends in a comma: write a list as '{key}=[…,…]', in quotes") from error
-        for opening, closing in ("[]", "{}", "()"):
+        for opening, closing in ("[]", "{}"):
             if value.count(opening) != value.count(closing) and not re.search(r"['\"]", value):
                 more, less = (opening, closing) if value.count(opening) > value.count(closing) else (closing, opening)
                 raise ContactLearnError(f"{word} has more {more} than {less}") from error

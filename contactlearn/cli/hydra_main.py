@@ -104,6 +104,12 @@ def _load_commands() -> ModuleType:
     return commands
 
 
+_EXAMPLE = (
+    "no data=… is given, so an example is diagnosed, simulated drops; `contactlearn init FILE --name mydata` makes "
+    "data=mydata of your file\n"
+)
+
+
 def _command(name: str) -> Callable[[], None]:
     """Return a command, which takes the configuration of its name from the command line."""
 
@@ -129,7 +135,8 @@ def _command(name: str) -> Callable[[], None]:
                     settings = without_hydra(compose(name, words, return_hydra_config=True))
                     write_output(OmegaConf.to_yaml(settings) + "\n")
                     return
-                _say_default_data(name, words, line)
+                if name != "diagnose":
+                    _refuse_default_data(words, line)
                 sys.argv[1:] = [*line.flags, *words]
                 if {"--help", "--hydra-help", "--shell-completion"} & {*line.flags}:
                     run()
@@ -137,6 +144,8 @@ def _command(name: str) -> Callable[[], None]:
                     _sweep(run, name, words, line)
                 else:
                     _composed(line.config_name or name, words, check=name)
+                    if name == "diagnose" and _has_default_data(words, line):
+                        write_output(_EXAMPLE)
                     run()
 
     return run_command
@@ -164,16 +173,14 @@ def _sweep(run: Callable[[], None], command: str, words: list[str], line: Comman
         run()
 
 
-def _say_default_data(command: str, words: list[str], line: CommandLine) -> None:
-    """Say where no word names the data that simulated drops stand in, and refuse them beside a checkpoint."""
-    if _given(words) & {"data", "experiment"} or any(line.folders) or line.config_name:
-        return
-    if command == "diagnose":
-        write_output(
-            "no data=… is given, so an example is diagnosed, simulated drops; `contactlearn init FILE --name mydata` "
-            "makes data=mydata of your file\n"
-        )
-    elif "checkpoint" in _given(words):
+def _has_default_data(words: list[str], line: CommandLine) -> bool:
+    """Whether no word names the data, so that simulated drops stand in for them."""
+    return not (_given(words) & {"data", "experiment"} or any(line.folders) or line.config_name)
+
+
+def _refuse_default_data(words: list[str], line: CommandLine) -> None:
+    """Refuse a checkpoint without words for the data, which are not those of its training by default."""
+    if "checkpoint" in _given(words) and _has_default_data(words, line):
         raise ContactLearnError(
             "a checkpoint needs data=…: those to judge it on or to go on with, which may be those of its training; "
             "else they would be simulated drops (data=synthetic)"
