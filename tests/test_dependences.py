@@ -232,7 +232,7 @@ def test_neighbours_that_resemble_each_other_have_one_sign():
 
 @pytest.mark.parametrize(("of", "change", "message"), [
     ("serial_dependence", sawtooth, "friction changes periodically along the sequence"),
-    ("state_dependence", by_direction_and_angle, "behaves like friction that depends on"),
+    ("state_dependence", by_direction_and_angle, "behaves like friction that depends"),
     ("state_dependence", None, "depends on"),
 ])  # fmt: skip
 def test_a_diagnosis_reports_an_unknown_dependence(of, change, message, capsys):
