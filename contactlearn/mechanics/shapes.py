@@ -626,7 +626,8 @@ def require_dimension(source: str, shape: Shape | None, space: Space) -> None:
         if isinstance(shape, Sphere):
             raise DataError(
                 f"{source}: a sphere is a body in space, whose tables have quaternions or no orientation at all; for "
-                f"impacts in a plane write {{kind: disc, radius: {shape.radius:g}}}"
+                f"impacts in a plane write {{kind: disc, radius: {shape.radius:g}}}, and data.inertia: that of a solid "
+                f"ball is {0.4 * shape.radius**2:.3g} m² (2/5 r²) times its mass, a disc's is 1/2 m r²"
             )
         rule = f"{source}: a body in {'space' if space is SPACE else 'a plane'} has the shape of one"
         raise DataError(

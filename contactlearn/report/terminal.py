@@ -45,7 +45,8 @@ _COMPUTED = {
     "inertia": "the inertia from the shape and the mass, at uniform density",
     "orientation": "no orientation, which a disc does not need: nothing is seen to depend on it",
     "spin": "the spin, which nobody measured: 0 before impact, and after it what the moment of the impulse makes; "
-    "friction and slip are those of bodies that did not spin",
+    "friction and slip are those of bodies that did not spin, and depend on the inertia: 2/5 m r² of a solid ball, 1/2 "
+    "m r² of a disc",
     "slip": "no velocity along the floor: bounces along the normal show restitution alone",
     "height": "the height from the contact point",
     "place": "places along the floor are 0, so that no dependence on them is seen",
