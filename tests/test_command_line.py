@@ -127,6 +127,7 @@ def test_a_choice_needs_no_plus(here):
     (["++x=1"], "unknown setting 'x'"),
     (["x"], "'x' is no setting; settings are written key=value"),
     (["drops.csv"], "'drops.csv' is no setting; say data=table data.path=drops.csv"),
+    (["data.path=[a.csv,b.csv]"], "a path is that of one file or folder; join several tables into one"),
     (["effect=[side_drag"], "effect=[side_drag has more [ than ]"),
     (["effect=side_drag,"], "effect=side_drag, ends in a comma: write a list as 'effect=[…,…]'"),
     (["~law"], "every command needs law; choose another with law=…"),

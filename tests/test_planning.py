@@ -5,6 +5,7 @@ import re
 import shlex
 from dataclasses import replace
 from itertools import combinations, pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import pandas as pd
@@ -14,7 +15,7 @@ from commands import run
 from spatial import box_tosses
 
 import contactlearn as cl
-from contactlearn.cli.commands.plan import _measured_already, _other_body
+from contactlearn.cli.commands.plan import _measured_already, _next_command, _other_body
 from contactlearn.core.errors import DataError
 from contactlearn.core.serialisation import from_json, to_json
 from contactlearn.diagnosis.discrimination.experiment import ModelDiscrimination, discriminations
@@ -646,3 +647,9 @@ def test_a_wrong_measurement_is_one_line(tmp_path):
     table.drop(columns="omega [rad/s]").to_csv(path, index=False)
     said = run("contactlearn", "measure", "one", *MYSTERY, "-o", "drops.csv", cwd=tmp_path, status=2)
     assert "omega [rad/s]" in said
+
+
+def test_means_of_what_further_drops_vary_are_no_part_of_the_next_command():
+    data = ["data=oak", "data.correct=[averaged_omega]"], ["data=oak", "data.correct=[mirrored_x,averaged_vx]"]
+    said = [_next_command("contactlearn.data.table.load", Path("plans"), words) for words in data]
+    assert said == ["contactlearn diagnose data=oak", "contactlearn diagnose data=oak 'data.correct=[mirrored_x]'"]

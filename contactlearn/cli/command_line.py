@@ -216,6 +216,8 @@ def _quoted_path(word: str) -> str:
         return word
     if key.endswith("checkpoint") and value.startswith("[") and value.endswith("]"):
         return f"{key}=[{','.join(quoted_path(part.strip()) for part in value[1:-1].split(','))}]"
+    if value.startswith("[") and key.endswith("data.path"):
+        raise ContactLearnError(f"{word}: a path is that of one file or folder; join several tables into one")
     if key.lstrip("+").startswith("hydra."):  # Hydra sweeps over none of its own
         return f"{key}={quoted_path(value)}"
     return f"{key}={','.join(part if _QUOTED.fullmatch(part) else quoted_path(part) for part in value.split(','))}"

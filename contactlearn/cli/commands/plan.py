@@ -116,8 +116,17 @@ def _next_command(source: str | None, out: Path, data: Sequence[str]) -> str:
     elif source in (_MYSTERY, _MUJOCO):
         words = ["measure", str(out), *data, "-o", "drops.csv"]
     else:
-        words = ["diagnose", *data]
+        words = ["diagnose", *(word for word in map(_for_more, data) if word)]
     return shlex.join(["contactlearn", *words])
+
+
+def _for_more(word: str) -> str:
+    """A setting of a diagnosis for its data with more impacts, in which what it averaged may vary."""
+    key, _, names = word.partition("=")
+    if key != "data.correct":
+        return word
+    kept = [name for name in names.strip("[]").split(",") if not name.strip().startswith("averaged_")]
+    return f"{key}=[{','.join(kept)}]" if kept else ""
 
 
 def write_measured(path: Path, source: SourceSettings, out: Path, *, again: bool = False) -> str:
