@@ -79,6 +79,23 @@ def test_each_column_of_frames_has_its_unit_and_sense(tmp_path, suffix):
     assert (flat.unit, flat.position[:, 1].any()) == (None, False)
 
 
+def test_rows_of_a_faster_instrument_between_the_frames_are_left_out(tmp_path):
+    names = ["cam_px", "cam_py", "cam_pz", "cam_qx", "cam_qy", "cam_qz", "cam_qw"]
+    pose = np.column_stack([np.random.default_rng(1).normal(size=(40, 3)), Rotation.random(40, rng=0).as_quat()])
+    frame = pd.DataFrame(pose, columns=names).assign(time=np.arange(40) / 500, gyro=1.0)
+    frame.loc[1::2, names] = np.nan
+    frame.to_csv(tmp_path / "take.csv", index=False)
+    assert columns.bodies_in_names(names, ["x", "y", "z", "qw", "qx", "qy", "qz"]) == {}  # and not cam_p and cam_q
+    layout = track_options(columns={"position": names[:3], "quaternion": names[3:]}).layout
+    (found,) = fail(read(tmp_path / "take.csv", layout))
+    np.testing.assert_allclose(found.time, np.arange(20) / 250)
+    np.testing.assert_allclose(found.position, pose[::2, :3])
+    frame.loc[8:30, names[0]] = 0.0  # frames that a camera lost are none of another instrument
+    frame.to_csv(tmp_path / "take.csv", index=False)
+    (found,) = fail(read(tmp_path / "take.csv", layout))
+    assert len(found.time) == 40
+
+
 def test_columns_in_space_are_turned_about_by_their_factors(tmp_path):
     """A left-handed y up, z ahead becomes right-handed, and so do its quaternions."""
     turned = Rotation.random(12, random_state=np.random.default_rng(0)).as_quat()

@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, islice, product, takewhile
+from itertools import chain, islice, takewhile
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -256,7 +256,7 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     if len(table) == 0:
         raise DataError(f"{path}: holds no frames")
     place = f"{path}: {name}" if layout.recording in table.columns else str(path)
-    table, layout = _rows_of_body(place, table, layout), _with_orientation(table, layout)
+    table, layout = _with_poses(_rows_of_body(place, table, layout), layout), _with_orientation(table, layout)
     time = _times(path, place, table, layout)
     if layout.markers:
         markers = np.stack([_columns(place, table, names) for names in layout.markers], 1)
@@ -275,6 +275,14 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     else:
         angle = _column(place, table, layout.angle)
     return Recording(name=name, source=str(path), time=time, position=position, angle=angle, unit=layout.unit)
+
+
+def _with_poses(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """The frames of a log that has rows of a faster instrument between them, whose cells of the position are empty."""
+    places = [name for name in layout.position if name in table.columns]
+    seen = np.flatnonzero(table[places].notna().any(axis=1))
+    between = layout.time in table.columns and len(seen) > 1 and (np.diff(seen) == 1).mean() < _ADJACENT
+    return table.iloc[seen] if between else table
 
 
 def _of_body(path: Path, table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
@@ -328,11 +336,15 @@ def bodies_in_names(header: Sequence[str], known: Sequence[str]) -> dict[str, di
     if {*known[:2]} <= {*header}:
         return {}
     named: dict[str, dict[str, str]] = {}
-    for column, name in product(header, known):
-        start = re.fullmatch(rf"{re.escape(name)}[_ .:-]?(.+)", column)
-        end = re.fullmatch(rf"(.+?)[_ .:-]?{re.escape(name)}", column)
-        for match in filter(None, (start, end)):
-            named.setdefault(match[1], {})[column] = name
+    for column in header:
+        for name in sorted(known, key=len, reverse=True):  # tool_qx is qx of tool, and not x of tool_q
+            start = re.fullmatch(rf"{re.escape(name)}[_ .:-]?(.+)", column)
+            end = re.fullmatch(rf"(.+?)[_ .:-]?{re.escape(name)}", column)
+            matches = [match for match in (start, end) if match]
+            for match in matches:
+                named.setdefault(match[1], {})[column] = name
+            if matches:
+                break
     bodies = {body: names for body, names in named.items() if {*known[:2]} <= {*names.values()}}
     return bodies if len(bodies) > 1 else {}
 
@@ -574,6 +586,7 @@ _TURNS = (
     ("roll", "pitch", "yaw"),
     *(tuple(f"{name}{axis}" for axis in "xyz") for name in ("r", "rot", "euler", "angle")),
 )
+_ADJACENT = 0.1  # share of frames with a pose that follow each other, up to which others' rows are between them
 _ENTRY = re.compile(r"(?:r|m|rot|mat|rotation|matrix)(\d)(\d?)")
 _UNTURNED = (1.0, 0.0, 0.0, 0.0)  # of a ball, nobody measured its turns: see `_no_angle`
 _DEGREES = 2 * np.pi + 0.1  # of a turn, above which it is in degrees
