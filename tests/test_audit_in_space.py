@@ -206,3 +206,13 @@ def test_a_balance_that_explains_little_is_said_to_be_that(tosses):
 def test_corrections_of_space_are_refused_in_a_plane():
     with pytest.raises(ContactLearnError, match="correction scalar_last exists for bodies that move in space alone"):
         correct(synthetic.load(size=10), ["scalar_last"])
+
+
+def test_an_approach_speed_that_hardly_varies_is_said_to_show_no_dependence(tosses):
+    still = tosses.v_c.clone()
+    slow = tosses.v_pre.clone()
+    slow[:, 2] += -2.0 - still[:, 2]  # the contact point approaches at 2 m/s in all trials
+    slow[::2, 2] -= 0.04
+    (note,) = [one for one in audit(tosses.replace(v_pre=slow, validate=False)) if one.name == "narrow_speed"]
+    assert "the approach speed hardly varies, 2.02 ± 0.02 m/s" in note.sentence
+    assert not [one for one in audit(tosses) if one.name == "narrow_speed"]

@@ -29,7 +29,8 @@ from contactlearn.report.text.sentences import (
 )
 
 _CAVEATS = (
-    "one_state", "constant_columns", "sorted_trials", "spin_not_measured", "energy_gained", "uneven_covariances",
+    "one_state", "constant_columns", "narrow_speed", "sorted_trials", "spin_not_measured", "energy_gained",
+    "uneven_covariances",
 )  # fmt: skip
 """Notes that limit what a verdict can say."""
 _LONG = 5.0  # s after which a task is named where no bar is seen

@@ -32,6 +32,7 @@ _COLUMNS = (
     ("v_y after impact", "v_post", 1, "m/s", ""),
     ("ω after impact", "v_post", 2, "rad/s", ""),
 )
+_NARROW = 0.05  # standard deviation of the approach speed over its mean, up to which nothing is seen to depend on it
 _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
 _LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
 _ROUND = 0.05  # lever r_x of a round body, relative, on a floor whose slope was corrected
@@ -56,6 +57,20 @@ def constant_notes(impacts: Impacts) -> list[Finding]:
         sentence += f"; these data cannot show whether anything depends on {' or '.join(hidden)}"
     evidence = evidence_of(*((name, value, unit) for name, value, unit, _ in constant))
     return [Finding(name="constant_columns", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def narrow_notes(impacts: Impacts) -> list[Finding]:
+    """Note an approach speed that hardly varies, as of one height of release: nothing is seen to depend on it."""
+    speed = impacts.v_c[:, -1].abs()
+    spread, mean = speed.std().item(), speed.mean().item()
+    if not _ROUNDING < spread / max(mean, 1e-300) < _NARROW:
+        return []
+    sentence = (
+        f"the approach speed hardly varies, {number(mean, 3)} ± {number(spread, 2)} m/s: these data cannot show "
+        "whether anything depends on it; drop from other heights"
+    )
+    evidence = evidence_of(("mean", mean, "m/s"), ("spread", spread, "m/s"))
+    return [Finding(name="narrow_speed", sentence=sentence, evidence=evidence, mistake=False)]
 
 
 def spin_notes(impacts: Impacts) -> list[Finding]:

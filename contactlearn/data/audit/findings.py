@@ -33,10 +33,11 @@
     heavy_body                a mass that no material has in a body of this size: a note
     constant_columns          columns with one value, and what they cannot show: a note
     masses                    trials without names of bodies have a few masses: a note
+    narrow_speed              an approach speed that hardly varies: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
 
-In space rows that cannot be real, energy and contact points are not looked at, nor is a floor inclined by any angle.
+In space gains of energy and contact points are not looked at, nor is a floor inclined by any angle.
 Findings are mistakes that a correction, or a check of the set-up, removes.  Physical effects (a tilted floor, a wrong
 centre of mass, a moment at the contact) cause none unless they are enormous.  Later findings are made on the data as
 the earlier ones would correct it; nothing is corrected here.
@@ -52,6 +53,7 @@ from contactlearn.data.audit.constants import (
     constant_notes,
     heavy_body_notes,
     light_body_findings,
+    narrow_notes,
     place_notes,
     shape_findings_in_space,
     shape_unit_findings,
@@ -122,7 +124,7 @@ def audit(
         findings += trial_findings(sound, thresholds)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
-    notes = [*mass_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
+    notes = [*mass_notes(sound), *narrow_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)
