@@ -344,7 +344,9 @@ class FileCallbacks:
         if not address or ended or "data=mystery" not in (session := Session.read(address)).data:
             return True, "", "", True, True
         done = 3 if session.effects else 2 if session.windows else 0
-        shown = int(title.split()[0]) - 1 if title else 0
+        shown = int(title.split()[0]) - 1 if title else -1
+        if ctx.triggered_id != "hint-next" and done <= shown:  # a click may be under way, whose hint is another one
+            return False, *[no_update] * 4
         at = min(max(done, shown + (ctx.triggered_id == "hint-next")), len(HINTS) - 1)
         title, text = HINTS[at]
         return False, f"{at + 1} of {len(HINTS)}. {title}.", text, at == len(HINTS) - 1, at < len(HINTS) - 1

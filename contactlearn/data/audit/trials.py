@@ -400,7 +400,8 @@ def _outlier_findings(
     )
     correction = "drop_outliers" if few else None
     mistake = share > _MAX_STRAY_SHARE
-    fatal = (by_reason["energy"] | by_reason["approach"]).double().mean().item() > thresholds.dropped_share
+    against = [bad for name, bad in by_reason.items() if name in ("energy", "approach")]
+    fatal = bool(against) and torch.stack(against).any(0).double().mean().item() > thresholds.dropped_share
     finding = Finding(name="gross_outliers", sentence=sentence, evidence=evidence, correction=correction)
     return [replace(finding, mistake=mistake, fatal=fatal)]
 
@@ -408,8 +409,9 @@ def _outlier_findings(
 def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> dict[str, Bool[Tensor, " n"]]:
     """Find the trials that cannot be the impacts that they claim to be, by reason.
 
-    `moment`: the residual of the moment balance is gross; `energy`: the body gains too much; `approach`: the contact
-    point does not approach the floor; `mass`: the mass or inertia is not that of the same object's other trials.
+    `moment`: the residual of the moment balance is gross; `mass`: the mass or inertia is not that of the same object's
+    other trials; and in the plane `energy`: the body gains too much; `approach`: the contact point does not approach
+    the floor.
     """
     terms, residual = torque(impacts), _least_residual(impacts)
     before, after = kinetic_energy(impacts)
@@ -417,12 +419,10 @@ def gross_outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThreshol
     gross = residual > thresholds.moment_sigmas * spread
     inertia = impacts.inertia.reshape(len(impacts), -1).unbind(-1)
     far = (_mass_outliers(impacts, values, thresholds) for values in (impacts.mass, *inertia))
-    return {
-        "moment": gross & (terms.imbalance > _IMBALANCE),
-        "energy": after > thresholds.gross_ratio * before,
-        "approach": impacts.v_c[:, -1] >= 0,
-        "mass": torch.stack([*far]).any(0),
-    }
+    reasons = {"moment": gross & (terms.imbalance > _IMBALANCE), "mass": torch.stack([*far]).any(0)}
+    if impacts.space is SPACE:
+        return reasons
+    return reasons | {"energy": after > thresholds.gross_ratio * before, "approach": impacts.v_c[:, -1] >= 0}
 
 
 def outliers(impacts: Impacts, thresholds: AuditThresholds = AuditThresholds()) -> Bool[Tensor, " n"]:
