@@ -339,15 +339,12 @@ class FileCallbacks:
             return no_update, str(error)
         return run_list(runs), html.A("open the comparison", href=f"/runs/{COMPARED}", target="_blank")
 
-    def hint(self, _: int, ended: int, address: str | None, title: str | None) -> tuple[Any, ...]:
+    def hint(self, clicks: int, ended: int, address: str | None, _: str | None) -> tuple[Any, ...]:
         """Show the next hint, for data with hidden effects; a box on the map and a tick lead to what follows them."""
         if not address or ended or "data=mystery" not in (session := Session.read(address)).data:
             return True, "", "", True, True
         done = 3 if session.effects else 2 if session.windows else 0
-        shown = int(title.split()[0]) - 1 if title else -1
-        if ctx.triggered_id != "hint-next" and done <= shown:  # a click may be under way, whose hint is another one
-            return False, *[no_update] * 4
-        at = min(max(done, shown + (ctx.triggered_id == "hint-next")), len(HINTS) - 1)
+        at = min(done + (clicks or 0), len(HINTS) - 1)
         title, text = HINTS[at]
         return False, f"{at + 1} of {len(HINTS)}. {title}.", text, at == len(HINTS) - 1, at < len(HINTS) - 1
 

@@ -281,7 +281,7 @@ def _with_poses(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
     """The frames of a log that has rows of a faster instrument between them, whose cells of the position are empty."""
     places = [name for name in layout.position if name in table.columns]
     seen = np.flatnonzero(table[places].notna().any(axis=1))
-    between = layout.time in table.columns and len(seen) > 1 and (np.diff(seen) == 1).mean() < _ADJACENT
+    between = layout.time in table.columns and len(seen) > 9 and (np.diff(seen) == 1).mean() < _ADJACENT
     return table.iloc[seen] if between else table
 
 
