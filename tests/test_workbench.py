@@ -561,3 +561,14 @@ def test_unanswered_actions_are_done_once_and_impossible_ones_are_refused(sessio
     assert (done, ticks, chosen) == (5, ["side_drag"], "mirtich")
     assert "a parameter has a range" in trouble
     assert "unknown action" in page.act([wrong | {"kind": "format_disk"}], 4, again, history)[3]
+
+
+def test_a_hint_whose_answer_the_page_dropped_is_given_again(models, tmp_path):
+    hint, alone = FileCallbacks(models, SavedRuns(tmp_path)).hint, "?data=mystery&data.seed=7"
+    *_, first = hint(0, 0, alone, None)
+    assert hint(1, 0, alone, first)[1].startswith("2 of 5")  # dropped, since the page settled meanwhile
+    *_, second = hint(1, 0, alone, first)
+    assert second == [1, 1] == hint(1, 0, alone, second)[-1]
+    *_, ticked = hint(1, 0, f"{alone}&effect=sampling_delay", second)
+    assert ticked == [3, 1]
+    assert hint(2, 0, f"{alone}&effect=sampling_delay", ticked)[1].startswith("5 of 5")

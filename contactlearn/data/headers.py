@@ -525,10 +525,7 @@ def _layout(first: Path, known: Recognised, markers: list[list[str]]) -> Iterato
     elif len(axes) == 3 and len(numbered := [name for name in others if _NUMBERED.fullmatch(name)]) == 4:
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         columns["quaternion"] = (sorted(numbered), [], "whether w is first or last: order=wxyz or xyzw, or found")
-    elif len(axes) == 3 and len(turned := orientation_columns([*known.others, *(names[one] for one in turns)])) in (
-        3,
-        9,
-    ):
+    elif len(axes) == 3 and (turned := orientation_columns([*known.others, *(names[turn] for turn in turns)])):
         columns["position"] = ([names[axis] for axis in axes], axes, "in the unit of length")
         about = "turns about x, y and z, or a vector of rotation" if len(turned) == 3 else "row by row"
         columns["euler" if len(turned) == 3 else "matrix"] = ([*turned], [], about)

@@ -222,9 +222,9 @@ class FileCallbacks:
         )(self.runs)  # fmt: skip
         app.callback(
             Output("hints", "hidden"), Output("hint-title", "children"), Output("hint-text", "children"),
-            Output("hint-next", "hidden"), Output("reveal", "hidden"),
+            Output("hint-next", "hidden"), Output("reveal", "hidden"), Output("hint", "data"),
             Input("hint-next", "n_clicks"), Input("hint-end", "n_clicks"), Input("settled", "data"),
-            State("hint-title", "children"),
+            State("hint", "data"),
         )(self.hint)  # fmt: skip
         app.callback(
             Output("truth", "children"), Output("truth", "hidden"), Input("reveal", "n_clicks"), address,
@@ -339,14 +339,20 @@ class FileCallbacks:
             return no_update, str(error)
         return run_list(runs), html.A("open the comparison", href=f"/runs/{COMPARED}", target="_blank")
 
-    def hint(self, clicks: int, ended: int, address: str | None, _: str | None) -> tuple[Any, ...]:
-        """Show the next hint, for data with hidden effects; a box on the map and a tick lead to what follows them."""
+    def hint(self, clicks: int, ended: int, address: str | None, seen: list[int] | None) -> tuple[Any, ...]:
+        """Show the next hint, for data with hidden effects; a box on the map and a tick lead to what follows them.
+
+        `seen` is the place of the hint that is shown and the clicks that led to it: an answer to a click that the page
+        drops, since something else changed meanwhile, is given again with the next one.
+        """
         if not address or ended or "data=mystery" not in (session := Session.read(address)).data:
-            return True, "", "", True, True
+            return True, "", "", True, True, None
         done = 3 if session.effects else 2 if session.windows else 0
-        at = min(done + (clicks or 0), len(HINTS) - 1)
+        shown, counted = seen or (0, 0)
+        at = min(max(done, shown + (clicks or 0) - counted), len(HINTS) - 1)
         title, text = HINTS[at]
-        return False, f"{at + 1} of {len(HINTS)}. {title}.", text, at == len(HINTS) - 1, at < len(HINTS) - 1
+        last = at == len(HINTS) - 1
+        return False, f"{at + 1} of {len(HINTS)}. {title}.", text, last, not last, [at, clicks or 0]
 
     def reveal(self, _: int, address: str | None) -> tuple[Any, Any]:
         """Show the ground truth of the data."""

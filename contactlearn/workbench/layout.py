@@ -21,7 +21,7 @@ from contactlearn.workbench.components import action_button, button, controls, f
 from contactlearn.workbench.lines import EXAMPLE
 
 _SENT = ("data", "model", "trial", "windows", "curve")  # numbers for figures
-_STORES = (*(f"{name}-sent" for name in _SENT), "fitted", "settled", "acted", "done")
+_STORES = (*(f"{name}-sent" for name in _SENT), "fitted", "settled", "acted", "done", "hint")
 _SINKS = (*(f"{name}-drawn" for name in _SENT), "slider-drawn", "drag-drawn", "done-drawn")
 _SESSION_STORES = ("history", "diagnosis-run", "curve-run", "learned-run")
 _WORDS = (

@@ -66,13 +66,15 @@ def by_bounce(cells: Sheet) -> Sheet:
         instants = cells.numbers(time, "s", Units({}, {"time": known.units.get("time", {})}).factor("time"))
     except (DataError, ValueError):
         return cells
-    runs = cells.names(run)
-    first = {name: runs.index(name) for name in runs}
+    runs, first = cells.names(run), dict[str, int]()
+    for row, name in enumerate(runs):
+        first.setdefault(name, row)
     if len({*zip(runs, numbers.tolist(), strict=True)}) < len(cells) or numbers.min() != 1 or len(first) == len(cells):
         return cells
+    places = {name: place for place, name in enumerate(first)}
     made = {f"bounce {k} (s)": np.full(len(first), np.nan) for k in range(1, numbers.max() + 1)}
     for name, k, instant in zip(runs, numbers.tolist(), instants, strict=True):
-        made[f"bounce {k} (s)"][[*first].index(name)] = instant
+        made[f"bounce {k} (s)"][places[name]] = instant
     starts = [first[name] for name in runs]
     others = {name: cells.columns[name] for name in cells.header if name not in (time, number)}
     shared = [name for name, x in others.items() if all(x[k] == x[start] for k, start in enumerate(starts))]
