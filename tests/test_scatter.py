@@ -413,12 +413,19 @@ def test_what_cannot_be_estimated_is_refused():
 
 @pytest.mark.parametrize(
     ("structure", "variable"),
-    [("pose", "pose"), ("speed", "vn"), ("memory", "normal_speed of earlier impacts"), ("heading", "heading")],
+    [
+        ("pose", "pose"),
+        ("speed", "vn, periodically"),
+        ("memory", "normal_speed of earlier impacts"),
+        ("heading", "heading"),
+        ("corrugation", "x, periodically"),
+    ],
 )
 def test_structure_is_not_scatter(structure, variable):
-    impacts, scatter = scattered(space=structure == "heading", structure=structure, trials=200)
+    planted = {"slope": math.radians(1.5)} if structure == "corrugation" else {}
+    impacts, scatter = scattered(space=structure == "heading", structure=structure, trials=200, **planted)
     first = screen_deviations(scatter, impacts)[0]
-    assert (first.component, first.variable) == ("restitution", variable)
+    assert (first.component, first.variable) == ("normal" if planted else "restitution", variable)
     assert first.share > 0.5
     if structure == "pose":
         assert first.order == 24  # periods over a turn

@@ -7,7 +7,7 @@ restitution after ε times its impulse (Poisson).
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -38,7 +38,7 @@ class World:
     half: float = 0.03
     mass: float = 0.05
     seed: int = 0
-    extra: dict[str, float] = field(default_factory=dict)
+    slope: float = 0.0  # greatest slope of a corrugation, rad
 
 
 def simulated(world: World, trials: int, *, stated: bool = True) -> Impacts:
@@ -67,6 +67,9 @@ def simulated(world: World, trials: int, *, stated: bool = True) -> Impacts:
     mu = world.mu + world.sigma_mu * normal(n)
     eps = world.eps + world.sigma_eps * normal(n) - world.speed_loss * (-contact[:, -1] - 1.5)
     eps = eps + _structured(world, turn, contact, approach)
+    if world.structure == "corrugation":  # of a period of 11.7 mm, across x
+        along = torch.tensor([1.0] + [0.0] * (d - 2), dtype=torch.float64)
+        lean = lean + world.slope * (2 * math.pi * (place + r[:, 0]) / 0.0117).sin()[:, None] * along
     frame = _leaning(lean)
     point = r + (frame[..., :-1] @ shift[..., None])[..., 0]
     jacobian = frame.mT @ contact_jacobian(point)
@@ -107,7 +110,7 @@ def simulated(world: World, trials: int, *, stated: bool = True) -> Impacts:
 
 def _structured(world: World, turn: Tensor, v: Tensor, approach: Tensor) -> Tensor:
     """Change of ε by what is no scatter, of rows that become trials."""
-    size, change = world.extra.get("size", 0.1) * math.sqrt(2), torch.zeros(len(v), dtype=torch.float64)
+    size, change = 0.1 * math.sqrt(2), torch.zeros(len(v), dtype=torch.float64)
     if world.structure == "pose":  # turns over every fifteen degrees
         angle = torch.atan2(turn[:, 1, 0], turn[:, 0, 0]) if not world.space else turn[:, 2, :].acos()[:, 0]
         return change + size * (24 * angle).sin()

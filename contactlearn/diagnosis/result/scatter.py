@@ -11,8 +11,10 @@ class DeviationDependence:
 
     Args:
         component: name of the component.
-        variable: symbols of the state, `pose`, `order`, `period`, or a quantity of earlier impacts.
-        order: half periods over the range of the variable, harmonic of an orientation, or trials of a window or period.
+        variable: symbols of the state, with ", periodically" where they are followed by a wave; `pose`, `heading`,
+            `order`, `period`, or a quantity of earlier impacts.
+        order: half periods over the range of the variable, periods of a wave, harmonic of an angle, or trials of a
+            window or period.
         share: of the variance of the deviations that all tested functions of the variable explain (of a pose, those of
             this order), adjusted for their number; None of order and period, whose smooth course is not estimated.
         p_value: of independence, over everything that was tested.

@@ -186,7 +186,7 @@ def _evidence(impacts: Impacts, scatter: Scatter, dependences: tuple[DeviationDe
         elif first in ("order", "period"):
             variable, unit, x = "order", "–", impacts.order
         else:
-            symbol = {"pose": "theta"}.get(first, first.split(" × ")[0])
+            symbol = {"pose": "theta"}.get(first, first.partition(", ")[0].split(" × ")[0])
             if symbol not in known:
                 column = u[:, int(u.square().sum(0).argmax())]
                 symbol = max(known, key=lambda key: share_explained(known[key][2], column))

@@ -279,6 +279,9 @@ def dependence_variable(variable: str) -> str:
         if lagged is LaggedVariable.PLACE:
             return "earlier impacts near the same place"
         return f"{earlier}' {_LAGGED_QUANTITIES[lagged]}"
+    variable, comma, how = variable.partition(", ")
+    if comma:
+        return f"{dependence_variable(variable)}, {how}"
     named = {
         "pose": "the pose",
         "heading": "the direction of the slip",
