@@ -58,10 +58,12 @@ from contactlearn.data.table.names import (
     Recognised,
     Stated,
     Vocabulary,
+    impact_vocabulary,
     name_words,
     recognise,
     spins_per_second,
     times_in,
+    unit_in,
 )
 from contactlearn.data.table.probable import probable_columns
 from contactlearn.data.table.several import refusal_of_several, refusal_side_by_side
@@ -474,9 +476,23 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
         return None, f"null: as each column states it; {source}"
     if quantity == "angle" and not stated and not silent:
         return None, f"null: as columns state it, or {SI[quantity]}; no column is of it"
+    if not stated and (of_others := _units_of_others(quantity, known.others)):
+        return None, f"null: as each column states it; {of_others}"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"
     return (next(iter(stated)), source) if len(stated) == 1 else (None, f"null: as each column states it; {source}")
+
+
+def _units_of_others(quantity: str, names: Sequence[str]) -> str:
+    """The units but those of SI that columns state whose meaning is open, which may be lengths, velocities or spins."""
+    vocabulary = impact_vocabulary(PLANE)
+    units = {
+        name: unit
+        for name in names
+        for column in ("vx", "x", "omega", "theta", "time")
+        if (unit := unit_in(name, column, vocabulary).get(quantity)) and unit != SI[quantity]
+    }
+    return " and ".join(f"{unit} as in {name!r}" for name, unit in units.items())
 
 
 def _bodies_in_rows(first: Path, known: Recognised) -> tuple[str, list[str]]:

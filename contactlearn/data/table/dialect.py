@@ -48,8 +48,10 @@ _ENCODINGS = {"cp1252": "Windows-1252", "cp1251": "Windows-1251", "cp932": "Shif
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _ERRORS = ("div/0", "value", "ref", "num", "null", "bezug", "zahl", "wert", "valeur")
 MISSING = frozenset(
-    ("nan", "na", "n/a", "<na>", "null", "none", "-", "--", "–", "—", "#n/a", "#na", "#nv", "#name?")
-) | frozenset(f"#{error}!" for error in _ERRORS)  # fmt: skip
+    ("nan", "na", "n/a", "n.a.", "<na>", "null", "none", "missing", "-", "--", "---", "–", "—", "nd", "n.d.", "n/d",
+     "s/d", "k.a.", "k. a.", "n.v.", "b.d.", "brak", "fehlt", "manquant", "缺失", "欠測",
+     "#n/a", "#na", "#nv", "#name?", *(f"#{error}!" for error in _ERRORS))
+)  # fmt: skip
 """How instruments and spreadsheets write a number that is missing, in small letters."""
 _GROUPS = re.compile(
     r"[-+]?\d{1,3}(?:(?P<mark>[ '’.,])\d{3})(?:(?P=mark)\d{3})*(?:(?!(?P=mark))[.,]\d*)?(?:[eE][-+]?\d+)?"
@@ -139,7 +141,9 @@ class Numerals:
             whole = text.replace(other, "")
             raise ValueError(f"got {text!r}, which is {whole}, or {text.replace(other, '.')} with another decimal mark")
         elif self.decimal == "," and other in text:
-            raise ValueError(f"got {text!r} in a file with decimal commas: write {text.replace(other, ',')}")
+            written = text.replace(other, ",")
+            advice = f": write {written}" if is_numeral(written) else ""
+            raise ValueError(f"got {text!r} in a file with decimal commas{advice}")
         return text.replace(",", ".") if self.decimal == "," else text
 
 

@@ -98,8 +98,9 @@ _CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "m
 _FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo",
           "lâcher", "lacher", "lâchage", "largage", "suelta", "rilascio")  # fmt: skip
 """Words of the times that say of a length that it is a height: rebound (cm)."""
-_NORMAL = ("perp", "perpendicular", "normal", "norm", "n")
-_ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along")
+_NORMAL = ("perp", "perpendicular", "normal", "norm", "n", "normale", "normalna", "normála", "法向", "法線方向")
+_ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along",
+          "tangentielle", "tangentiel", "tangenziale", "tangencial", "styczna", "切向", "接線方向")  # fmt: skip
 _ACROSS = ("toward", "towards", "into", "against", "off", "from", "awayfrom", "to", "perpendicularto", "normalto")
 _ALIASES = {
     "xv": "vx", "xdot": "vx", "yv": "vy", "ydot": "vy", "zv": "vz", "zdot": "vz",

@@ -104,9 +104,9 @@ def probable_columns(
     ]
     widths = [max(len(row[k]) for row in rows) for k in range(2)]
     lines = [f"  {row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]}".rstrip() for row in rows]
-    return "\n".join(
-        [*lines, *_command(path, guesses, stated, of_frames=of_frames, every=len(guesses) == len(cells.header))]
-    )
+    gaps = not of_frames and bool(cells.missing([name for name in columns if name in guesses]))
+    every = len(guesses) == len(cells.header)
+    return "\n".join([*lines, *_command(path, guesses, stated, of_frames=of_frames, every=every, gaps=gaps)])
 
 
 def _numbers(cells: Sheet, name: str) -> Float[np.ndarray, " n"] | None:
@@ -362,8 +362,13 @@ def _factor(name: str, stated: Mapping[str, Any]) -> str:
     return f"{math.prod(numbers):.6g}" if 0 < len(words) == len(numbers) else "?"
 
 
-def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool, every: bool) -> list[str]:
-    """The command that reads the table once a person has filled in what is open; `every` if each column is guessed."""
+def _command(
+    path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frames: bool, every: bool, gaps: bool
+) -> list[str]:
+    """The command that reads the table once a person has filled in what is open.
+
+    `every` if each column is guessed, `gaps` if numbers are missing.
+    """
     by_ours = dict[str, list[str]]()
     for name, guess in guesses.items():
         text = setting_text(name) if name.isprintable() else "?"
@@ -408,6 +413,7 @@ def _command(path: Path, guesses: Guesses, known: Mapping[str, Any], *, of_frame
     words += [] if {"rx", "ry", "inertia"} <= {*by_ours} else [f"data.shape={{kind: {body}, radius: ?}}"]
     words += stated
     words += ["data.units.angle=?"] if "unit: deg" in columns and not of_frames else []  # of the spins
+    words += ["data.correct=[drop_incomplete]"] if gaps else []
     quoted = " ".join(shlex.quote(word) if re.search(r"[ {]", word) else word for word in words)
     return [
         f"correct what is wrong, fill in each ? (SI), and add what else was measured: {names}; {forms}",
