@@ -1,6 +1,7 @@
 """The audit in space: mistakes of units, axes and quaternions are found, and what nothing repairs is refused."""
 
 import math
+import re
 from collections.abc import Callable
 
 import pytest
@@ -13,6 +14,7 @@ from contactlearn.core.errors import ContactLearnError
 from contactlearn.data.audit.balance import balance_finding
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.findings import audit
+from contactlearn.data.audit.one_term import one_term_findings
 from contactlearn.data.audit.thresholds import AuditThresholds
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
@@ -22,6 +24,8 @@ from contactlearn.simulation import synthetic
 MIRROR = torch.diag(torch.tensor((1.0, -1.0, 1.0), dtype=torch.float64))
 CONJUGATE = torch.tensor((1.0, -1.0, -1.0, -1.0), dtype=torch.float64)
 HEADING = torch.from_numpy(Rotation.from_rotvec((0.0, 0.0, 0.65)).as_matrix())
+EAST = torch.tensor((1.14, 1.0, 1.0, 1.0, 1.0, 1.0), dtype=torch.float64)  # the scale of v_x alone
+RAISED = torch.tensor((0.0, 0.0, 0.006), dtype=torch.float64)
 UP = torch.tensor(((1.0, 0, 0), (0, 0, 1), (0, -1, 0)), dtype=torch.float64)  # y points up
 
 
@@ -216,3 +220,65 @@ def test_an_approach_speed_that_hardly_varies_is_said_to_show_no_dependence(toss
     (note,) = [one for one in audit(tosses.replace(v_pre=slow, validate=False)) if one.name == "narrow_speed"]
     assert "the approach speed hardly varies, 2.02 ± 0.02 m/s" in note.sentence
     assert not [one for one in audit(tosses) if one.name == "narrow_speed"]
+
+
+def turned_principal_axes(tosses: Impacts) -> Impacts:
+    """A body whose stated axes are 25° from its principal ones, with the diagonal of the inertia matrix alone."""
+    turn = Rotation.from_rotvec((0.0, 0.0, math.radians(25)))
+    R = torch.from_numpy(turn.as_matrix())
+    q = torch.from_numpy((Rotation.from_quat(tosses.q[:, [4, 5, 6, 3]]) * turn).as_quat())[:, [3, 0, 1, 2]]
+    matrices = R.T @ torch.diag_embed(tosses.inertia) @ R
+    return with_quaternion(tosses, q).replace(inertia=matrices.diagonal(dim1=-2, dim2=-1), shape=None)
+
+
+def with_a_heading_that_drifts(tosses: Impacts) -> Impacts:
+    angle = torch.linspace(0, math.radians(26), len(tosses), dtype=torch.float64)
+    turn = Rotation.from_rotvec(torch.nn.functional.pad(angle[:, None], (2, 0)))
+    q = torch.from_numpy((turn * Rotation.from_quat(tosses.q[:, [4, 5, 6, 3]])).as_quat())[:, [3, 0, 1, 2]]
+    R = torch.from_numpy(turn.as_matrix())
+    return spun(with_quaternion(tosses, q), lambda w: (R @ w[..., None])[..., 0]).replace(shape=None)
+
+
+def with_masses_exchanged(tosses: Impacts) -> Impacts:
+    first = torch.arange(len(tosses)) % 2 == 0
+    factor = torch.where(first, 0.85, 1 / 0.85).double()
+    names = tuple("glass" if one else "steel" for one in first.tolist())
+    return tosses.replace(mass=factor * tosses.mass, object=names, shape=None)
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "said"),
+    [
+        (lambda one: one.replace(v_pre=one.v_pre * EAST, v_post=one.v_post * EAST), "scale_of_axis", "v_x is 1.1"),
+        (lambda one: one.replace(r=one.r + RAISED, shape=None), "contact_points_moved", r", 5\.9+\) mm along x, y, z"),
+        (turned_principal_axes, "products_of_inertia", "not its principal axes"),
+        (with_a_heading_that_drifts, "heading_drifts", "by 2[5-7](.[0-9]+)?° from the first"),
+        (with_masses_exchanged, "bodies_exchanged", "for 'glass'"),
+    ],
+    ids=["scale", "floor", "products", "heading", "masses"],
+)
+def test_the_one_wrong_term_that_closes_the_balance_is_named(change, name, said):
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    found = {one.name: one.sentence for one in audit(change(tosses)) if one.mistake}
+    assert name in found
+    assert re.search(said, found[name])
+    assert not one_term_findings(tosses)
+
+
+def test_physics_is_no_wrong_term(tosses):
+    spins = torch.tensor([1.0] * 3 + [0.8] * 3, dtype=torch.float64)
+    assert not one_term_findings(tosses.replace(v_post=tosses.v_post * spins))
+    assert not one_term_findings(tosses.replace(inertia=tosses.inertia * torch.tensor([1.3, 1.0, 1.0]).double()))
+
+
+def test_contact_points_in_whole_centimetres_are_said_to_be_that(tosses):
+    (note,) = [one for one in audit(tosses.replace(r=tosses.r.round(decimals=2), shape=None)) if one.name == "rounded"]
+    assert "the contact point to 0.01 m, an error of " in note.sentence
+    assert not [one for one in audit(tosses) if one.name == "rounded"]
+
+
+def test_spins_that_are_zero_in_all_trials_are_said_in_space(tosses):
+    still = tosses.v_pre * torch.tensor([1.0] * 3 + [0.0] * 3, dtype=torch.float64)
+    (note,) = [one for one in audit(tosses.replace(v_pre=still, validate=False)) if one.name == "constant_columns"]
+    assert "ω_x before impact = 0" in note.sentence
+    assert note.sentence.endswith("cannot show whether anything depends on the spin")

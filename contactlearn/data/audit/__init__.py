@@ -7,6 +7,7 @@ trials        which trials cannot be real, and what the apparatus contradicts
 corrections   named corrections of measurements
 conventions   which units and axes: hypotheses by the contradictions under each
 balance       whether the moment balance closes then
+one_term      the one wrong term that closes the moment balance in space
 parts         part of the trials in other units or axes
 outline       the shape, where the contact points trace it
 findings      the audit: one question after the other

@@ -20,9 +20,10 @@ from contactlearn.data.table.units import UNIT_FACTORS
 from contactlearn.mechanics.bodies import contact_points
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import orientation_of
+from contactlearn.mechanics.space import PLANE
 
 _ROUNDING = 1e-9  # relative change of a column that counts as none
-_COLUMNS = (
+_COLUMNS = (  # with what they cannot show, of the plane
     ("x", "q", 0, "m", "the place"),
     ("θ", "q", 2, "rad", "the orientation"),
     ("v_x before impact", "v_pre", 0, "m/s", ""),
@@ -32,6 +33,16 @@ _COLUMNS = (
     ("v_y after impact", "v_post", 1, "m/s", ""),
     ("ω after impact", "v_post", 2, "rad/s", ""),
 )
+_COLUMNS_IN_SPACE = (
+    *((axis, "q", k, "m", "the place") for k, axis in enumerate("xy")),
+    *((f"{x}_{axis} {when} impact", field, 3 * j + k, unit, "the spin" if (x, when) == ("ω", "before") else "")
+      for field, when in (("v_pre", "before"), ("v_post", "after"))
+      for j, (x, unit) in enumerate((("v", "m/s"), ("ω", "rad/s"))) for k, axis in enumerate("xyz")),
+)  # fmt: skip
+_COARSE = 0.03  # error of a rounded column over its values, from which on the rounding is said
+_STEPS = tuple(k * 10.0**n for n in range(2, -5, -1) for k in (5, 2, 1))  # of a number that was rounded, in SI
+_EXACTLY = 1e-3  # of a step, by which numbers in single precision differ from one
+_FEWEST_VALUES = 4  # of a column that was rounded, and is no setting of a rig
 _NARROW = 0.05  # standard deviation of the approach speed over its mean, up to which nothing is seen to depend on it
 _UNIT_AGREES = 0.05  # relative difference of a ratio of lengths from a constant of units, and its spread
 _LABORATORY, _SIZES = 20.0, 500.0  # m, and sizes of the body: places farther apart may be in another unit
@@ -45,18 +56,41 @@ def constant_notes(impacts: Impacts) -> list[Finding]:
     """Note the columns whose value is the same in all trials, and what they can therefore not show."""
     constant = [
         (name, values[0, k].item() + 0.0, unit, shown)  # −0 is 0
-        for name, field, k, unit, shown in _COLUMNS
+        for name, field, k, unit, shown in (_COLUMNS if impacts.space is PLANE else _COLUMNS_IN_SPACE)
         if _same((values := getattr(impacts, field))[:, k], values)
     ]
     if not constant:
         return []
     named = ", ".join(f"{name} = {number(value, 3)}{f' {unit}' if value else ''}" for name, value, unit, _ in constant)
-    hidden = [shown for *_, shown in constant if shown]
+    hidden = [*dict.fromkeys(shown for *_, shown in constant if shown)]
     sentence = f"the same in all {len(impacts)} trials: {named}"
     if hidden:
         sentence += f"; these data cannot show whether anything depends on {' or '.join(hidden)}"
     evidence = evidence_of(*((name, value, unit) for name, value, unit, _ in constant))
     return [Finding(name="constant_columns", sentence=sentence, evidence=evidence, mistake=False)]
+
+
+def rounded_notes(impacts: Impacts) -> list[Finding]:
+    """Note contact points and velocities after impact, which nobody sets, that are rounded coarsely."""
+    d, found = impacts.space.d, dict[str, float]()
+    measured = (
+        ("the contact point", impacts.r, "m"),
+        ("velocities after impact", impacts.v_post[:, :d], "m/s"),
+        ("spins after impact", impacts.v_post[:, d:], "rad/s"),
+    )
+    for name, values, unit in measured:
+        size = values.square().sum(-1).mean().sqrt().item()
+        for step in (x for x in _STEPS if _COARSE * size * math.sqrt(12) < x < size):
+            rounded = (values / step).round() * step
+            exactly = (rounded - values).abs().max() < _EXACTLY * step
+            if exactly and len(rounded.unique(dim=0)) >= _FEWEST_VALUES:
+                found[f"{name} to {number(step)} {unit}"] = step / math.sqrt(12) / size
+                break
+    if not found:
+        return []
+    sentence = "numbers are rounded: " + ", ".join(f"{name}, an error of {error:.0%}" for name, error in found.items())
+    evidence = evidence_of(*found.items())
+    return [Finding(name="rounded", sentence=sentence, evidence=evidence, mistake=False)]
 
 
 def narrow_notes(impacts: Impacts) -> list[Finding]:

@@ -21,6 +21,8 @@
     traced_shape              data.shape is not stated, and the contact points trace it: a note
     rig, rig_applied          the rig card, measured without a law of contact, and what of it was applied: notes
     impossible_speeds         faster than anything in a laboratory
+    products_of_inertia, scale_of_axis, contact_points_moved, heading_drifts, bodies_exchanged
+                              the one wrong term that closes the moment balance in space (`one_term`)
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
@@ -34,6 +36,7 @@
     constant_columns          columns with one value, and what they cannot show: a note
     masses                    trials without names of bodies have a few masses: a note
     narrow_speed              an approach speed that hardly varies: a note
+    rounded                   numbers that are rounded so coarsely that it is a part of their errors: a note
     sorted_trials             trials sorted by their state before impact, which hides what drifts: a note
     equal_states              trials of one state before impact differ in their outcomes by scatter: a note
 
@@ -55,6 +58,7 @@ from contactlearn.data.audit.constants import (
     light_body_findings,
     narrow_notes,
     place_notes,
+    rounded_notes,
     shape_findings_in_space,
     shape_unit_findings,
     spin_notes,
@@ -68,6 +72,7 @@ from contactlearn.data.audit.conventions import (
 )
 from contactlearn.data.audit.corrections import correct
 from contactlearn.data.audit.moving_floor import moving_floor_findings
+from contactlearn.data.audit.one_term import one_term_findings
 from contactlearn.data.audit.outline import outline_notes
 from contactlearn.data.audit.parts import mixed_findings
 from contactlearn.data.audit.result import Audit, Finding, evidence_of
@@ -124,12 +129,20 @@ def audit(
         findings += trial_findings(sound, thresholds)
         few = [] if Audit(findings).mistakes else [_few_note(sound)]
         return Audit((*findings, *few, *notes))
-    notes = [*mass_notes(sound), *narrow_notes(sound), *sorted_notes(sound), *state_notes(sound), *notes]
+    notes = [
+        *mass_notes(sound),
+        *narrow_notes(sound),
+        *rounded_notes(sound),
+        *sorted_notes(sound),
+        *state_notes(sound),
+        *notes,
+    ]
     first = shape_unit_findings(sound) if plane else shape_findings_in_space(sound)
     first = first or light_body_findings(sound, thresholds)
     sound = correct(sound, Audit(first).corrections)
+    notes = [*constant_notes(sound), *notes]
     if plane:
-        notes, spins = [*constant_notes(sound), *place_notes(sound), *notes], spin_notes(sound)
+        notes, spins = [*place_notes(sound), *notes], spin_notes(sound)
         sound = correct(sound, Audit(spins).corrections)
         first += spins
         unmeasured = unmeasured_findings(sound)
@@ -155,6 +168,7 @@ def audit(
     else:
         notes = [*moving, *notes]
     of_trials = trial_findings(sound, thresholds)
+    of_trials += [] if plane or Audit(of_trials).mistakes else one_term_findings(sound)
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]

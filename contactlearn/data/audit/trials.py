@@ -50,6 +50,7 @@ _MIN_OF_KINDS = 40  # trials: of fewer such a ratio is chance
 _TOGETHER = 0.8  # share of a stretch of rows from which on it is one
 _ALL_BUT_FEW = 0.98  # of the spins, which noise of the orientation does not make the largest
 _AT_END = 0.04  # relative distance from the largest spins of those that end there, by noise of the orientation
+_SHARP = 1e-4  # the same of spins in the axes in which they were read, of which five do not agree by chance
 _ENDED_SHARE = 0.2  # of the spins about any axis; of 128 sets of five authors without a limit none has more than 0.06
 _SATURATED_SHARE = 0.5  # of the trials at a limit from which on it is a state that was set, or no measurement
 
@@ -207,7 +208,8 @@ def gyroscope_findings(impacts: Impacts) -> list[Finding]:
     """
     spins = in_body(impacts.v_post[:, 3:], impacts.q).abs()
     ended = spins > (1 - _AT_END) * spins.flatten().quantile(_ALL_BUT_FEW)
-    if ended.double().mean() < _ENDED_SHARE:
+    sharply = spins > (1 - _SHARP) * spins.max()
+    if ended.double().mean() < _ENDED_SHARE and sharply.sum() < _MIN_SATURATED:
         return []
     limit, trials = spins[ended].median().item(), ended.any(-1).double().mean().item()
     sentence = (

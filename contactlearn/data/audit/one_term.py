@@ -1,0 +1,228 @@
+"""One wrong term of the moment balance in space, where no hypothesis about units and axes closes it.
+
+    I Δω = r × m Δv
+
+Each explanation has a few numbers, in which the balance is linear:
+
+    products of inertia   moments of inertia about axes that are no principal ones: J in body axes, not diag(I)
+    scale of an axis      v_x, v_y and v_z times a factor each, as of one camera's calibration
+    contact points        the same vector is added to r in all trials, in world axes: the height of the floor
+    heading               orientation and spins turn about the vertical by an angle that grows with the order
+    bodies                a factor on I of each body, as of masses that were exchanged
+
+An explanation is taken where it leaves less than half of what the data as given leave, and than what effects of
+physics do: other principal moments, a contact that moves with the body, a loss of spin or of speed, a force along the
+normal.  Nothing is corrected: which column is wrong is for the user to say.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from contactlearn.core.numerics import MAD_SCALE, biweight, number
+from contactlearn.data.audit.moments import torque
+from contactlearn.data.audit.result import Finding, evidence_of
+from contactlearn.data.audit.trials import named_by_mass
+from contactlearn.mechanics.bodies import numbered
+from contactlearn.mechanics.impacts import Impacts
+from contactlearn.mechanics.rigid_body import in_body, in_world, matvec, moment, rotation, spin, turn_quaternion
+
+_LEFT = 0.5  # of the residual, that an explanation leaves at most: a quarter of its square
+_CLOSED = 0.03  # residual over the terms up to which there is nothing to explain
+_SIGMAS = 6.0  # standard errors by which a number of it differs from none
+_ROUNDS = 10  # of robust weights
+_FEWEST = 30  # trials
+_OFF = 0.03  # least relative error of a scale or a factor, and of a product of inertia, that is said
+_TURNED = math.radians(5)  # least angle of a heading over all trials that is said
+_UPRIGHT = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+_Fit = tuple[Float[Tensor, " p"], Float[Tensor, " p"], Float[Tensor, " n"]]
+
+
+def one_term_findings(impacts: Impacts) -> list[Finding]:
+    """Find the one wrong term that closes the moment balance, where physics does not; none in the plane."""
+    terms = torque(impacts)
+    if len(impacts) < _FEWEST:
+        return []
+    size, scale = terms.size(terms.residual), terms.scale.clamp_min(1e-300)
+    given = (size / scale).median().item()
+    if given < _CLOSED * (terms.size(terms.spin) / scale).median().item():
+        return []
+    by_physics = min(_median(fit) for fit in _physical(impacts))
+    explanations = [_products, _scales, _contact_points, _heading, _bodies]
+    found = [one for explain in explanations if (one := explain(impacts)) is not None]
+    best = min(found, key=lambda one: one[0], default=None)
+    if best is None or best[0] > _LEFT * min(given, by_physics):
+        return []
+    left, name, sentence = best
+    sentence += (
+        f"; the moment balance leaves {left / given:.0%} of its residual then, and {by_physics / given:.0%} with any "
+        "one effect of physics"
+    )
+    evidence = evidence_of(("residual_before", given), ("residual_after", left), ("residual_by_physics", by_physics))
+    return [Finding(name=name, sentence=sentence, evidence=evidence)]
+
+
+def _fit(y: Float[Tensor, "n d"], X: Float[Tensor, "n d p"], scale: Float[Tensor, " n"]) -> _Fit:
+    """Coefficients, their standard errors and the relative residuals of y − X c, by Tukey's biweight."""
+    y, X = y / scale[:, None], X / scale[:, None, None]
+    weight = torch.ones(len(y), dtype=y.dtype)
+    c, error, size = X.new_zeros(X.shape[-1]), X.new_zeros(X.shape[-1]), y.norm(dim=-1)
+    for _ in range(_ROUNDS):
+        gram = torch.linalg.pinv((weight[:, None, None] * (X.mT @ X)).sum(0), hermitian=True)
+        c = gram @ (weight[:, None] * matvec(X.mT, y)).sum(0)
+        residual = y - matvec(X, c)
+        size = residual.norm(dim=-1)
+        error = (gram.diagonal() * (weight * size.square()).sum() / (y.shape[1] * weight.sum())).sqrt()
+        weight = biweight(size / (MAD_SCALE * size.median()).clamp_min(1e-300))
+    return c, error, size
+
+
+def _median(fit: _Fit) -> float:
+    return fit[2].median().item()
+
+
+def _axes(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
+    """The three parts of vectors along the axes, a column each."""
+    return torch.diag_embed(vectors)
+
+
+def _physical(impacts: Impacts) -> list[_Fit]:
+    """The balance with one effect of physics: all that closes it without a mistake."""
+    inertia, mass, terms = impacts.world_inertia, impacts.mass[:, None], torque(impacts)
+    dv, scale = impacts.v_post[:, :3] - impacts.v_pre[:, :3], terms.scale
+    scale = scale.clamp_min(1e-300)
+    left = terms.residual
+
+    def spins(moments: Sequence[Tensor]) -> Float[Tensor, "n 3 p"]:
+        return torch.stack([spin(inertia, one) for one in moments], -1)
+
+    body = [in_world(axis.expand(len(impacts), 3), impacts.q) for axis in torch.eye(3, dtype=torch.float64)]
+    columns = [
+        _inertia_terms(impacts)[..., :3],
+        spins([moment(arm, mass * dv) for arm in body]),
+        torch.stack((impacts.v_post[:, 3:], impacts.v_pre[:, 3:]), -1),
+        spins([moment(impacts.r, mass * v[:, :3]) for v in (impacts.v_post, impacts.v_pre)]),
+        spins([moment(impacts.r, mass * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64))]),
+    ]
+    return [_fit(left, X, scale) for X in columns]
+
+
+def _inertia_terms(impacts: Impacts) -> Float[Tensor, "n 3 6"]:
+    """Change of the spin that J − diag(I) in body axes asks for: its three moments, and xy, xz, yz."""
+    change = in_body(impacts.v_post[:, 3:] - impacts.v_pre[:, 3:], impacts.q)
+    x, y, z = change.unbind(-1)
+    zero = torch.zeros_like(x)
+    rows = [(x, zero, zero), (zero, y, zero), (zero, zero, z), (y, x, zero), (z, zero, x), (zero, z, y)]
+    momentum = torch.stack([torch.stack(row, -1) for row in rows], -1)
+    inertia = impacts.inertia.mean(0)  # of the scale of J, so that its numbers are relative
+    size = torch.cat((inertia, inertia[[0, 0, 1]] + inertia[[1, 2, 2]]))
+    turned = [in_world(size[k] * momentum[..., k], impacts.q) for k in range(6)]
+    return -torch.stack([spin(impacts.world_inertia, one) for one in turned], -1)
+
+
+def _products(impacts: Impacts) -> tuple[float, str, str] | None:
+    terms = torque(impacts)
+    fit = _fit(terms.residual, _inertia_terms(impacts), terms.scale.clamp_min(1e-300))
+    c, error, _ = fit
+    if not ((c.abs() > _OFF) & (c.abs() > _SIGMAS * error))[3:].any():
+        return None
+    inertia = impacts.inertia.mean(0)
+    pairs = torch.tensor([[0, 0, 1], [1, 2, 2]])
+    values = [(1 + c[:3]) * inertia, c[3:] * (inertia[pairs[0]] + inertia[pairs[1]])]
+    diagonal, products = (", ".join(number(x, 3) for x in part.tolist()) for part in values)
+    return (
+        _median(fit),
+        "products_of_inertia",
+        f"the body's axes are not its principal axes: with moments of inertia ({diagonal}) kg m² about x, y, z and "
+        f"elements ({products}) kg m² for xy, xz, yz of the inertia matrix, state the principal moments, and "
+        "orientations and shape in their axes",
+    )
+
+
+def _scales(impacts: Impacts) -> tuple[float, str, str] | None:
+    terms, inertia, mass = torque(impacts), impacts.world_inertia, impacts.mass[:, None]
+    parts = _axes(impacts.v_post[:, :3] - impacts.v_pre[:, :3]).unbind(-1)
+    columns = torch.stack([spin(inertia, moment(impacts.r, mass * one)) for one in parts], -1)
+    fit = _fit(terms.spin, columns, terms.scale.clamp_min(1e-300))
+    c, error, _ = fit
+    off = ((c - 1).abs() > _OFF) & ((c - 1).abs() > _SIGMAS * error)
+    if not 0 < int(off.sum()) < len("xyz") or (c <= 0).any():  # all of them: another mass, or inertia
+        return None
+    which = " and ".join(
+        f"v_{axis} is {number(1 / x, 3)} times what the moments ask for"
+        for axis, x, one in zip("xyz", c.tolist(), off.tolist(), strict=True)
+        if one
+    )
+    return _median(fit), "scale_of_axis", f"{which}: is the calibration of that axis right?"
+
+
+def _contact_points(impacts: Impacts) -> tuple[float, str, str] | None:
+    terms, inertia = torque(impacts), impacts.world_inertia
+    P = impacts.mass[:, None] * (impacts.v_post - impacts.v_pre)[:, :3]
+    axes = torch.eye(3, dtype=torch.float64)
+    columns = torch.stack([spin(inertia, moment(axis.expand(len(P), 3), P)) for axis in axes], -1)
+    fit = _fit(terms.residual, columns, terms.scale.clamp_min(1e-300))
+    c, error, _ = fit
+    if not ((c.abs() > _SIGMAS * error) & (c.abs() > _OFF * impacts.r.norm(dim=-1).median())).any():
+        return None
+    place = ", ".join(number(-1e3 * x, 3) for x in c.tolist())
+    return (
+        _median(fit),
+        "contact_points_moved",
+        f"the contact points are off by ({place}) mm along x, y, z, the same in all trials: is the floor where it was "
+        "taken to be?",
+    )
+
+
+def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
+    """Angle about the vertical from r × P to the change of angular momentum, over the order of the trials."""
+    terms = torque(impacts)
+    change = matvec(impacts.world_inertia, terms.spin)[:, :2]
+    needed = matvec(impacts.world_inertia, terms.normal + terms.tangential)[:, :2]
+    cross, dot = change[:, 0] * needed[:, 1] - change[:, 1] * needed[:, 0], (change * needed).sum(-1)
+    order = impacts.order.argsort().argsort().double() / len(impacts) - 0.5
+    X = torch.stack((torch.ones_like(order), order), -1)[:, None]
+    c, error, _ = _fit(torch.atan2(cross, dot)[:, None], X, torch.ones_like(order))
+    if abs(c[1]) < max(_TURNED, _SIGMAS * error[1].item()):
+        return None
+    vector = torch.nn.functional.pad((X[:, 0] @ c)[:, None], (2, 0))
+    before, after = (
+        torch.cat((v[:, :3], matvec(rotation(turn_quaternion(_UPRIGHT, vector)), v[:, 3:])), -1)
+        for v in (impacts.v_pre, impacts.v_post)
+    )
+    q = torch.cat((impacts.q[:, :3], turn_quaternion(impacts.q[:, 3:], vector)), -1)
+    turned = impacts.replace(q=q, v_pre=before, v_post=after, validate=False)
+    corrected = torque(turned)
+    left = (corrected.size(corrected.residual) / corrected.scale.clamp_min(1e-300)).median().item()
+    return (
+        left,
+        "heading_drifts",
+        f"orientations and spins turn about the vertical against velocities and contact points, by "
+        f"{number(-math.degrees(c[1].item()), 3)}° from the first trial to the last",
+    )
+
+
+def _bodies(impacts: Impacts) -> tuple[float, str, str] | None:
+    names = impacts.object if len({*impacts.object}) > 1 else named_by_mass(impacts)
+    count = Counter(names)
+    if not 1 < len(count) <= _FEWEST or min(count.values()) < _FEWEST / len(count):
+        return None
+    terms, which = torque(impacts), numbered(names)
+    needed = terms.normal + terms.tangential
+    member = torch.nn.functional.one_hot(which, len(count)).double()
+    fit = _fit(terms.spin, needed[..., None] * member[:, None], terms.scale.clamp_min(1e-300))
+    c, error, _ = fit
+    off = ((c - 1).abs() > _OFF) & ((c - 1).abs() > _SIGMAS * error)
+    if int(off.sum()) < 2 or (c <= 0).any():  # one of them is `inertia_error` of a body
+        return None
+    said = ", ".join(f"{number(x, 3)} for {name!r}" for name, x in zip(dict.fromkeys(names), c.tolist(), strict=True))
+    return (
+        _median(fit),
+        "bodies_exchanged",
+        f"bodies have other masses or moments of inertia: the moments ask for inertia over mass divided by {said}; are "
+        "their masses exchanged?",
+    )
