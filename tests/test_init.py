@@ -22,6 +22,7 @@ from contactlearn.core.errors import ContactLearnError, DataError
 from contactlearn.data import table, tracks
 from contactlearn.data.headers import OPEN, propose, stated_by_header
 from contactlearn.data.recordings.readers import Layout, read
+from contactlearn.mechanics.apparatus import Apparatus, Estimate
 from contactlearn.mechanics.space import PLANE
 from contactlearn.simulation import recordings, synthetic
 from contactlearn.workbench.commands import experiment, session_of
@@ -463,3 +464,70 @@ def test_four_parts_of_a_rotation_are_a_quaternion_and_three_are_turns(tmp_path)
         log.to_csv(path, index=False)
         columns = {one.name: one.value for one in propose(path).settings}
         assert columns[f"columns.{name}"] == [f"rot.{part}" for part in sorted(parts)], columns
+
+
+def test_a_table_of_a_laboratory_in_french_is_read(tmp_path):
+    """Normal and tangential velocities in Windows-1252, with decimal commas and missing numbers."""
+    names = [f"vitesse {way} {when} (cm/s)" for when in ("avant", "après") for way in ("tangentielle", "normale")]
+    rows = [f"{k};{k},5;-{k},25;{k},1;{'n.d.' if k == 3 else f'{k},2'}" for k in range(1, 30)]
+    path = tmp_path / "essais.csv"
+    path.write_text("\n".join([";".join(["n°", *names]), *rows]), encoding="cp1252")
+    settings = {one.name: one.value for one in propose(path).settings}
+    ours = ("vx", "vy", "vx_post", "vy_post")
+    assert {f"columns.{one}": settings[f"columns.{one}"] for one in ours} == dict(
+        zip((f"columns.{one}" for one in ours), names, strict=True)
+    )
+    assert settings["correct"] == ["drop_incomplete"]
+
+
+def test_units_of_columns_that_are_still_open_are_not_overruled(tmp_path):
+    names = [f"{word} {when} [cm/s]" for when in ("before", "after") for word in ("crosswise", "downright")]
+    settings = {one.name: one for one in propose(header(tmp_path / "a.csv", *names, "omega_post [rad/s]")).settings}
+    assert settings["units.length"].value is None
+    assert "cm as in" in settings["units.length"].comment
+
+
+def test_the_material_of_a_surface_is_no_velocity_of_it(drops):
+    rows = pd.read_csv("drops.csv").assign(surface="steel")
+    rows.to_csv("floors.csv", index=False)
+    settings = {one.name: one.value for one in propose(Path("floors.csv")).settings}
+    columns = {name.removeprefix("columns."): one for name, one in settings.items() if name.startswith("columns.")}
+    units = {one: settings[f"units.{one}"] for one in ("length", "mass", "angle", "time", "rotation")}
+    impacts = table.load(Path("floors.csv"), shape=yaml.safe_load(SHAPE), columns=columns, units=units, mass=0.05)
+    assert len(impacts) == len(rows)
+
+
+def test_a_message_that_was_written_twice_is_one_frame(tmp_path):
+    frames = [f"{k / 100},{0.1 * k},{1 - (k / 100) ** 2},0" for k in range(20)]
+    whole, twice = tmp_path / "whole.csv", tmp_path / "twice.csv"
+    whole.write_text("\n".join(["time,x,y,theta", *frames]))
+    twice.write_text("\n".join(["time,x,y,theta", *frames[:7], frames[6], *frames[7:]]))
+    (one,), (other,) = read(whole, Layout()), read(twice, Layout())
+    np.testing.assert_array_equal(one.position, other.position)
+    np.testing.assert_array_equal(one.time, other.time)
+    again = tmp_path / "again.csv"
+    again.write_text("\n".join(["time,x,y,theta", *frames[:7], "0.06,9,9,0", *frames[7:]]))
+    with pytest.raises(DataError, match="time must grow; it repeats at frame 8"):
+        list(read(again, Layout()))
+
+
+def test_an_angle_beside_a_speed_is_its_direction(tmp_path):
+    path = tmp_path / "court.csv"
+    generator = np.random.default_rng(0)
+    speed, angle = generator.uniform(10, 20, 40), generator.uniform(10, 60, 40)
+    rows = np.stack((speed, angle, 0.7 * speed, angle + 3), 1)
+    np.savetxt(path, rows, delimiter=",", header="Speed in (km/h),Angle in (deg),Speed out (km/h),Angle out (deg)",
+               comments="")  # fmt: skip
+    contents = propose(path)
+    assert 'direction_floor: "Angle in (deg)"' in contents.column_listing.replace("'", '"')
+    assert "theta:" not in contents.column_listing
+
+
+def test_a_table_that_was_found_in_recordings_says_its_rig(tmp_path):
+    apparatus = Apparatus(gravity=Estimate(value=9.81, error=0.01), delay=Estimate(value=0.0, error=1e-4))
+    path = tmp_path / "impacts.parquet"
+    table.save(synthetic.load(size=20).replace(apparatus=apparatus), path)
+    contents = propose(path)
+    settings = {one.name: one.value for one in contents.settings}
+    assert settings["correct"] == ["rig"]
+    assert not contents.unused

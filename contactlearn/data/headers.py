@@ -208,7 +208,8 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
         for column, name in impacts.names.items():
             if column in columns_of(space) and column not in table.NAMES:
                 replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
-        return _contents("table", _table(path, space, impacts, cells), cells, unused=impacts.others)
+        unused = tuple(name for name in impacts.others if not name.startswith(("cov_", "apparatus_")))  # of our tables
+        return _contents("table", _table(path, space, replace(impacts, others=unused), cells), cells, unused=unused)
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
     times = [times_in(name, opposite=False) for name in header]
@@ -444,7 +445,9 @@ def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> 
     bad = [] if cells is None else cells.missing(measured)
     rows = f"; a number is missing in row {', '.join(map(str, bad[:_SHOWN_ROWS]))}{' …' * (len(bad) > _SHOWN_ROWS)}"
     about = f"corrections that the audit names, in this order{rows if bad else ''}"
-    yield Setting(name="correct", value=["drop_incomplete"] if bad else [], comment=about)
+    rig = [*known.names.values(), *names.values()] if cells is None else cells.header
+    corrections = [*["drop_incomplete"] * bool(bad), *["rig"] * ("apparatus_gravity" in rig)]
+    yield Setting(name="correct", value=corrections, comment=about)
 
 
 _MOST_GROUPS, _SHOWN_ROWS = 12, 10
@@ -476,7 +479,7 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
         return None, f"null: as each column states it; {source}"
     if quantity == "angle" and not stated and not silent:
         return None, f"null: as columns state it, or {SI[quantity]}; no column is of it"
-    if not stated and (of_others := _units_of_others(quantity, known.others)):
+    if not stated and not silent and (of_others := _units_of_others(quantity, known.others)):
         return None, f"null: as each column states it; {of_others}"
     if not telling:
         return SI[quantity], source or "assumed, for no column states it"

@@ -1,6 +1,7 @@
 """The impacts command: recordings to a table of impacts, a table of refusals, figures, and a page."""
 
 import re
+import shlex
 from pathlib import Path
 
 import pandas as pd
@@ -51,7 +52,11 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     figures = draw_recordings(tracked, out.with_name(f"{out.stem}_figures"))
     shown = tracked.reload({*shown_recordings(tracked)})
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked, shown)
-    return "\n".join([*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"])
+    lines = [*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"]
+    if tracked.rig.differing:
+        words = ["contactlearn", "diagnose", "data=table", f"data.path={out}", "data.correct=[rig]"]
+        lines.append(f"next: {shlex.join(words)}, for the table has the velocities as measured")
+    return "\n".join(lines)
 
 
 def find_recorded(source: SourceSettings) -> tracks.Tracked:

@@ -355,6 +355,7 @@ SENSES = {"as_read": 1, "mirrored": -1}
 _CLOCKS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _DRAG_SIGMAS = 3.0  # standard errors of a drag that is allowed for; 2 to 5 raise no false alarm
 _CENTRE_SIGMAS = 3.0  # standard errors of a centre of mass that is allowed for
+_CARRIED = "; where a hand carries the body between its flights, leave these frames out"
 _LEAN_SIGMAS = 2.0  # cautious standard errors of a gravity that leans: its error would bias all velocities
 _FOLDS = (6, 4, 3, 2)  # sides of a regular polygon, and 2 of an ellipse or a rectangle
 _UPRIGHT = np.radians(2)  # angle of gravity from an axis of the file that is taken for up
@@ -551,14 +552,14 @@ def _unit(
         )
         raise DataError(
             f"{source}: gravity is {ratio * GRAVITY:.4g} m/s² with data.unit={stated} and these time stamps; {hint} "
-            "(data.unit, data.rate)"
+            f"(data.unit, data.rate){_CARRIED}"
         )
     if stated is None and len(fits) != 1:
         _refuse_level(recordings)
         _check_clock(gravity, first, limits)
         raise DataError(
             f"{source}: gravity is {measured(gravity.size, gravity.error)} units of length per s², which is "
-            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate); of "
+            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate){_CARRIED}; of "
             f"pixels state the size of one in m, which these time stamps make data.unit={GRAVITY / gravity.size:.4g}"
         )
     name = stated or next(iter(fits))

@@ -466,7 +466,9 @@ def _relative_to_surface(cells: Sheet, options: TableOptions) -> Sheet:
     moving = {
         name: _SURFACE.sub(" ", name).strip()
         for name in cells.header
-        if SURFACES.intersection(words := name_words(name)) and not _DIRECTED.intersection(words)
+        if SURFACES.intersection(words := name_words(name))
+        and not _DIRECTED.intersection(words)
+        and cells.is_numeric(name)  # not the material of a surface
     }
     for name in options.chosen:
         moving.pop(name, None)

@@ -311,6 +311,12 @@ def _of_impacts(whole: Columns, known: Guesses) -> Guesses:
         about = "along the floor" if ours == "vx" else "by its unit" if of_spins else "the larger numbers are spins"
         found[before] = _Guess(ours=ours, why=f"correlated with {after!r}; {about}")
         found[after] = _Guess(ours=f"{ours}_post", why=f"correlated with {before!r}; {about}")
+    speeds = {one.ours for one in found.values()}
+    for name, one in found.items():
+        end = "_post" if one.ours.endswith("_post") else ""
+        if one.ours == f"theta{end}" and f"speed{end}" in speeds:
+            why = f"of the speed, from the floor; direction_normal{end} if it is from the normal"
+            found[name] = replace(one, ours=f"direction_floor{end}", why=why)
     return found
 
 

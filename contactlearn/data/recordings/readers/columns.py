@@ -256,6 +256,7 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     if len(table) == 0:
         raise DataError(f"{path}: holds no frames")
     place = f"{path}: {name}" if layout.recording in table.columns else str(path)
+    table = _once(table, layout)
     table, layout = _with_poses(_rows_of_body(place, table, layout), layout), _with_orientation(table, layout)
     time = _times(path, place, table, layout)
     if layout.markers:
@@ -275,6 +276,16 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
     else:
         angle = _column(place, table, layout.angle)
     return Recording(name=name, source=str(path), time=time, position=position, angle=angle, unit=layout.unit)
+
+
+def _once(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
+    """The frames without those that repeat an earlier one in all columns, as a message that was written twice."""
+    if layout.time not in table.columns or not table[layout.time].duplicated().any():
+        return table
+    try:
+        return table[~table.duplicated()]
+    except TypeError:  # lists in cells cannot be compared
+        return table
 
 
 def _with_poses(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
