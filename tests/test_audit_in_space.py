@@ -231,8 +231,9 @@ def turned_principal_axes(tosses: Impacts) -> Impacts:
     return with_quaternion(tosses, q).replace(inertia=matrices.diagonal(dim1=-2, dim2=-1), shape=None)
 
 
-def with_a_heading_that_drifts(tosses: Impacts) -> Impacts:
-    angle = torch.linspace(0, math.radians(26), len(tosses), dtype=torch.float64)
+def with_a_heading(tosses: Impacts, first: float, last: float) -> Impacts:
+    """Orientations and spins that are turned about the vertical by a growing angle in degrees."""
+    angle = torch.linspace(math.radians(first), math.radians(last), len(tosses), dtype=torch.float64)
     turn = Rotation.from_rotvec(torch.nn.functional.pad(angle[:, None], (2, 0)))
     q = torch.from_numpy((turn * Rotation.from_quat(tosses.q[:, [4, 5, 6, 3]])).as_quat())[:, [3, 0, 1, 2]]
     R = torch.from_numpy(turn.as_matrix())
@@ -252,10 +253,11 @@ def with_masses_exchanged(tosses: Impacts) -> Impacts:
         (lambda one: one.replace(v_pre=one.v_pre * EAST, v_post=one.v_post * EAST), "scale_of_axis", "v_x is 1.1"),
         (lambda one: one.replace(r=one.r + RAISED, shape=None), "contact_points_moved", r", 5\.9+\) mm along x, y, z"),
         (turned_principal_axes, "products_of_inertia", "not its principal axes"),
-        (with_a_heading_that_drifts, "heading_drifts", "by 2[5-7](.[0-9]+)?° from the first"),
+        (lambda one: with_a_heading(one, 0, 26), "heading_drifts", "by 2[5-7](.[0-9]+)?° from the first"),
+        (lambda one: with_a_heading(one, 14, 14), "heading_turned", r"by 1[34](\.\d+)?° in all trials"),
         (with_masses_exchanged, "bodies_exchanged", "for 'glass'"),
     ],
-    ids=["scale", "floor", "products", "heading", "masses"],
+    ids=["scale", "floor", "products", "drift", "heading", "masses"],
 )
 def test_the_one_wrong_term_that_closes_the_balance_is_named(change, name, said):
     tosses = box_tosses(0.25, 0.6, noise=0.003)

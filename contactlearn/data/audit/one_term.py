@@ -7,7 +7,7 @@ Each explanation has a few numbers, in which the balance is linear:
     products of inertia   moments of inertia about axes that are no principal ones: J in body axes, not diag(I)
     scale of an axis      v_x, v_y and v_z times a factor each, as of one camera's calibration
     contact points        the same vector is added to r in all trials, in world axes: the height of the floor
-    heading               orientation and spins turn about the vertical by an angle that grows with the order
+    heading               orientation and spins are turned about the vertical, perhaps by a growing angle
     bodies                a factor on I of each body, as of masses that were exchanged
 
 An explanation is taken where it leaves less than half of what the data as given leave, and than what effects of
@@ -179,7 +179,7 @@ def _contact_points(impacts: Impacts) -> tuple[float, str, str] | None:
 
 
 def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
-    """Angle about the vertical from r × P to the change of angular momentum, over the order of the trials."""
+    """Angle about the vertical between r × P and the change of angular momentum, constant or over the order."""
     terms = torque(impacts)
     change = matvec(impacts.world_inertia, terms.spin)[:, :2]
     needed = matvec(impacts.world_inertia, terms.normal + terms.tangential)[:, :2]
@@ -187,7 +187,8 @@ def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
     order = impacts.order.argsort().argsort().double() / len(impacts) - 0.5
     X = torch.stack((torch.ones_like(order), order), -1)[:, None]
     c, error, _ = _fit(torch.atan2(cross, dot)[:, None], X, torch.ones_like(order))
-    if abs(c[1]) < max(_TURNED, _SIGMAS * error[1].item()):
+    large = (c.abs() > _SIGMAS * error) & (c.abs() > _TURNED)
+    if not large.any():
         return None
     vector = torch.nn.functional.pad((X[:, 0] @ c)[:, None], (2, 0))
     before, after = (
@@ -198,12 +199,10 @@ def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
     turned = impacts.replace(q=q, v_pre=before, v_post=after, validate=False)
     corrected = torque(turned)
     left = (corrected.size(corrected.residual) / corrected.scale.clamp_min(1e-300)).median().item()
-    return (
-        left,
-        "heading_drifts",
-        f"orientations and spins turn about the vertical against velocities and contact points, by "
-        f"{number(-math.degrees(c[1].item()), 3)}° from the first trial to the last",
-    )
+    whole, growing = (number(-math.degrees(x), 3) for x in c.tolist())
+    by = f"by {growing}° from the first trial to the last" if large[1] else f"by {whole}° in all trials"
+    sentence = f"orientations and spins are turned about the vertical against velocities and contact points, {by}"
+    return left, "heading_drifts" if large[1] else "heading_turned", sentence
 
 
 def _bodies(impacts: Impacts) -> tuple[float, str, str] | None:

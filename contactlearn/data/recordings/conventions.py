@@ -558,8 +558,8 @@ def _unit(
         _refuse_level(recordings)
         _check_clock(gravity, first, limits)
         raise DataError(
-            f"{source}: gravity is {measured(gravity.size, gravity.error)} units of length per s², which is "
-            f"9.81 m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate){_CARRIED}; "
+            f"{source}: gravity is {measured(gravity.size, gravity.error)} units of length per s², which is 9.81 "
+            f"m/s² in none of {', '.join(UNITS)}; state data.unit, and check the frame rate (data.rate){_CARRIED}; "
             f"of pixels state the size of one in m, which these time stamps make data.unit={GRAVITY / gravity.size:.4g}"
         )
     name = stated or next(iter(fits))
