@@ -272,6 +272,18 @@ def test_a_heading_of_another_instrument_is_one_turn():
     assert re.search(r"by 1[34](\.\d+)?° in all trials", found.sentence)
 
 
+def test_a_scale_of_all_lengths_is_seen_in_heights_and_moments():
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    upright = torch.cat((tosses.q[:, :2], -contact_points(BOX, None, tosses.q[:, 3:])[:, 2:], tosses.q[:, 3:]), -1)
+    standing = tosses.replace(q=upright)
+    assert not one_term_findings(standing)
+    longer = lengthened(standing, 1.08)
+    scaled = longer.replace(q=torch.cat((1.08 * upright[:, :3], upright[:, 3:]), -1))
+    (found,) = one_term_findings(scaled)
+    assert found.sentence.startswith("lengths are 1.08 times what they should be")
+    assert [one.name for one in one_term_findings(longer)] != ["scale_of_lengths"]
+
+
 def test_physics_is_no_wrong_term(tosses):
     spins = torch.tensor([1.0] * 3 + [0.8] * 3, dtype=torch.float64)
     assert not one_term_findings(tosses.replace(v_post=tosses.v_post * spins))

@@ -45,6 +45,8 @@ SIZES = {
     "author_k": 20,
     "author_l": 24,
     "author_n": 24,
+    "author_o": 24,
+    "author_q": 24,
 }
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}

@@ -41,6 +41,8 @@ SUITES = (
     "author_k",
     "author_l",
     "author_n",
+    "author_o",
+    "author_q",
 )
 
 

@@ -21,8 +21,8 @@
     traced_shape              data.shape is not stated, and the contact points trace it: a note
     rig, rig_applied          the rig card, measured without a law of contact, and what of it was applied: notes
     impossible_speeds         faster than anything in a laboratory
-    products_of_inertia, scale_of_axis, contact_points_moved, heading_turned, heading_drifts, bodies_exchanged
-                              the one wrong term that closes the moment balance in space (`one_term`)
+    products_of_inertia, scale_of_lengths, scale_of_axis, contact_points_moved, heading_turned, heading_drifts,
+    bodies_exchanged          the one wrong term that closes the moment balance in space (`one_term`)
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
@@ -168,7 +168,7 @@ def audit(
     else:
         notes = [*moving, *notes]
     of_trials = trial_findings(sound, thresholds)
-    of_trials += [] if plane or Audit(of_trials).mistakes else one_term_findings(sound)
+    of_trials += [] if plane or Audit(of_trials).mistakes else one_term_findings(_subsample(sound))
     closing = balance_finding(sound, comparison.tried, thresholds, explained=bool(of_trials))
     if closing.name == "moment_balance_open" and closing.mistake:
         corrected = [_not_recommended(finding) for finding in corrected]

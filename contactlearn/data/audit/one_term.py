@@ -5,6 +5,7 @@
 Each explanation has a few numbers, in which the balance is linear:
 
     products of inertia   moments of inertia about axes that are no principal ones: J in body axes, not diag(I)
+    scale of lengths      heights at contact against the shape, and velocities, by one factor
     scale of an axis      v_x, v_y and v_z times a factor each, as of one camera's calibration
     contact points        the same vector is added to r in all trials, in world axes: the height of the floor
     heading               orientation and spins are turned about the vertical, perhaps by a growing angle
@@ -27,7 +28,7 @@ from contactlearn.core.numerics import MAD_SCALE, biweight, number
 from contactlearn.data.audit.moments import torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.trials import named_by_mass
-from contactlearn.mechanics.bodies import numbered
+from contactlearn.mechanics.bodies import contact_points, numbered
 from contactlearn.mechanics.impacts import Impacts
 from contactlearn.mechanics.rigid_body import in_body, in_world, matvec, moment, rotation, spin, turn_quaternion
 
@@ -51,6 +52,8 @@ def one_term_findings(impacts: Impacts) -> list[Finding]:
     given = (size / scale).median().item()
     if given < _CLOSED * (terms.size(terms.spin) / scale).median().item():
         return []
+    if (scaled := _scale_of_lengths(impacts)) is not None:
+        return [scaled]
     by_physics = min(_median(fit) for fit in _physical(impacts))
     explanations = [_products, _scales, _contact_points, _heading, _bodies]
     found = [one for explain in explanations if (one := explain(impacts)) is not None]
@@ -158,6 +161,26 @@ def _scales(impacts: Impacts) -> tuple[float, str, str] | None:
         if one
     )
     return _median(fit), "scale_of_axis", f"{which}: is the calibration of that axis right?"
+
+
+def _scale_of_lengths(impacts: Impacts) -> Finding | None:
+    """Heights at contact above the shape's by the factor on velocities that the moments ask for: one calibration."""
+    if impacts.shape is None:
+        return None
+    terms = torque(impacts)
+    needed = (terms.normal + terms.tangential)[..., None]
+    c, error, _ = _fit(terms.spin, needed, terms.scale.clamp_min(1e-300))
+    heights = impacts.q[:, 2] / -contact_points(impacts.shape, impacts.body, impacts.q[:, 3:])[:, 2]
+    factor, moments = heights.median().item(), 1 / c[0].item()
+    agree = abs(factor / moments - 1) < max(_OFF / 2, _SIGMAS * error[0].item())
+    if not agree or abs(factor - 1) < _OFF or (heights - factor).abs().median() > _OFF * factor / 2:
+        return None
+    sentence = (
+        f"lengths are {number(factor, 3)} times what they should be: so are the heights at contact against the shape, "
+        f"and the moments ask for velocities that are {number(moments, 3)} times smaller; is the calibration right?"
+    )
+    evidence = evidence_of(("heights", factor), ("moments", moments))
+    return Finding(name="scale_of_lengths", sentence=sentence, evidence=evidence)
 
 
 def _contact_points(impacts: Impacts) -> tuple[float, str, str] | None:
