@@ -19,9 +19,10 @@ normal.  Nothing is corrected: which column is wrong is for the user to say.
 import math
 from collections import Counter
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, biweight, number
@@ -40,7 +41,32 @@ _FEWEST = 30  # trials
 _OFF = 0.03  # least relative error of a scale or a factor, and of a product of inertia, that is said
 _TURNED = math.radians(5)  # least angle of a heading over all trials that is said
 _UPRIGHT = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
-_Fit = tuple[Float[Tensor, " p"], Float[Tensor, " p"], Float[Tensor, " n"]]
+
+
+class _Explanation(NamedTuple):
+    """What it leaves of the balance in the median, relative to |Δv| / ρ, its name and the sentence about it."""
+
+    left: float
+    name: str
+    sentence: str
+
+
+class _Fit(NamedTuple):
+    """Values of numbers, their standard errors, and the residuals of the trials relative to |Δv| / ρ."""
+
+    values: Float[Tensor, " p"]
+    errors: Float[Tensor, " p"]
+    residuals: Float[Tensor, " n"]
+
+    @property
+    def left(self) -> float:
+        """The residual in the median."""
+        return self.residuals.median().item()
+
+    def differ(self, expected: float, least: float = _OFF) -> Bool[Tensor, " p"]:
+        """Which numbers differ from the expected one, surely and by so much."""
+        off = (self.values - expected).abs()
+        return (off > least) & (off > _SIGMAS * self.errors)
 
 
 def one_term_findings(impacts: Impacts) -> list[Finding]:
@@ -54,23 +80,28 @@ def one_term_findings(impacts: Impacts) -> list[Finding]:
         return []
     if (scaled := _scale_of_lengths(impacts)) is not None:
         return [scaled]
-    by_physics = min(_median(fit) for fit in _physical(impacts))
+    by_physics = min(fit.left for fit in _physical(impacts))
     explanations = [_products, _scales, _contact_points, _heading, _bodies]
     found = [one for explain in explanations if (one := explain(impacts)) is not None]
-    best = min(found, key=lambda one: one[0], default=None)
-    if best is None or best[0] > _LEFT * min(given, by_physics):
+    best = min(found, key=lambda one: one.left, default=None)
+    if best is None or best.left > _LEFT * min(given, by_physics):
         return []
-    left, name, sentence = best
-    sentence += (
-        f"; the moment balance leaves {left / given:.0%} of its residual then, and {by_physics / given:.0%} with any "
-        "one effect of physics"
+    sentence = (
+        f"{best.sentence}; the moment balance leaves {best.left / given:.0%} of its residual then, and "
+        f"{by_physics / given:.0%} with any one effect of physics"
     )
-    evidence = evidence_of(("residual_before", given), ("residual_after", left), ("residual_by_physics", by_physics))
-    return [Finding(name=name, sentence=sentence, evidence=evidence)]
+    evidence = evidence_of(
+        ("residual_before", given), ("residual_after", best.left), ("residual_by_physics", by_physics)
+    )
+    return [Finding(name=best.name, sentence=sentence, evidence=evidence)]
 
 
-def _fit(y: Float[Tensor, "n d"], X: Float[Tensor, "n d p"], scale: Float[Tensor, " n"]) -> _Fit:
-    """Coefficients, their standard errors and the relative residuals of y − X c, by Tukey's biweight."""
+def _fit(impacts: Impacts, y: Float[Tensor, "n 3"], X: Float[Tensor, "n 3 p"]) -> _Fit:
+    """Fit spins y in rad/s by X c, relative to |Δv| / ρ, by Tukey's biweight."""
+    return _weighed(y, X, torque(impacts).scale.clamp_min(1e-300))
+
+
+def _weighed(y: Float[Tensor, "n d"], X: Float[Tensor, "n d p"], scale: Float[Tensor, " n"]) -> _Fit:
     y, X = y / scale[:, None], X / scale[:, None, None]
     weight = torch.ones(len(y), dtype=y.dtype)
     c, error, size = X.new_zeros(X.shape[-1]), X.new_zeros(X.shape[-1]), y.norm(dim=-1)
@@ -81,37 +112,28 @@ def _fit(y: Float[Tensor, "n d"], X: Float[Tensor, "n d p"], scale: Float[Tensor
         size = residual.norm(dim=-1)
         error = (gram.diagonal() * (weight * size.square()).sum() / (y.shape[1] * weight.sum())).sqrt()
         weight = biweight(size / (MAD_SCALE * size.median()).clamp_min(1e-300))
-    return c, error, size
+    return _Fit(c, error, size)
 
 
-def _median(fit: _Fit) -> float:
-    return fit[2].median().item()
-
-
-def _axes(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
-    """The three parts of vectors along the axes, a column each."""
-    return torch.diag_embed(vectors)
+def _spins(impacts: Impacts, arms: Sequence[Tensor], impulses: Sequence[Tensor]) -> Float[Tensor, "n 3 p"]:
+    """Changes of the spin in rad/s by impulses at arms, a column each."""
+    moments = (moment(arm, P) for arm, P in zip(arms, impulses, strict=True))
+    return torch.stack([spin(impacts.world_inertia, one) for one in moments], -1)
 
 
 def _physical(impacts: Impacts) -> list[_Fit]:
     """The balance with one effect of physics: all that closes it without a mistake."""
-    inertia, mass, terms = impacts.world_inertia, impacts.mass[:, None], torque(impacts)
-    dv, scale = impacts.v_post[:, :3] - impacts.v_pre[:, :3], terms.scale
-    scale = scale.clamp_min(1e-300)
-    left = terms.residual
-
-    def spins(moments: Sequence[Tensor]) -> Float[Tensor, "n 3 p"]:
-        return torch.stack([spin(inertia, one) for one in moments], -1)
-
-    body = [in_world(axis.expand(len(impacts), 3), impacts.q) for axis in torch.eye(3, dtype=torch.float64)]
+    mass, r, axes = impacts.mass[:, None], impacts.r, torch.eye(3, dtype=torch.float64)
+    before, after = impacts.v_pre, impacts.v_post
+    body = [in_world(axis.expand(len(impacts), 3), impacts.q) for axis in axes]
     columns = [
         _inertia_terms(impacts)[..., :3],
-        spins([moment(arm, mass * dv) for arm in body]),
-        torch.stack((impacts.v_post[:, 3:], impacts.v_pre[:, 3:]), -1),
-        spins([moment(impacts.r, mass * v[:, :3]) for v in (impacts.v_post, impacts.v_pre)]),
-        spins([moment(impacts.r, mass * torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64))]),
+        _spins(impacts, body, [mass * (after - before)[:, :3]] * 3),
+        torch.stack((after[:, 3:], before[:, 3:]), -1),
+        _spins(impacts, [r, r], [mass * after[:, :3], mass * before[:, :3]]),
+        _spins(impacts, [r], [mass * axes[2]]),
     ]
-    return [_fit(left, X, scale) for X in columns]
+    return [_fit(impacts, torque(impacts).residual, X) for X in columns]
 
 
 def _inertia_terms(impacts: Impacts) -> Float[Tensor, "n 3 6"]:
@@ -127,18 +149,16 @@ def _inertia_terms(impacts: Impacts) -> Float[Tensor, "n 3 6"]:
     return -torch.stack([spin(impacts.world_inertia, one) for one in turned], -1)
 
 
-def _products(impacts: Impacts) -> tuple[float, str, str] | None:
-    terms = torque(impacts)
-    fit = _fit(terms.residual, _inertia_terms(impacts), terms.scale.clamp_min(1e-300))
-    c, error, _ = fit
-    if not ((c.abs() > _OFF) & (c.abs() > _SIGMAS * error))[3:].any():
+def _products(impacts: Impacts) -> _Explanation | None:
+    fit = _fit(impacts, torque(impacts).residual, _inertia_terms(impacts))
+    if not fit.differ(0)[3:].any():
         return None
-    inertia = impacts.inertia.mean(0)
+    c, inertia = fit.values, impacts.inertia.mean(0)
     pairs = torch.tensor([[0, 0, 1], [1, 2, 2]])
     values = [(1 + c[:3]) * inertia, c[3:] * (inertia[pairs[0]] + inertia[pairs[1]])]
     diagonal, products = (", ".join(number(x, 3) for x in part.tolist()) for part in values)
-    return (
-        _median(fit),
+    return _Explanation(
+        fit.left,
         "products_of_inertia",
         f"the body's axes are not its principal axes: with moments of inertia ({diagonal}) kg m² about x, y, z and "
         f"elements ({products}) kg m² for xy, xz, yz of the inertia matrix, state the principal moments, and "
@@ -146,21 +166,18 @@ def _products(impacts: Impacts) -> tuple[float, str, str] | None:
     )
 
 
-def _scales(impacts: Impacts) -> tuple[float, str, str] | None:
-    terms, inertia, mass = torque(impacts), impacts.world_inertia, impacts.mass[:, None]
-    parts = _axes(impacts.v_post[:, :3] - impacts.v_pre[:, :3]).unbind(-1)
-    columns = torch.stack([spin(inertia, moment(impacts.r, mass * one)) for one in parts], -1)
-    fit = _fit(terms.spin, columns, terms.scale.clamp_min(1e-300))
-    c, error, _ = fit
-    off = ((c - 1).abs() > _OFF) & ((c - 1).abs() > _SIGMAS * error)
-    if not 0 < int(off.sum()) < len("xyz") or (c <= 0).any():  # all of them: another mass, or inertia
+def _scales(impacts: Impacts) -> _Explanation | None:
+    P = torch.diag_embed(impacts.mass[:, None] * (impacts.v_post - impacts.v_pre)[:, :3]).unbind(-1)
+    fit = _fit(impacts, torque(impacts).spin, _spins(impacts, [impacts.r] * 3, P))
+    off = fit.differ(1)
+    if not 0 < int(off.sum()) < len("xyz") or (fit.values <= 0).any():  # all of them: another mass, or inertia
         return None
     which = " and ".join(
         f"v_{axis} is {number(1 / x, 3)} times what the moments ask for"
-        for axis, x, one in zip("xyz", c.tolist(), off.tolist(), strict=True)
+        for axis, x, one in zip("xyz", fit.values.tolist(), off.tolist(), strict=True)
         if one
     )
-    return _median(fit), "scale_of_axis", f"{which}: is the calibration of that axis right?"
+    return _Explanation(fit.left, "scale_of_axis", f"{which}: is the calibration of that axis right?")
 
 
 def _scale_of_lengths(impacts: Impacts) -> Finding | None:
@@ -168,11 +185,10 @@ def _scale_of_lengths(impacts: Impacts) -> Finding | None:
     if impacts.shape is None:
         return None
     terms = torque(impacts)
-    needed = (terms.normal + terms.tangential)[..., None]
-    c, error, _ = _fit(terms.spin, needed, terms.scale.clamp_min(1e-300))
+    fit = _fit(impacts, terms.spin, (terms.normal + terms.tangential)[..., None])
     heights = impacts.q[:, 2] / -contact_points(impacts.shape, impacts.body, impacts.q[:, 3:])[:, 2]
-    factor, moments = heights.median().item(), 1 / c[0].item()
-    agree = abs(factor / moments - 1) < max(_OFF / 2, _SIGMAS * error[0].item())
+    factor, moments = heights.median().item(), 1 / fit.values[0].item()
+    agree = abs(factor / moments - 1) < max(_OFF / 2, _SIGMAS * fit.errors[0].item())
     if not agree or abs(factor - 1) < _OFF or (heights - factor).abs().median() > _OFF * factor / 2:
         return None
     sentence = (
@@ -183,25 +199,22 @@ def _scale_of_lengths(impacts: Impacts) -> Finding | None:
     return Finding(name="scale_of_lengths", sentence=sentence, evidence=evidence)
 
 
-def _contact_points(impacts: Impacts) -> tuple[float, str, str] | None:
-    terms, inertia = torque(impacts), impacts.world_inertia
+def _contact_points(impacts: Impacts) -> _Explanation | None:
     P = impacts.mass[:, None] * (impacts.v_post - impacts.v_pre)[:, :3]
-    axes = torch.eye(3, dtype=torch.float64)
-    columns = torch.stack([spin(inertia, moment(axis.expand(len(P), 3), P)) for axis in axes], -1)
-    fit = _fit(terms.residual, columns, terms.scale.clamp_min(1e-300))
-    c, error, _ = fit
-    if not ((c.abs() > _SIGMAS * error) & (c.abs() > _OFF * impacts.r.norm(dim=-1).median())).any():
+    axes = [axis.expand(len(P), 3) for axis in torch.eye(3, dtype=torch.float64)]
+    fit = _fit(impacts, torque(impacts).residual, _spins(impacts, axes, [P] * 3))
+    if not fit.differ(0, _OFF * impacts.r.norm(dim=-1).median().item()).any():
         return None
-    place = ", ".join(number(-1e3 * x, 3) for x in c.tolist())
-    return (
-        _median(fit),
+    place = ", ".join(number(-1e3 * x, 3) for x in fit.values.tolist())
+    return _Explanation(
+        fit.left,
         "contact_points_moved",
         f"the contact points are off by ({place}) mm along x, y, z, the same in all trials: is the floor where it was "
         "taken to be?",
     )
 
 
-def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
+def _heading(impacts: Impacts) -> _Explanation | None:
     """Angle about the vertical between r × P and the change of angular momentum, constant or over the order."""
     terms = torque(impacts)
     change = matvec(impacts.world_inertia, terms.spin)[:, :2]
@@ -209,11 +222,11 @@ def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
     cross, dot = change[:, 0] * needed[:, 1] - change[:, 1] * needed[:, 0], (change * needed).sum(-1)
     order = impacts.order.argsort().argsort().double() / len(impacts) - 0.5
     X = torch.stack((torch.ones_like(order), order), -1)[:, None]
-    c, error, _ = _fit(torch.atan2(cross, dot)[:, None], X, torch.ones_like(order))
-    large = (c.abs() > _SIGMAS * error) & (c.abs() > _TURNED)
+    fit = _weighed(torch.atan2(cross, dot)[:, None], X, torch.ones_like(order))
+    large = fit.differ(0, _TURNED)
     if not large.any():
         return None
-    vector = torch.nn.functional.pad((X[:, 0] @ c)[:, None], (2, 0))
+    vector = torch.nn.functional.pad((X[:, 0] @ fit.values)[:, None], (2, 0))
     before, after = (
         torch.cat((v[:, :3], matvec(rotation(turn_quaternion(_UPRIGHT, vector)), v[:, 3:])), -1)
         for v in (impacts.v_pre, impacts.v_post)
@@ -222,13 +235,13 @@ def _heading(impacts: Impacts) -> tuple[float, str, str] | None:
     turned = impacts.replace(q=q, v_pre=before, v_post=after, validate=False)
     corrected = torque(turned)
     left = (corrected.size(corrected.residual) / corrected.scale.clamp_min(1e-300)).median().item()
-    whole, growing = (number(-math.degrees(x), 3) for x in c.tolist())
+    whole, growing = (number(-math.degrees(x), 3) for x in fit.values.tolist())
     by = f"by {growing}° from the first trial to the last" if large[1] else f"by {whole}° in all trials"
     sentence = f"orientations and spins are turned about the vertical against velocities and contact points, {by}"
-    return left, "heading_drifts" if large[1] else "heading_turned", sentence
+    return _Explanation(left, "heading_drifts" if large[1] else "heading_turned", sentence)
 
 
-def _bodies(impacts: Impacts) -> tuple[float, str, str] | None:
+def _bodies(impacts: Impacts) -> _Explanation | None:
     names = impacts.object if len({*impacts.object}) > 1 else named_by_mass(impacts)
     count = Counter(names)
     if not 1 < len(count) <= _FEWEST or min(count.values()) < _FEWEST / len(count):
@@ -236,14 +249,14 @@ def _bodies(impacts: Impacts) -> tuple[float, str, str] | None:
     terms, which = torque(impacts), numbered(names)
     needed = terms.normal + terms.tangential
     member = torch.nn.functional.one_hot(which, len(count)).double()
-    fit = _fit(terms.spin, needed[..., None] * member[:, None], terms.scale.clamp_min(1e-300))
-    c, error, _ = fit
-    off = ((c - 1).abs() > _OFF) & ((c - 1).abs() > _SIGMAS * error)
-    if int(off.sum()) < 2 or (c <= 0).any():  # one of them is `inertia_error` of a body
+    fit = _fit(impacts, terms.spin, needed[..., None] * member[:, None])
+    if int(fit.differ(1).sum()) < 2 or (fit.values <= 0).any():  # one of them is `inertia_error` of a body
         return None
-    said = ", ".join(f"{number(x, 3)} for {name!r}" for name, x in zip(dict.fromkeys(names), c.tolist(), strict=True))
-    return (
-        _median(fit),
+    said = ", ".join(
+        f"{number(x, 3)} for {name!r}" for name, x in zip(dict.fromkeys(names), fit.values.tolist(), strict=True)
+    )
+    return _Explanation(
+        fit.left,
         "bodies_exchanged",
         f"bodies have other masses or moments of inertia: the moments ask for inertia over mass divided by {said}; are "
         "their masses exchanged?",
