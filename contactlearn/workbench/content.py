@@ -60,7 +60,7 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
     """
     wrong = [one for one in found if one.mistake or one.correction or one.name == "rig_applied"]
     names = [one.correction for one in wrong if one.correction]
-    shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
+    shown: list[Component] = [html.Ul([html.Li(_said(one)) for one in wrong])] if wrong else []
     shown += [rig_card(one.rig) for one in found if one.rig]
     if names:
         correct = action_button("correct", "Correct it", of=",".join(names))
@@ -72,6 +72,11 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
         back = action_button("uncorrect", "As measured", label="Take the corrections back")
         shown.append(html.P([f"Corrected: {', '.join(session.corrections)}. ", back]))
     return shown
+
+
+def _said(finding: Finding) -> str:
+    """A finding in words, with what shows it."""
+    return " ".join(map(sentence, filter(None, (finding.sentence, finding.grounds))))
 
 
 def rig_card(rows: Sequence[Row]) -> Component:
