@@ -136,7 +136,7 @@ def _compare() -> Component:
 
 def _fails() -> Component:
     named: dict[str, Any] = {"aria-label": "Select trials by numbers"}
-    steps = (("worst", "Worst"), ("worse", "Next worse"), ("previous", "Previous"), ("next", "Next"))
+    steps = (("worst", "Worst"), ("worse", "Next worst"), ("previous", "Previous"), ("next", "Next"))
     figures = [
         figure("picture", "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as "
                "predicted"),
