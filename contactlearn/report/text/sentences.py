@@ -170,8 +170,10 @@ def _beliefs(diagnosis: Diagnosis) -> list[dict[str | EffectId, float]]:
 def set_up(diagnosis: Diagnosis) -> str:
     """Say what of the set-up is not as stated, by measurements without a contact law; empty where nothing differs."""
     rows = [row for finding in diagnosis.findings for row in finding.rig if row.differs]
+    made = [row for row in rows if row.estimate.applied]
     left = [row for row in rows if row.name in CHANGES and not row.estimate.applied]
-    return phrase("set_up", rows, [row for row in rows if row.estimate.applied], left) if rows else ""
+    others = [row for row in rows if row not in (*made, *left)]
+    return phrase("set_up", made, [] if made else left, others + (left if made else [])) if rows else ""
 
 
 def uncertain_forms(diagnosis: Diagnosis, effect: EffectId) -> str:
